@@ -31,7 +31,7 @@ from cost_map import cost_map
 from benchmarks._grid_planner import dear_way, near_share, plan
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
-from smallwheel_ros.ros.node_process import config_file
+from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 

@@ -49,11 +49,11 @@ def relay(wheels: int) -> None:
     from sensor_msgs.msg import JointState
     from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
 
-    from smallwheel_ros.ros import qos
+    from smallwheel_ros.ros.parameters import ESTIMATE, INPUT
 
     rclpy.init(args=sys.argv)
     node = Node("mobility_estimator")
-    publisher = node.create_publisher(MobilityEstimate, "~/mobility", qos.ESTIMATE)
+    publisher = node.create_publisher(MobilityEstimate, "~/mobility", ESTIMATE)
 
     def answer(name: str, message: WheelSinkage) -> None:
         estimate = MobilityEstimate()
@@ -62,10 +62,10 @@ def relay(wheels: int) -> None:
         publisher.publish(estimate)
 
     for name in names(wheels):
-        node.create_subscription(WrenchStamped, f"{name}/load", lambda _: None, qos.INPUT)
-        node.create_subscription(WheelSinkage, f"{name}/sinkage", partial(answer, name), qos.INPUT)
-    node.create_subscription(Odometry, "odom", lambda _: None, qos.INPUT)
-    node.create_subscription(JointState, "joint_states", lambda _: None, qos.INPUT)
+        node.create_subscription(WrenchStamped, f"{name}/load", lambda _: None, INPUT)
+        node.create_subscription(WheelSinkage, f"{name}/sinkage", partial(answer, name), INPUT)
+    node.create_subscription(Odometry, "odom", lambda _: None, INPUT)
+    node.create_subscription(JointState, "joint_states", lambda _: None, INPUT)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
 

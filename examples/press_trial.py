@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.demo.demo import recorded
 from smallwheel_ros.replay.trial import Trial, TrialSettings, read_trial, write_trial
-from smallwheel_ros.ros.node_process import config_file
+from smallwheel_ros.ros import config_file
 
 Array = NDArray[np.float64]
 

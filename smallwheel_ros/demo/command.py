@@ -14,7 +14,7 @@ from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.options import settings_options
 from smallwheel_ros.replay.trial import TrialSettings, read_trial, write_trial
-from smallwheel_ros.ros.node_process import check_ros
+from smallwheel_ros.ros import check_ros
 
 _FILE = click.Path(path_type=Path)
 
@@ -111,13 +111,15 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: fl
     listens to are named. It ends when all reliable listeners have everything.
     """
     check_ros()
-    from smallwheel_ros.ros.play import CONFIRM, Player, PlaySettings, own_node
+    from smallwheel_ros.ros.play import CONFIRM, Player, own_node
 
     def say(line: str) -> None:
         click.echo(f"{bag}: {line}", err=True)
 
-    settings = PlaySettings(rate=rate, start=start, loop=loop, clock=clock)
-    with own_node("smallwheel_play") as node, Player(node, bag, settings) as player:
+    with (
+        own_node("smallwheel_play") as node,
+        Player(node, bag, rate=rate, start=start, loop=loop, clock=clock) as player,
+    ):
         for name, kind in player.skipped.items():
             click.echo(f"{name} is left out: its type {kind} is not installed here", err=True)
         total = None if loop else player.message_count

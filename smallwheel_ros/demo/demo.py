@@ -26,12 +26,12 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.onboard.result import VALID
 from smallwheel_ros.replay.pictures import draw_drive, draw_known
-from smallwheel_ros.ros.node_process import NodeProcess, check_ros, config_file, own_ros
+from smallwheel_ros.ros import NodeProcess, check_ros, config_file, own_ros
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
 if TYPE_CHECKING:
-    from smallwheel_ros.ros.drive_through import Recording
+    from smallwheel_ros.ros.play import Recording
 
 DEFAULT_FOLDER = Path("out") / "demo"
 _BAG, _ANSWER = "drive", "drive.answer.json"
@@ -233,7 +233,7 @@ def recorded(
         If the node dies or does not answer.
     """
     check_ros()
-    from smallwheel_ros.ros.drive_through import drive_through  # needs ROS
+    from smallwheel_ros.ros.play import drive_through  # needs ROS
 
     with BagReader(bag) as reader:
         total = reader.message_count

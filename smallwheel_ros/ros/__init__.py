@@ -1,2 +1,156 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The only place that imports rclpy and the generated messages."""
+"""The node; its modules are the only ones that import rclpy and the generated messages.
+
+Here is what needs ROS only when it runs: `smallwheel node` runs the node in this process,
+`NodeProcess` in one of its own, for demo, examples and tests.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import click
+
+from smallwheel_ros.common.errors import SmallwheelError
+
+_LOG_LINES = 3
+
+
+class NodeProcessError(SmallwheelError):
+    """The node cannot be started here."""
+
+
+def check_ros() -> None:
+    """Raise NodeProcessError unless this Python has ROS, and the messages of this package."""
+    lacking = {"rclpy": "no ROS 2 (rclpy)", "smallwheel_ros.msg": "no messages of smallwheel_ros"}
+    for module, words in lacking.items():
+        if importlib.util.find_spec(module) is None:
+            raise NodeProcessError(
+                f"this Python has {words}: run `make env` in a checkout, which puts both into its .venv, or"
+                " source an installation of ROS 2 Jazzy in which smallwheel_ros is built"
+            )
+
+
+@click.command()
+@click.option(
+    "--params-file",
+    "files",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False, readable=True),
+    multiple=True,
+    required=True,
+    metavar="ROVER.yaml",
+    help="Parameters, as `smallwheel init` writes them; of several files later ones win.",
+)
+@click.option(
+    "--remap",
+    "remaps",
+    multiple=True,
+    metavar="NAME:=TOPIC",
+    help="The node's name of a topic, then the robot's: odom:=/rover/odom.",
+)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[-- ROS_ARGUMENTS...]")
+def node(files: tuple[Path, ...], remaps: tuple[str, ...], arguments: tuple[str, ...]) -> None:
+    """Run the node mobility_estimator until Ctrl-C; it needs ROS 2.
+
+    Further arguments of ROS come after --, such as `-- -p use_sim_time:=true -r __ns:=/robot1`. Exit
+    code 2: a parameter or argument is wrong, which the last line says.
+    """
+    check_ros()
+    from smallwheel_ros.ros.mobility_estimator import main
+
+    given = [word for file in files for word in ("--params-file", str(file))]
+    given += [word for remap in remaps for word in ("-r", remap)]
+    raise SystemExit(main(["--ros-args", *given, *arguments]))
+
+
+def config_file(name: str) -> Path:
+    """Return a parameter file of this package, in the checkout or in the installation.
+
+    Raises NodeProcessError where there is none of that name.
+    """
+    prefixes = [
+        *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep),
+        sysconfig.get_path("data"),
+    ]
+    folders = [
+        Path(__file__).resolve().parents[2],
+        *(Path(prefix) / "share" / "smallwheel_ros" for prefix in prefixes if prefix),
+    ]
+    for folder in folders:
+        path = folder / "config" / name
+        if path.is_file():
+            return path
+    places = ", ".join(str(folder / "config") for folder in folders)
+    raise NodeProcessError(f"there is no parameter file {name} in {places}")
+
+
+def own_ros(log_folder: Path) -> dict[str, str]:
+    """Return environment variables for a ROS of one's own on this machine.
+
+    The domain is the one of ROS_DOMAIN_ID where that is set, otherwise one by the process number.
+    """
+    return {
+        "ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID") or str(1 + os.getpid() % 100),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(log_folder),
+    }
+
+
+class NodeProcess:
+    """The node in a process of its own; use it in a `with` statement, which ends it.
+
+    parameters: parameter files, later ones win. log: file for what it prints. overrides: further
+    parameters as ROS writes them, such as {"use_sim_time": "true"}. environment: variables that differ
+    from this process's. process_id: number of the process, once it is started.
+    """
+
+    def __init__(
+        self,
+        parameters: Sequence[Path],
+        log: Path,
+        overrides: Mapping[str, str] | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        self._command = [
+            sys.executable,
+            "-m",
+            "smallwheel_ros.ros.mobility_estimator",
+            "--ros-args",
+        ]
+        for path in parameters:
+            self._command += ["--params-file", str(path)]
+        for name, value in (overrides or {}).items():
+            self._command += ["-p", f"{name}:={value}"]
+        self._log = log
+        self._environment = {**os.environ, **(environment or {})}
+
+    def __enter__(self) -> NodeProcess:
+        check_ros()
+        with self._log.open("w") as stream:
+            self._process = subprocess.Popen(
+                self._command, stdout=stream, stderr=subprocess.STDOUT, env=self._environment
+            )
+        self.process_id = self._process.pid
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def death(self) -> str | None:
+        """Say how it ended, with its last words; None while it lives."""
+        code = self._process.poll()
+        if code is None:
+            return None
+        lines = self._log.read_text(errors="replace").strip().splitlines()
+        return f"exit code {code}; {self._log} ends with: {' | '.join(lines[-_LOG_LINES:])}"

@@ -8,14 +8,13 @@ from collections.abc import Iterable, Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.estimator.slip_tests import SlipTest
 from smallwheel_ros.estimator.traction import StrengthEstimate
 from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.statements import statements
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.ros.cost_publisher import CostPublisher
+from smallwheel_ros.ros.outputs import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
@@ -48,23 +47,20 @@ def entries(
         text = "; ".join(statement.text for statement in mine) or plain
         return status(f"{name}: {entry}", level, text, values)
 
-    findings = [statement.text for statement in said if statement.entry == "sensors"]
+    of_sensors = [statement.text for statement in said if statement.entry == "sensors"]
+    findings = {f"finding {i}": words for i, words in enumerate(of_sensors, 1)}
     return [
-        soil_status(f"{name}: soil", onboard),
+        _soil(f"{name}: soil", onboard),
         of("filter", *_filter(onboard)),
-        of(
-            "sensors",
-            "nothing seems wrong",
-            {f"finding {i + 1}": words for i, words in enumerate(findings)},
-        ),
+        of("sensors", "nothing seems wrong", findings),
         of("alarms", "none", _alarms(onboard, results)),
-        cost_status(f"{name}: cost", cost),
+        _cost(f"{name}: cost", cost),
         of("vehicle", *_vehicle(onboard, results)),
-        *(wheel_status(f"{name}: wheel {result.wheel}", result) for result in results),
+        *(_wheel(f"{name}: wheel {result.wheel}", result) for result in results),
     ]
 
 
-def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
+def _soil(name: str, onboard: Onboard) -> DiagnosticStatus:
     """The soil in numbers, and of each what the measurements have determined, in words."""
     soil = onboard.soil
     pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
@@ -77,10 +73,12 @@ def soil_status(name: str, onboard: Onboard) -> DiagnosticStatus:
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
         **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
         **strength_values(onboard.strength, onboard.lacking),
-        **slip_test_values(onboard.slip_tests),
-        "soil changes": str(soil.soil_changes),
-        "travel [m]": f"{soil.distance:.2f}",
     }
+    # What a slip test would tell of the strength that driving on does not.
+    if onboard.slip_tests:
+        values["slip test"] = "; ".join(test.text for test in onboard.slip_tests)
+    values["soil changes"] = str(soil.soil_changes)
+    values["travel [m]"] = f"{soil.distance:.2f}"
     words = soil.status if soil.accepted else (*soil.status, *onboard.undeterminable)
     text = "; ".join(words) or "k, n and m are determined"
     return status(name, OK, text, values)
@@ -107,12 +105,6 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
         for key, said in estimate.verdicts.items():
             values[f"verdict on {key.replace('_', ' ')}"] = said
     return values
-
-
-def slip_test_values(tests: Iterable[SlipTest]) -> dict[str, str]:
-    """What a slip test would tell of the strength that driving on does not; nothing where there is none."""
-    said = "; ".join(test.text for test in tests)
-    return {"slip test": said} if said else {}
 
 
 def _filter(onboard: Onboard) -> tuple[str, dict[str, str]]:
@@ -144,7 +136,7 @@ def _alarms(onboard: Onboard, newest: Iterable[Result]) -> dict[str, str]:
     return values
 
 
-def cost_status(name: str, cost: CostPublisher) -> DiagnosticStatus:
+def _cost(name: str, cost: CostPublisher) -> DiagnosticStatus:
     """What the cost map rests on."""
     places = cost.map.classes.places()
     values = {
@@ -178,7 +170,7 @@ def _vehicle(onboard: Onboard, results: list[Result]) -> tuple[str, dict[str, st
     return f"holds slopes up to {slope:.0f} degrees", values
 
 
-def wheel_status(name: str, result: Result) -> DiagnosticStatus:
+def _wheel(name: str, result: Result) -> DiagnosticStatus:
     """How one wheel does."""
     values = {"status": result.status.name}
     quantities = {

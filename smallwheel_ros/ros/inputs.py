@@ -4,27 +4,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
-from smallwheel_ros.onboard.feed import Topic
+from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.problems import Problem
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.conversions import message_class
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
-from smallwheel_ros.ros.first_lines import estimates, input_lines
+from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class
+from smallwheel_ros.ros.parameters import INPUT, LATCHED, NO_SUBSCRIPTION_EVENTS, overridable
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -33,62 +31,55 @@ except ImportError:  # no package of PyPI; ROS installations have it
 
 _REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
 _SILENT_AFTER = 2.0  # s without a message of a topic that had some
+# What a stream measures; those of a wheel are `<wheel>/load` and so on.
+_MEASURED = {
+    "wheel_speed": "wheel speed",
+    "drawbar_pull": "drawbar pull",
+    "odom": "odometry",
+    "velocity": "velocity over ground",
+    "imu": "slope",
+}
 
 
 @dataclass
 class _Stream:
-    """By which topic a stream of the estimate comes, and how: messages, newest of them, rate."""
+    """By which topic a stream of the estimate comes: messages until now, and when the newest came."""
 
     topic: str
     type: str
     detail: str  # which part of the message, in words
     count: int
     last: float  # time.monotonic()
-    rate: float = 0.0  # Hz
-
-
-class _Missing(NamedTuple):
-    """A topic that has not given what is needed of it yet; details: which parts of its messages."""
-
-    topic: str
-    type: str
-    details: str
-    why: str
 
 
 class Inputs:
     """The subscriptions of a node, and what is known of them.
 
-    take, take_classes, take_transforms: called with a topic, its message and what the clock says
-    (ns), with a grid of terrain classes, and with what comes by /tf and tf where tf2_msgs is installed.
-    on: whether it listens.
+    take, take_classes, take_transforms: called with a topic and its message, with a grid of terrain
+    classes, and with what comes by /tf and tf where tf2_msgs is installed. on: whether it listens.
     """
 
     def __init__(
         self,
         node: Node,
-        onboard: Onboard,
-        topics: Sequence[Topic],
-        take: Callable[[Topic, Any, int], None],
+        feed: Feed,
+        take: Callable[[Topic, Any], None],
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
     ) -> None:
-        self._node, self._onboard = node, onboard
+        self._node, self._onboard, self._topics = node, feed.onboard, feed.topics
         self._take, self._take_classes, self._take_transforms = take, take_classes, take_transforms
-        self._topics = topics
-        now, received = time.monotonic(), onboard.received
-        self._streams = {
-            stream: _Stream(
-                node.resolve_topic_name(topic.name), topic.type, detail, received[stream], now
-            )
-            for topic in topics
-            for stream, detail in topic.streams.items()
-        }
+        now = time.monotonic()
+        self._streams: dict[str, _Stream] = {}
+        for topic in feed.topics:
+            name = node.resolve_topic_name(topic.name)
+            for stream, detail in topic.streams.items():
+                self._streams[stream] = _Stream(name, topic.type, detail, 0, now)
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
-        self._said_missing: set[_Missing] = set()
+        self._said_missing: set[tuple[str, str]] = set()
         self._all_here = False  # and said
-        self._measured_at = time.monotonic()
+        self._measured_at = now
 
     # --- Subscriptions
 
@@ -99,18 +90,27 @@ class Inputs:
 
     def listen(self) -> None:
         """Subscribe to the topics. Where that fails, to none."""
+
+        def subscribe(
+            kind: Any,
+            topic: str,
+            take: Callable[[Any], None],
+            profile: QoSProfile = INPUT,
+            entity: str | None = None,
+        ) -> None:
+            how = {"event_callbacks": NO_SUBSCRIPTION_EVENTS, **overridable(profile, entity)}
+            self._subscriptions.append(self._node.create_subscription(kind, topic, take, **how))
+
         try:
             for topic in self._topics:
-                take = partial(self._take_one, topic)
-                self._subscribe(message_class(topic.type), topic.name, take, qos.INPUT)
+                subscribe(message_class(topic.type), topic.name, partial(self._take, topic))
             # A classifier's grids come as they are made, a map server's was there before us.
-            classes = self._take_classes
-            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.INPUT)
-            self._subscribe(OccupancyGrid, TERRAIN_CLASSES, classes, qos.LATCHED, "latched")
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, self._take_classes)
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, self._take_classes, LATCHED, "latched")
             if TFMessage is not None:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
                 for name in dict.fromkeys(map(self._node.resolve_topic_name, ("/tf", "tf"))):
-                    self._subscribe(TFMessage, name, self._take_transforms, qos.INPUT)
+                    subscribe(TFMessage, name, self._take_transforms)
         except Exception:
             self.stop()
             raise
@@ -120,30 +120,6 @@ class Inputs:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
-
-    def _subscribe(
-        self,
-        kind: Any,
-        topic: str,
-        callback: Callable[[Any], None],
-        profile: QoSProfile,
-        entity: str | None = None,
-    ) -> None:
-        # Each event handler costs time at every wait: what they would tell of inputs is found out
-        # where a topic stays silent.
-        events = SubscriptionEventCallbacks(use_default_callbacks=False)
-        self._subscriptions.append(
-            self._node.create_subscription(
-                kind,
-                topic,
-                callback,
-                event_callbacks=events,
-                **qos.overridable(profile, entity),
-            )
-        )
-
-    def _take_one(self, topic: Topic, message: Any) -> None:
-        self._take(topic, message, self._node.get_clock().now().nanoseconds)
 
     # --- What to say of them
 
@@ -186,31 +162,23 @@ class Inputs:
 
         What has been said is not said again.
         """
-        new = [one for one in self._missing() if one not in self._said_missing]
-        self._said_missing.update(new)
-        groups: dict[tuple[str, str, str], list[str]] = {}
-        for topic, kind, details, why in new:
-            groups.setdefault((kind, details, why), []).append(topic)
-        for (kind, details, why), topics in groups.items():
-            self._node.get_logger().warning(
-                f"still waiting for {', '.join(topics)} ({kind}{details}): {why}"
-            )
+        groups: dict[str, list[str]] = {}
+        for topic, why in self._missing():
+            if (topic, why) not in self._said_missing:
+                self._said_missing.add((topic, why))
+                groups.setdefault(why, []).append(topic)
+        for why, topics in groups.items():
+            self._node.get_logger().warning(f"still waiting for {', '.join(topics)} {why}")
 
-    def waiting(self) -> str:
-        """Say of each topic that has not given what is needed of it yet, why that may be."""
-        return "; ".join(
-            f"still waiting for {topic} ({kind}{details}): {why}"
-            for topic, kind, details, why in self._missing()
-        )
-
-    def _missing(self) -> list[_Missing]:
+    def _missing(self) -> list[tuple[str, str]]:
+        """Topics that have not given what is needed of them yet, and of each the type and why."""
         missing: dict[tuple[str, str], str] = {}
         for name, stream in self._streams.items():
             if self._onboard.received[name] == 0:
                 key = (stream.topic, stream.type)
                 missing[key] = missing.get(key, "") + stream.detail
         return [
-            _Missing(topic, kind, details, self._why(topic, kind))
+            (topic, f"({kind}{details}): {self._why(topic, kind)}")
             for (topic, kind), details in missing.items()
         ]
 
@@ -221,9 +189,7 @@ class Inputs:
         types = sorted({info.topic_type for info in publishers})
         if kind not in types:
             return f"its publisher has another type, {', '.join(types)}"
-        asked = next(
-            (s.qos_profile for s in self._subscriptions if s.topic_name == topic), qos.INPUT
-        )
+        asked = next((s.qos_profile for s in self._subscriptions if s.topic_name == topic), INPUT)
         for info in publishers:
             compatibility, reason = qos_check_compatible(info.qos_profile, asked)
             if compatibility == QoSCompatibility.ERROR:
@@ -231,41 +197,29 @@ class Inputs:
         count = len(publishers)
         return f"{count} publisher{'s' if count > 1 else ''}, nothing received yet"
 
-    def _measure(self) -> None:
-        """Note how many messages came since the last call: their rates."""
-        now = time.monotonic()
-        elapsed = max(now - self._measured_at, 1e-6)
-        self._measured_at = now
-        for name, stream in self._streams.items():
-            count = self._onboard.received[name]
-            stream.rate = (count - stream.count) / elapsed
+    def status(self, name: str) -> DiagnosticStatus:
+        """Rates and ages of the inputs, what is missing, and what could not be used, by reason.
+
+        Rates are those since the last call.
+        """
+        settings, now = self._onboard.settings, time.monotonic()
+        elapsed, self._measured_at = max(now - self._measured_at, 1e-6), now
+        words = [f"still waiting for {topic} {why}" for topic, why in self._missing()]
+        values = {}
+        for key, stream in self._streams.items():
+            count, newest = self._onboard.received[key], self._onboard.newest(key)
+            flow = f"{(count - stream.count) / elapsed:.1f} Hz, {count} received"
+            if newest is not None:
+                age = (self._node.get_clock().now().nanoseconds - newest) / SECOND
+                flow += f", newest stamp {age:.2f} s ago"
+            values[f"{stream.topic}{stream.detail}"] = flow
             if count > stream.count:
                 stream.count, stream.last = count, now
-
-    def _flow(self, name: str, stream: _Stream) -> str:
-        """How a stream comes in: rate, count, age of the newest good stamp."""
-        text = f"{stream.rate:.1f} Hz, {stream.count} received"
-        newest = self._onboard.newest(name)
-        if newest is None:
-            return text
-        age = (self._node.get_clock().now().nanoseconds - newest) / SECOND
-        return f"{text}, newest stamp {age:.2f} s ago"
-
-    def status(self, name: str) -> DiagnosticStatus:
-        """Rates and ages of the inputs, what is missing, and what could not be used, by reason."""
-        self._measure()
-        now, settings = time.monotonic(), self._onboard.settings
-        values = {f"{s.topic}{s.detail}": self._flow(n, s) for n, s in self._streams.items()}
-        words = [self.waiting()] + [
-            f"{s.topic}: no message for {now - s.last:.0f} s"
-            for s in self._streams.values()
-            if s.count and now - s.last > _SILENT_AFTER
-        ]
-        words = [text for text in words if text]
+            if count and now - stream.last > _SILENT_AFTER:
+                words.append(f"{stream.topic}: no message for {now - stream.last:.0f} s")
         counts = sorted(self._onboard.counts.items())
-        values |= {
-            f"{self._topic_of(stream)}: {reason}": str(count) for (stream, reason), count in counts
-        }
+        for (key, reason), count in counts:
+            values[f"{self._topic_of(key)}: {reason}"] = str(count)
         said = []
         if settings.static_loads:
             said.append("loads are not measured, they are configured")
@@ -279,3 +233,56 @@ class Inputs:
             text += f"; {unused} messages could not be used, see the counts"
         level = WARN if settings.velocity == "none" else OK
         return status(name, level, "; ".join([text, *said]), values)
+
+
+# --- What the node logs of them as it starts
+
+
+def input_lines(topics: Iterable[Topic], resolved: Callable[[str], str]) -> list[str]:
+    """What is waited for: a line for each group of topics that measure the same.
+
+    resolved: gives the full name of a topic.
+    """
+    groups: dict[tuple[str, str], list[str]] = {}
+    for topic in topics:
+        measured = (stream.rpartition("/")[2] for stream in topic.streams)
+        what = " and ".join(dict.fromkeys(_MEASURED.get(name, name) for name in measured))
+        groups.setdefault((what, topic.type), []).append(resolved(topic.name))
+    return [
+        f"waits for {what}: {', '.join(names)} ({kind})" for (what, kind), names in groups.items()
+    ]
+
+
+def estimates(onboard: Onboard) -> str:
+    """What is estimated, and of which wheels, once all inputs are here."""
+    return f"estimates {_of_the_soil(onboard)}; {'; '.join(_of_wheels(onboard))}"
+
+
+def _of_the_soil(onboard: Onboard) -> str:
+    settings = onboard.settings
+    if len(settings.without_sinkage) == len(settings.wheels):
+        law = "nothing of the soil's law (no sinkage is measured)"
+    elif onboard.undeterminable:
+        law = "n and k D^m of the soil"  # why not m has been said as a warning
+    else:
+        law = "k, n and m of the soil"
+    ways = {
+        "the balance of the vehicle's forces": settings.mass and settings.velocity != "none",
+        "torque": settings.with_torque,
+        "drawbar pull": settings.with_drawbar_pull,
+    }
+    by = " and ".join(way for way, there in ways.items() if there)
+    strength = f" and its strength by {by}" if by else "; its strength stays as configured"
+    return f"{law}{strength}"
+
+
+def _of_wheels(onboard: Onboard) -> list[str]:
+    settings = onboard.settings
+    what = "sinkage, resistance, thrust and drawbar pull of"
+    if settings.velocity == "none":
+        what = "sinkage and resistance (no slip, thrust, pull: odometry comes from the wheels) of"
+    rolling = [wheel.name for wheel in settings.wheels if wheel.contact == ROLLING]
+    pressed = [wheel.name for wheel in settings.wheels if wheel.contact != ROLLING]
+    found = [f"{what} {', '.join(rolling)}"] if rolling else []
+    found += [f"sinkage of {', '.join(pressed)}"] if pressed else []
+    return found

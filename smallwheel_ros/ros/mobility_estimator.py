@@ -25,11 +25,14 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from std_srvs.srv import Trigger
 
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
-from smallwheel_ros.ros import qos
-from smallwheel_ros.ros.described import RobotDescription, VelocityFrame
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
-from smallwheel_ros.ros.first_lines import parameter_lines
-from smallwheel_ros.ros.parameters import NodeParameters
+from smallwheel_ros.ros.parameters import (
+    NO_PUBLISHER_EVENTS,
+    NodeParameters,
+    RobotDescription,
+    VelocityFrame,
+    parameter_lines,
+)
 from smallwheel_ros.ros.session import Session
 
 EXIT_BAD_INPUT = 2
@@ -37,6 +40,12 @@ EXIT_BAD_INPUT = 2
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 _Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
 
+# What does the work of a service, and what is lacking for it in a node that is not configured.
+_SERVICES = {
+    "reset": (Session.reset, "there is nothing to reset"),
+    "save_soil": (Session.save, "there is no soil to save"),
+    "terrain_margins": (Session.terrain_margins, "there are no terrain classes"),
+}
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 
 
@@ -48,25 +57,9 @@ def _says_why(transition: _Call) -> _Call:
         try:
             return transition(self, state)
         except Exception as error:
-            self.fail(f"{transition.__name__} failed: {' '.join(str(error).split())}")
+            self.problem = f"{transition.__name__} failed: {' '.join(str(error).split())}"
+            self.get_logger().error(f"{self.problem}\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
-
-    return guarded  # type: ignore[return-value]  # the same signature, by construction
-
-
-def _answers(service: _Call) -> _Call:
-    """Answer with success=False what a service raises: nobody is to wait for an answer in vain."""
-
-    @wraps(service)
-    def guarded(self: Any, request: Any, response: Any) -> Any:
-        try:
-            return service(self, request, response)
-        except Exception as error:
-            self.get_logger().error(f"{service.__name__} failed:\n{traceback.format_exc()}")
-            response.success = False
-            if hasattr(response, "message"):
-                response.message = f"failed: {type(error).__name__}: {error}"
-            return response
 
     return guarded  # type: ignore[return-value]  # the same signature, by construction
 
@@ -87,12 +80,11 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(
-            DiagnosticArray, "/diagnostics", 10, event_callbacks=qos.no_events()
+            DiagnosticArray, "/diagnostics", 10, event_callbacks=NO_PUBLISHER_EVENTS
         )
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/save_soil", self._on_save_soil)
-        self.create_service(Trigger, "~/terrain_margins", self._on_terrain_margins)
+        for name in _SERVICES:
+            self.create_service(Trigger, f"~/{name}", partial(self._serve, name))
         # rclpy (#1209) lets a transition that does not fit the state raise: nobody would be answered.
         (service,) = (s for s in self.services if s.srv_type is ChangeState)
         service.callback = partial(self._on_change_state, service.callback)
@@ -106,12 +98,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def waiting(self) -> str:
         """What it waits for before it can be configured, in words; empty: nothing."""
         return self._description.waiting
-
-    def fail(self, problem: str) -> None:
-        """Note why the node is not configured, and log it with its traceback if there is one."""
-        self.problem = problem
-        trace = f"\n{traceback.format_exc()}" if sys.exc_info()[0] else ""
-        self.get_logger().error(problem + trace)
 
     # --- Transitions
 
@@ -198,52 +184,34 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         if self._session is None:
             return
         self.get_logger().info(f"configured anew, the soil starts over: {changes}")
-        active = self._session.active
         steps = [self.trigger_cleanup, self.trigger_configure]
-        if active:
+        if self._session.active:
             steps = [self.trigger_deactivate, *steps, self.trigger_activate]
         all(step() == _SUCCESS for step in steps)  # as far as it goes; it says why itself
 
     # --- Services
 
-    @_answers
-    def _on_save_soil(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        if self._session is None:
-            response.message = "not configured: there is no soil to save"
-        else:
-            response.success, response.message = self._session.save()
-        self.get_logger().info(f"save_soil: {response.message}")
-        return response
-
-    @_answers
-    def _on_terrain_margins(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        if self._session is None:
-            response.message = "not configured: there are no terrain classes"
-        else:
-            response.success, response.message = True, self._session.terrain_margins()
-        return response
-
-    @_answers
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._session is None:
-            response.message = "not configured: there is nothing to reset"
-            return response
-        self._session.reset()
-        response.success = True
-        response.message = "soil, cost map and buffers start over; the counts go on"
-        self.get_logger().info(f"reset: {response.message}")
+    def _serve(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer a service, where it raises too: nobody is to wait for an answer in vain."""
+        work, lacking = _SERVICES[name]
+        try:
+            if self._session is None:
+                response.message = f"not configured: {lacking}"
+            else:
+                response.success, response.message = work(self._session)
+            if name == "save_soil" or (name == "reset" and response.success):
+                self.get_logger().info(f"{name}: {response.message}")
+        except Exception as error:
+            self.get_logger().error(f"{name} failed:\n{traceback.format_exc()}")
+            response.success = False
+            response.message = f"failed: {type(error).__name__}: {error}"
         return response
 
     def _publish_diagnostics(self) -> None:
         name = self.get_fully_qualified_name().lstrip("/")
-        unknown = list(self._table.unknown)
         if self._session is not None:
             self._frames.look_up(self._session.velocity_frame)
-        unknown += [*self._description.lacking, *self._frames.lacking]
+        unknown = [*self._table.unknown, *self._description.lacking, *self._frames.lacking]
         if self.problem:
             found, unknown = [status(f"{name}: parameters", ERROR, self.problem)], []
         elif self._session is None and self.autostart and self.waiting:
@@ -259,8 +227,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         doubled = namesakes(self)
         if doubled:
             found.append(status(f"{name}: name", WARN, doubled))
-            if not self._doubled:
-                self.get_logger().warning(doubled)
+        if doubled and not self._doubled:
+            self.get_logger().warning(doubled)
         self._doubled = doubled
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()

@@ -2,13 +2,17 @@
 """ROS parameters from the one table: declared with descriptors, checked, never silently ignored.
 
 They are read when the node is configured. While it is active none can be set: what the estimate goes by
-then is what its log says that it was configured with.
+then is what its log says that it was configured with. What nobody gives is taken from the robot's
+description and from tf. Parameters `qos_overrides.*` change the quality of service of a topic.
 """
 
 from __future__ import annotations
 
+import textwrap
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -16,19 +20,42 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.time import Time
+from std_msgs.msg import String
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.parameter import Parameter
+from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
     unknown_parameters,
     wheel_names,
 )
-from smallwheel_ros.onboard.robot_description import silent_parameters
+from smallwheel_ros.onboard.robot_description import (
+    DESCRIPTION_TYPE,
+    Filled,
+    fill_silent,
+    needs_description,
+    silent_parameters,
+)
 from smallwheel_ros.onboard.settings import GENERAL, NodeSettings, parameters_for
-from smallwheel_ros.ros.qos import OVERRIDES
+
+try:
+    import tf2_ros
+except ImportError:  # no package of PyPI; ROS installations have it
+    tf2_ros = None
 
 _WHAT_TO_DO = (
     "deactivate it, set the parameter, then clean up, configure and activate it (ros2 lifecycle set"
@@ -36,6 +63,22 @@ _WHAT_TO_DO = (
 )
 # Where the velocity sensor is and looks: tf may say so where nothing is given.
 VELOCITY_SENSOR = ("velocity_lateral_position", "velocity_yaw")
+_WIDTH = 148  # characters of a line of the log: of 200, less what ROS puts before it
+
+
+def parameter_lines(changed: Mapping[str, object]) -> list[str]:
+    """The parameters that are not at their defaults, by name, in lines of at most 148 characters.
+
+    A single word that is longer (a path) stays whole.
+    """
+    words = ", ".join(f"{name}={value}" for name, value in changed.items())
+    return textwrap.wrap(
+        f"effective parameters, the others have their defaults: {words}",
+        _WIDTH,
+        subsequent_indent="  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 class NodeParameters:
@@ -45,17 +88,10 @@ class NodeParameters:
     type, range and description. A value that does not fit is not declared but remembered, so that
     the node can say in its own words what is wrong, and somebody can mend it while it runs.
 
-    Parameters
-    ----------
-    is_active
-        Whether the node works by the parameters now: then nobody can set one.
-    filled
-        Called, with names and values in words, when parameters that nobody gave have got another value.
-
-    Attributes
-    ----------
-    unknown
-        A sentence for each given parameter that nobody knows.
+    is_active: whether the node works by the parameters now: then nobody can set one. filled: called,
+    with names and values in words, when parameters that nobody gave have got another value. unknown: a
+    sentence for each given parameter that nobody knows. problems: a sentence for each parameter that
+    was given a value that it cannot have, by its name.
     """
 
     def __init__(
@@ -63,18 +99,16 @@ class NodeParameters:
     ) -> None:
         self._node = node
         self._is_active, self._filled = is_active, filled
-        given = {
-            name: _plain(parameter.value)
-            for name, parameter in node.get_parameters_by_prefix("").items()
-        }
+        found = node.get_parameters_by_prefix("")
+        given = {name: _plain(parameter.value) for name, parameter in found.items()}
         self._overrides = [name for name in given if name.startswith(OVERRIDES)]
-        self._problems: dict[str, str] = {}
+        self.problems: dict[str, str] = {}
         self._table: dict[str, Parameter] = {}
         try:
             wheels = wheel_names(given.get("wheels"))
         except ParametersError as error:
             wheels = []
-            self._problems["wheels"] = str(error)
+            self.problems["wheels"] = str(error)
         self.unknown = unknown_parameters(given, wheels) if wheels else []
         for parameter in parameters_for(wheels) if wheels else GENERAL:
             # `ros2 param dump` writes null for one that is not set, which ROS reads as a text.
@@ -121,11 +155,6 @@ class NodeParameters:
         self._filled(", ".join(f"{change.name}={change.value}" for change in changes))
         return ""
 
-    @property
-    def wrong(self) -> bool:
-        """Whether a value was given that does not fit its parameter."""
-        return bool(self._problems)
-
     def read(self) -> NodeSettings:
         """Return what the parameters say; models and effects are read from their files.
 
@@ -134,8 +163,8 @@ class NodeParameters:
         ParametersError
             With one sentence for each parameter that is missing or wrong.
         """
-        if self._problems:
-            raise ParametersError("; ".join(self._problems.values()))
+        if self.problems:
+            raise ParametersError("; ".join(self.problems.values()))
         return settings_from(self.values())
 
     def _declare(self, parameter: Parameter, value: object) -> None:
@@ -143,43 +172,39 @@ class NodeParameters:
         self._table[name] = parameter
         if self._node.has_parameter(name):
             self._node.undeclare_parameter(name)
-        if value is not None and name not in self._problems:
-            problem = parameter.problem(value)
-            if problem is not None:
-                self._problems[name] = problem
-        if value is None or name in self._problems:
+        problem = None if value is None else parameter.problem(value)
+        if problem is not None:
+            self.problems.setdefault(name, problem)
+        if value is None or name in self.problems:
             value = parameter.default
         descriptor = _descriptor(parameter)
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
 
     def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
-        known = {c.name: _plain(c.value) for c in changes if c.name in self._table}
-        problem = self._problem(known) or self._problem_of_quality([c.name for c in changes])
-        if problem is None:
-            for name in known:
-                self._problems.pop(name, None)
-            if not self._filling:
-                self._silent -= known.keys()
-        return SetParametersResult(successful=problem is None, reason=problem or "")
-
-    def _problem(self, values: Mapping[str, object]) -> str | None:
-        for name, value in values.items():
-            parameter = self._table[name]
-            if value is None:
-                return f"parameter {name} cannot be deleted, expected {parameter.expected}"
-            problem = parameter.problem(value)
+        for change in changes:
+            problem = self._problem(change.name, _plain(change.value))
             if problem is not None:
-                return problem
-            if self._is_active() and not self._filling:
-                return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
-        return None
+                return SetParametersResult(successful=False, reason=problem)
+        for change in changes:
+            self.problems.pop(change.name, None)
+            if not self._filling:
+                self._silent.discard(change.name)
+        return SetParametersResult(successful=True)
 
-    def _problem_of_quality(self, names: Sequence[str]) -> str | None:
-        for name in names:
+    def _problem(self, name: str, value: object) -> str | None:
+        """Why a parameter cannot be set to a value now; None: it can."""
+        active, parameter = self._is_active(), self._table.get(name)
+        if parameter is None:
             # The first time it is rclpy that declares it, for a topic that is being made.
-            if name.startswith(OVERRIDES) and self._is_active() and self._node.has_parameter(name):
+            if name.startswith(OVERRIDES) and active and self._node.has_parameter(name):
                 return f"parameter {name} only counts at the start of the node"
-        return None
+            return None
+        if value is None:
+            return f"parameter {name} cannot be deleted, expected {parameter.expected}"
+        problem = parameter.problem(value)
+        if problem is None and active and not self._filling:
+            return f"parameter {name} cannot be set while the node is active: {_WHAT_TO_DO}"
+        return problem
 
 
 def _plain(value: object) -> object:
@@ -199,13 +224,201 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     if parameter.choices:
         allowed = ", ".join(str(choice) for choice in parameter.choices)
         descriptor.additional_constraints = f"one of: {allowed}"
-    if parameter.low is not None and parameter.high is not None:
+    low, high = parameter.low, parameter.high
+    if low is not None and high is not None:
         if parameter.kind == "integer":
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(parameter.low), to_value=int(parameter.high))
-            ]
+            span = IntegerRange(from_value=int(low), to_value=int(high))
+            descriptor.integer_range = [span]
         else:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=parameter.low, to_value=parameter.high)
-            ]
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
+
+
+# --- What others say of the robot
+
+_UPRIGHT = 0.9  # cosine of 25 degrees, as for the axes of wheels: speeds along it are 10 % off
+
+
+class RobotDescription:
+    """Listens to the robot description, and gives the parameters what it says.
+
+    It does not listen where every parameter is given that a description can fill. lacking: a sentence
+    for what the newest description could not fill.
+    """
+
+    def __init__(self, node: Node, table: NodeParameters) -> None:
+        self._node, self._table = node, table
+        self.lacking: list[str] = []
+        self._topic = ""  # that it listens to
+        self._arrived = False
+        topic = table.values()["robot_description_topic"]
+        if not silent_parameters(table.given()) or not isinstance(topic, str) or not topic:
+            return
+        try:
+            node.create_subscription(
+                String, topic, self._take, LATCHED, event_callbacks=NO_SUBSCRIPTION_EVENTS
+            )
+            self._topic = node.resolve_topic_name(topic)
+        except Exception as error:  # rcl's; its words have several lines
+            reason = " ".join(str(error).split())
+            self.lacking.append(f"robot description: cannot listen to {topic!r}: {reason}")
+
+    @property
+    def waiting(self) -> str:
+        """What is waited for before the node can be configured, in words; empty: nothing."""
+        if not self._topic or self._arrived or self._table.problems:
+            return ""
+        needed = needs_description(self._table.given())
+        if not needed:
+            return ""
+        publishers = self._node.count_publishers(self._topic)
+        why = "its publisher has sent nothing yet" if publishers else "no publisher"
+        return (
+            f"waiting for {self._topic} ({DESCRIPTION_TYPE}): {why}; {', '.join(needed)} are not"
+            " given and come from it"
+        )
+
+    def _take(self, message: String) -> None:
+        self._arrived = True
+        try:
+            filled = fill_silent(message.data, self._table.given())
+            problem = self._table.fill(filled.values)
+        except SmallwheelError as error:
+            filled, problem = Filled(), str(error)
+        self.lacking = [f"robot description: {problem}"] if problem else filled.lacking
+        log = self._node.get_logger()
+        if not problem:
+            log.info(f"from {self._topic}: {filled.text}")
+        for text in self.lacking:
+            log.warning(text)
+
+
+class VelocityFrame:
+    """Looks the frame of `velocity_topic` up in tf, once, and gives the parameters what it finds.
+
+    It listens to tf only from the first message in a frame that is not the base frame until the
+    transform is known. lacking: a sentence while the frame is not the base frame and nobody says where
+    the sensor is.
+    """
+
+    def __init__(self, node: Node, table: NodeParameters) -> None:
+        self._node, self._table = node, table
+        self._buffer: Any = None
+        self._listener: Any = None
+        self._known = ""  # frame that has been looked up
+        self.lacking: list[str] = []
+
+    def look_up(self, frame: str) -> None:
+        """Look a frame up, if that is needed; called now and then with the newest one."""
+        given, base = self._table.given(), str(self._table.values()["base_frame"])
+        silent = [name for name in VELOCITY_SENSOR if name not in given]
+        if not silent or frame in ("", base):
+            self.lacking = []
+            return
+        if frame == self._known:
+            return
+        try:
+            found, problem = self._in_base(frame, base)
+        except Exception as error:  # tf2's own, or a release with another interface
+            found, problem = {}, f"tf does not connect them ({' '.join(str(error).split())})"
+        if not problem:
+            problem = self._table.fill({name: found[name] for name in silent})
+        if problem:
+            self.lacking = [
+                f"velocity_topic is in frame {frame!r}, expected {base!r}: {problem}; {', '.join(silent)}"
+                " stay as they are: give them"
+            ]
+            return
+        self._known, self.lacking = frame, []
+
+    def _in_base(self, frame: str, base: str) -> tuple[dict[str, float], str]:
+        """Return the sensor's place and direction in the base frame, or why they are unknown."""
+        if tf2_ros is None:
+            return {}, "tf2_ros is not installed"
+        if self._buffer is None:
+            self._buffer = tf2_ros.Buffer()
+            self._listener = tf2_ros.TransformListener(self._buffer, self._node)
+        transform = self._buffer.lookup_transform(base, frame, Time()).transform
+        self._listener.unregister()
+        self._listener = self._buffer = None
+        turn = transform.rotation
+        yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
+        if yaw is None:
+            return {}, "the rotation in tf is no unit quaternion"
+        if 1.0 - 2.0 * (turn.x**2 + turn.y**2) < _UPRIGHT:
+            return {}, "by tf its z axis is not upright"
+        return dict(zip(VELOCITY_SENSOR, (transform.translation.y, yaw), strict=True)), ""
+
+
+# --- Quality of service
+
+# Waiting for events costs time at every turn, and the diagnostics find the same out once a second.
+NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+# Deep enough for a second at 200 Hz in which the processor is busy with something else: what does not
+# fit is lost, and nobody is told. That goes for reliable topics too.
+_DEEP = 200
+# Matches reliable and best-effort publishers alike.
+INPUT = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.BEST_EFFORT)
+ESTIMATE = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.RELIABLE)
+# A late subscriber gets the newest.
+LATCHED = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+OVERRIDES = "qos_overrides."
+_DEEPEST = 10_000  # messages
+_VALUES: dict[str, tuple[str, ...]] = {
+    name: tuple(policy.name.lower() for policy in kind if policy.name.lower() != "unknown")
+    for name, kind in (
+        ("history", HistoryPolicy),
+        ("reliability", ReliabilityPolicy),
+        ("durability", DurabilityPolicy),
+    )
+}
+_POLICIES = (*_VALUES, "depth")
+
+
+def overridable(profile: QoSProfile, entity: str | None = None) -> dict[str, Any]:
+    """Return arguments for a publisher or subscription whose quality of service users may override.
+
+    entity: tells two of the same topic apart.
+    """
+    kinds = [QoSPolicyKind[name.upper()] for name in _POLICIES]
+    return {
+        "qos_profile": copy(profile),  # rclpy writes the overrides into it
+        "qos_overriding_options": QoSOverridingOptions(kinds, entity_id=entity),
+    }
+
+
+def override_problems(
+    values: Mapping[str, object], listened: Iterable[str], published: Iterable[str]
+) -> tuple[list[str], list[str]]:
+    """Say which parameters `qos_overrides.*` are wrong, and which nobody uses.
+
+    values: of these parameters. listened, published: resolved names of topics.
+    """
+    kinds = [(t, kind) for t in listened for kind in ("subscription", "subscription_latched")]
+    kinds += [(topic, "publisher") for topic in published]
+    known = {f"{OVERRIDES}{topic}.{kind}.{name}" for topic, kind in kinds for name in _POLICIES}
+    wrong, unused = [], []
+    for name, value in values.items():
+        policy = name.rpartition(".")[2]
+        if name not in known:
+            unused.append(
+                f"parameter {name} is not used: expected {OVERRIDES}TOPIC.KIND.POLICY, with the full"
+                " name of a topic of this node, KIND subscription or publisher, and POLICY one of"
+                f" {', '.join(_POLICIES)}"
+            )
+            continue
+        if policy == "depth":
+            fits = type(value) is int and 1 <= value <= _DEEPEST
+            expected = f"an integer from 1 to {_DEEPEST}"
+        else:
+            fits = isinstance(value, str) and value.lower() in _VALUES[policy]
+            expected = " or ".join(_VALUES[policy])
+        if not fits:
+            wrong.append(f"parameter {name} is {value!r}, expected {expected}")
+    return wrong, unused

@@ -1,32 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publish a bag over DDS, for people without rosbag2, and for the demo."""
+"""Publish a bag over DDS, for people without rosbag2, and record what the node answers to it.
+
+The node listens best effort, so nothing in DDS slows a fast player down. `drive_through` looks at
+the answers: it holds back while too many sinkages are without one, and no message is lost.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
+from smallwheel_ros.bags import BagReader, RawMessage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.stop import Stop
+from smallwheel_ros.costmap.grid import Grid
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
+from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.streams import SECOND
-from smallwheel_ros.ros.conversions import message_class, time_message
+from smallwheel_ros.ros.outputs import grid_from, message_class, nanoseconds_of, time_message
+from smallwheel_ros.ros.parameters import LATCHED
 
 _CLOCK_PERIOD = SECOND // 100
 # A listener that is known here may need a moment more to know of us. DDS says nothing of that: a
@@ -48,20 +60,6 @@ class PlayError(SmallwheelError):
     """A bag that cannot be published."""
 
 
-@dataclass(frozen=True)
-class PlaySettings:
-    """How to play a bag.
-
-    rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again.
-    clock: publish /clock from the times of recording, for nodes with use_sim_time.
-    """
-
-    rate: float = 1.0
-    start: float = 0.0
-    loop: bool = False
-    clock: bool = True
-
-
 @contextmanager
 def own_node(name: str) -> Iterator[Node]:
     """ROS and a node for as long as it lasts. Ctrl-C ends it like any other program."""
@@ -74,30 +72,14 @@ def own_node(name: str) -> Iterator[Node]:
         rclpy.try_shutdown()
 
 
-def _keeps_last(reader: BagReader, topic: BagTopic) -> bool:
-    """Whether a topic was recorded as latched: who listens late gets its last messages."""
-    found = reader.as_channel(topic.name, topic.type)
-    return found is not None and any(q.durability.name == "TRANSIENT_LOCAL" for q in found[0].qos)
-
-
-def _converted(raw: RawMessage, convert: Callable[[bytes], bytes | memoryview]) -> RawMessage:
-    try:
-        return raw._replace(data=bytes(convert(raw.data)))
-    except Exception as error:  # damaged bytes make rosbags raise as it likes
-        raise PlayError(f"topic {raw.topic}: a message is damaged ({error})") from error
-
-
 class Player:
     """Publishes the messages of one bag in their order; use it in a `with` statement.
 
     A bag of ROS 1 is converted on the way; a damaged one is played to where it ends.
 
-    Attributes
-    ----------
-    topics
-        Type of each topic that is published.
-    skipped
-        The same of the topics whose type is not installed here.
+    rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again. clock:
+    publish /clock from the times of recording, for nodes with use_sim_time. topics: type of each topic
+    that is published. skipped: the same of the topics whose type is not installed here.
 
     Raises
     ------
@@ -107,43 +89,55 @@ class Player:
         If there is nothing in it to publish, or it ends before the start.
     """
 
-    def __init__(self, node: Node, bag: Path | str, settings: PlaySettings | None = None) -> None:
-        self.node, self.bag, self.stop = node, Path(bag), Stop()
-        self.settings = settings or PlaySettings()
-        if not self.settings.rate > 0:
-            raise PlayError(f"rate is {self.settings.rate:g}, expected more than 0")
-        with BagReader(self.bag, salvage=True) as reader:
+    def __init__(
+        self,
+        node: Node,
+        bag: Path | str,
+        *,
+        rate: float = 1.0,
+        start: float = 0.0,
+        loop: bool = False,
+        clock: bool = True,
+    ) -> None:
+        if not rate > 0:
+            raise PlayError(f"rate is {rate:g}, expected more than 0")
+        self._node, self._bag, self._rate, self._loop = node, Path(bag), rate, loop
+        self.stop = Stop()
+        with BagReader(self._bag, salvage=True) as reader:
             types = {topic.name: topic.type for topic in reader.topics}
-            kept = {t.name: _keeps_last(reader, t) for t in reader.topics}
+            channels = {key: reader.as_channel(*key) for key in types.items()}
             self.message_count = reader.message_count
-            self._begin = reader.start_time
-            duration = ((reader.end_time or 0) - (reader.start_time or 0)) / SECOND
-        if self.settings.start > duration:
+            begin = reader.start_time or 0
+            duration = ((reader.end_time or 0) - begin) / SECOND
+        if start > duration:
             raise PlayError(
-                f"start is {self.settings.start:g} s, expected at most {duration:.3f} s: bag"
-                f" {self.bag} is no longer"
+                f"start is {start:g} s, expected at most {duration:.3f} s: bag {self._bag} is no longer"
             )
+        self._begin = begin + round(start * SECOND)
         classes = {name: message_class(kind) for name, kind in types.items()}
         self.topics = {name: types[name] for name, found in classes.items() if found is not None}
         self.skipped = {name: types[name] for name, found in classes.items() if found is None}
         if not self.topics:
-            raise PlayError(f"bag {self.bag} has no message of a type that is installed here")
+            raise PlayError(f"bag {self._bag} has no message of a type that is installed here")
         self._newest_match = 0.0  # time.monotonic()
         self._listeners = dict.fromkeys(self.topics, 0)
-        self._publishers = {
-            name: self._publisher(name, classes[name], _KEPT if kept[name] else _RELIABLE)
-            for name in self.topics
-        }
-        self._clock = None
-        if self.settings.clock and _CLOCK not in self.topics:
-            self._clock = self._publisher(_CLOCK, Clock, _RELIABLE)
-            self._publishers[_CLOCK] = self._clock
+        self._publishers = {}
+        for name, kind in self.topics.items():
+            channel = channels[name, kind]
+            recorded = () if channel is None else channel[0].qos
+            # One that was recorded as latched: who listens late gets its last messages.
+            latched = any(profile.durability.name == "TRANSIENT_LOCAL" for profile in recorded)
+            quality = _KEPT if latched else _RELIABLE
+            self._publishers[name] = self._publisher(name, classes[name], quality)
+        self._ticks = clock and _CLOCK not in self.topics
+        if self._ticks:
+            self._publishers[_CLOCK] = self._publisher(_CLOCK, Clock, _RELIABLE)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
 
     def _publisher(self, topic: str, kind: Any, profile: QoSProfile) -> Publisher:
         events = PublisherEventCallbacks(matched=partial(self._on_match, topic))
-        return self.node.create_publisher(kind, topic, profile, event_callbacks=events)
+        return self._node.create_publisher(kind, topic, profile, event_callbacks=events)
 
     def __enter__(self) -> Player:
         return self
@@ -171,33 +165,32 @@ class Player:
             self._listeners[topic] = event.current_count
         self._newest_match = time.monotonic()
 
-    def _begin_at(self) -> float:
-        unheard = self.unheard()
-        if len(unheard) == len(self.topics):
-            return math.inf
-        return self._newest_match + (_QUIET if unheard else _MUTUAL)
-
     def wait_for_listeners(self, limit: float) -> None:
         """Wait for listeners, at most `limit` s.
 
         Until every topic is heard, or some are and 2 s have passed since the last listener came:
         nobody here needs the others, as far as can be known.
         """
+
+        def begin() -> float:
+            unheard = self.unheard()
+            if len(unheard) == len(self.topics):
+                return math.inf
+            return self._newest_match + (_QUIET if unheard else _MUTUAL)
+
         deadline = time.monotonic() + limit
-        while (left := min(self._begin_at(), deadline) - time.monotonic()) > 0:
+        while (left := min(begin(), deadline) - time.monotonic()) > 0:
             self.spin(min(left, 0.05))
 
     def nobody_listens(self) -> str:
         """Say which topics have no listener, and to which of them somebody subscribes in vain."""
         unheard = self.unheard()
-        vain = [name for name in unheard if self.node.count_subscribers(name) > 0]
+        vain = [name for name in unheard if self._node.count_subscribers(name) > 0]
         lonely = [name for name in unheard if name not in vain]
         said = []
         if vain:
-            said.append(
-                f"subscribed to with another type or quality of service, and not heard:"
-                f" {', '.join(vain)}"
-            )
+            words = "subscribed to with another type or quality of service, and not heard"
+            said.append(f"{words}: {', '.join(vain)}")
         if len(lonely) == len(self.topics):
             said.append("nobody listens to any topic: played all the same")
         elif lonely:
@@ -209,30 +202,29 @@ class Player:
 
         Those of best effort confirm nothing, and are not waited for.
         """
-        deadline = time.monotonic() + CONFIRM
-        return [
-            name
-            for name, publisher in self._publishers.items()
-            if not publisher.wait_for_all_acked(
-                Duration(seconds=max(deadline - time.monotonic(), 0.0))
-            )
-        ]
+        deadline, lacking = time.monotonic() + CONFIRM, []
+        for name, publisher in self._publishers.items():
+            left = Duration(seconds=max(deadline - time.monotonic(), 0.0))
+            if not publisher.wait_for_all_acked(left):
+                lacking.append(name)
+        return lacking
 
-    def messages(self) -> Iterator[RawMessage]:
+    def _messages(self) -> Iterator[RawMessage]:
         """Give the bag's messages that can be published, over and over when it loops."""
-        assert self._begin is not None
-        start = self._begin + round(self.settings.start * SECOND)
         while True:
-            with BagReader(self.bag, salvage=True) as reader:
-                converters = {
-                    (topic.name, topic.type): reader.as_channel(topic.name, topic.type)
-                    for topic in reader.topics
-                    if not reader.is_ros2
+            with BagReader(self._bag, salvage=True) as reader:
+                channels = {
+                    (t.name, t.type): reader.as_channel(t.name, t.type) for t in reader.topics
                 }
-                for raw in reader.raw_messages(list(self.topics), start=start):
-                    found = converters.get((raw.topic, raw.type))
-                    yield raw if found is None else _converted(raw, found[1])
-            if not self.settings.loop:
+                for raw in reader.raw_messages(list(self.topics), start=self._begin):
+                    channel = channels[raw.topic, raw.type]
+                    try:
+                        data = raw.data if channel is None else channel[1](raw.data)
+                    except Exception as error:  # damaged bytes make rosbags raise as it likes
+                        words = f"topic {raw.topic}: a message is damaged ({error})"
+                        raise PlayError(words) from error
+                    yield raw._replace(data=bytes(data))
+            if not self._loop:
                 return
 
     def play(self) -> Iterator[RawMessage]:
@@ -242,11 +234,11 @@ class Player:
         """
         clock = 0
         origin: tuple[float, int] | None = None  # wall time and log time that belong together
-        for raw in self.messages():
+        for raw in self._messages():
             now = time.monotonic()
             if origin is None or raw.log_time < clock - _CLOCK_PERIOD:  # the beginning, a loop
                 origin, clock = (now, raw.log_time), 0
-            due = origin[0] + (raw.log_time - origin[1]) / SECOND / self.settings.rate
+            due = origin[0] + (raw.log_time - origin[1]) / SECOND / self._rate
             while (now := time.monotonic()) < due:
                 self.spin(min(due - now, 0.05))
             yield raw
@@ -254,8 +246,203 @@ class Player:
             late = time.monotonic() - due
             if late > 0.05:
                 origin = (origin[0] + late, origin[1])
-            if self._clock is not None and raw.log_time >= clock + _CLOCK_PERIOD:
+            if self._ticks and raw.log_time >= clock + _CLOCK_PERIOD:
                 clock = raw.log_time
-                self._clock.publish(Clock(clock=time_message(clock)))
-            self._publishers[raw.topic].publish(bytes(raw.data))
+                self._publishers[_CLOCK].publish(Clock(clock=time_message(clock)))
+            self._publishers[raw.topic].publish(raw.data)
             self._stop_if_asked()
+
+
+# --- The node's answers
+
+_MOST_UNANSWERED = 20
+_FURTHEST_BEHIND = SECOND // 2
+# s without an answer. Python and ROS start within seconds, but take half a minute where ten programs
+# compete for two processors; a node that has died is not waited for.
+_PATIENCE = 120.0
+_LAST = 6.0  # s without an answer at the end: a sinkage that the node refused gets none
+_SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+_ALARMS = ": alarms"  # end of the name of their entry in the diagnostics
+_EVERYTHING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class DriveThroughError(SmallwheelError):
+    """The node did not answer."""
+
+
+@dataclass
+class Recording:
+    """What the node published."""
+
+    # One row per message: its fields, with `stamp` (ns) and `frame_id` of the header.
+    mobility: list[dict[str, Any]] = field(default_factory=list)
+    soil: list[dict[str, Any]] = field(default_factory=list)
+    # Message of the newest entry of each name.
+    diagnostics: dict[str, str] = field(default_factory=dict)
+    # Stamp (ns) of the newest estimate, and message, of each alarm in the diagnostics.
+    warnings: list[tuple[int, str]] = field(default_factory=list)
+    cost: Grid | None = None  # the newest of the cost map
+    published: int = 0  # messages that were played
+    sinkages: int = 0  # how many of them were sinkages
+    # s from each sinkage's publication to its answer, waiting for other topics included.
+    latencies: list[float] = field(default_factory=list)
+
+    @property
+    def unanswered(self) -> int:
+        """Sinkages that no mobility estimate has come for."""
+        return self.sinkages - len(self.mobility)
+
+
+def _row(message: Any) -> dict[str, Any]:
+    """Turn a message with a header into a flat row."""
+    fields = {"stamp": nanoseconds_of(message.header.stamp), "frame_id": message.header.frame_id}
+    for name in message.get_fields_and_field_types():
+        if name != "header":
+            fields[name] = getattr(message, name)
+    return fields
+
+
+def drive_through(
+    bag: Path | str,
+    *,
+    rate: float = 1.0,
+    seconds: float = math.inf,
+    by_sinkage: bool = True,
+    alive: Callable[[], str | None] = lambda: None,
+    progress: Callable[[], object] = lambda: None,
+) -> Recording:
+    """Play a bag into the running node at most at this rate, and record its answers.
+
+    Parameters
+    ----------
+    seconds
+        Of the bag that are played.
+    by_sinkage
+        Whether the node listens to sinkages, and answers each; else it answers when it likes, and must
+        not fall behind by more than half a second of the bag.
+    alive
+        Says why the node is dead, None while it lives.
+    progress
+        Called for each message.
+
+    Raises
+    ------
+    DriveThroughError
+        If the node does not listen, dies, or does not answer.
+    BagError
+        If the bag cannot be read.
+    """
+    if rclpy.ok():
+        raise DriveThroughError("rclpy is running in this process already: shut it down first")
+    with own_node("smallwheel_drive_through") as node, Player(node, bag, rate=rate) as player:
+        return _Recorder(node, player, alive, by_sinkage).record(seconds, progress)
+
+
+class _Recorder:
+    """Records what the node publishes, and waits for it."""
+
+    def __init__(
+        self, node: Node, player: Player, alive: Callable[[], str | None], by_sinkage: bool
+    ) -> None:
+        self._player, self._alive, self._by_sinkage = player, alive, by_sinkage
+        self._recording = Recording()
+        self._sent: dict[int, float] = {}
+        self._diagnosed = 0  # messages of diagnostics
+        for kind, topic, callback, quality in (
+            (MobilityEstimate, f"/{NODE_NAME}/mobility", self._on_mobility, _EVERYTHING),
+            (SoilEstimate, f"/{NODE_NAME}/soil", self._on_soil, LATCHED),
+            (OccupancyGrid, f"/{NODE_NAME}/cost", self._on_cost, LATCHED),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
+        ):
+            node.create_subscription(kind, topic, callback, quality)
+
+    def record(self, seconds: float, progress: Callable[[], object]) -> Recording:
+        """Play everything; wait for the node before it, for its answers meanwhile and after it."""
+        found, player = self._recording, self._player
+
+        def deaf() -> list[str]:
+            unheard = player.unheard() if self._by_sinkage else ()
+            return [name for name in unheard if player.topics[name] == _SINKAGE]
+
+        def answered() -> bool:
+            if self._by_sinkage or not found.mobility:
+                return found.unanswered < _MOST_UNANSWERED
+            return now - int(found.mobility[-1]["stamp"]) < _FURTHEST_BEHIND
+
+        self._wait(lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
+        # Topics that the node does not need may stay unheard.
+        player.wait_for_listeners(_PATIENCE)
+        # The node knows that we listen when its first soil has come, and that we publish when it misses
+        # nobody who does: what a stranger sends is lost.
+        self._wait(lambda: bool(found.soil), lambda: "it published no soil")
+        self._wait(lambda: self._diagnosed > 0)
+        self._wait(lambda: self._missed().isdisjoint(player.topics))
+
+        def silent() -> str:
+            return f"{len(found.mobility)} answers until then"
+
+        begin, now = -1, 0
+        for raw in player.play():
+            now = raw.log_time
+            begin = now if begin < 0 else begin
+            if now - begin > seconds * SECOND:
+                break
+            # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
+            self._wait(answered, silent if self._by_sinkage else None)
+            if self._by_sinkage and raw.type == _SINKAGE:
+                message = deserialize_message(raw.data, WheelSinkage)
+                self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
+                found.sinkages += 1
+            found.published += 1
+            progress()
+            if found.published % 10 == 0:
+                player.spin(0.0)
+        self._wait(lambda: found.unanswered <= 0)
+        # The last soil, and diagnostics that know of the last message, come by timers, the soil more
+        # often; the first diagnostics may be under way already.
+        until = self._diagnosed + 2
+        self._wait(lambda: self._diagnosed >= until)
+        return found
+
+    def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None = None) -> None:
+        """Spin until it is done; too long without an answer is an error where there are words for one."""
+        limit = _PATIENCE if failure is not None else _LAST
+        answers, newest = len(self._recording.mobility), time.monotonic()
+        while not done():
+            dead = self._alive()
+            if dead is not None:
+                raise DriveThroughError(f"the node {NODE_NAME} has died: {dead}")
+            if len(self._recording.mobility) > answers:
+                answers, newest = len(self._recording.mobility), time.monotonic()
+            if time.monotonic() - newest > limit:
+                if failure is None:
+                    return
+                raise DriveThroughError(
+                    f"the node {NODE_NAME} does not answer within {limit:.0f} s: {failure()}"
+                )
+            self._player.spin(0.02)
+
+    def _missed(self) -> set[str]:
+        """Topics of which the node says that nobody publishes them; it says so once a second."""
+        inputs = self._recording.diagnostics.get(f"{NODE_NAME}: inputs", "")
+        return set(re.findall(r"waiting for (\S+) \([^)]*\): no publisher", inputs))
+
+    def _on_mobility(self, message: Any) -> None:
+        sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)
+        if sent is not None:
+            self._recording.latencies.append(time.monotonic() - sent)
+        self._recording.mobility.append(_row(message))
+
+    def _on_soil(self, message: Any) -> None:
+        self._recording.soil.append(_row(message))
+
+    def _on_diagnostics(self, message: Any) -> None:
+        self._diagnosed += 1
+        newest = self._recording.mobility[-1]["stamp"] if self._recording.mobility else 0
+        for status in message.status:
+            self._recording.diagnostics[status.name] = status.message
+            if status.name.endswith(_ALARMS) and status.level != DiagnosticStatus.OK:
+                self._recording.warnings.append((newest, status.message))
+
+    def _on_cost(self, message: Any) -> None:
+        self._recording.cost = grid_from(message)

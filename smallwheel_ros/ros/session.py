@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -16,19 +18,21 @@ from rclpy.clock import Clock
 from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.map_file import read_map, write_map
+from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import ParametersError
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.result import Result, soil_fields
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.statements import Kind, Statement, alarms
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
-from smallwheel_ros.ros.outputs import OUTPUTS, Outputs
-from smallwheel_ros.ros.qos import override_problems
-from smallwheel_ros.ros.soil_file import SoilFile
+from smallwheel_ros.ros.outputs import OUTPUTS, TERRAIN_CLASSES, Outputs
+from smallwheel_ros.ros.parameters import override_problems
 
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
@@ -42,23 +46,26 @@ _OF_ROS = {
 }
 
 
-def _check_topics(node: LifecycleNode, settings: NodeSettings, topics: Sequence[Topic]) -> None:
-    """Look whether the node can listen to its topics.
+def _check_topics(node: LifecycleNode, feed: Feed, overrides: Mapping[str, object]) -> list[str]:
+    """Look whether the node can have its topics; return which `qos_overrides.*` nobody uses, in words.
+
+    overrides: values of the parameters `qos_overrides.*` that were given.
 
     Raises
     ------
     ParametersError
-        If a name is not possible, or a topic would carry two types: DDS allows that to no node.
+        If a name is not possible, a topic would carry two types (DDS allows that to no node), or the
+        quality of service is not possible.
     """
-    types = dict(_OF_ROS)
-    for name, (kind, _) in OUTPUTS.items():
-        types[node.resolve_topic_name(name)] = (
-            f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-        )
-    types[node.resolve_topic_name(TERRAIN_CLASSES)] = "nav_msgs/msg/OccupancyGrid"
-    listened = [(topic.name, topic.type) for topic in topics]
-    if settings.robot_description_topic:
-        listened.append((settings.robot_description_topic, DESCRIPTION_TYPE))
+    classes = node.resolve_topic_name(TERRAIN_CLASSES)
+    published = {
+        node.resolve_topic_name(name): f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+        for name, (kind, _) in OUTPUTS.items()
+    }
+    types = {**_OF_ROS, **published, classes: "nav_msgs/msg/OccupancyGrid"}
+    listened = [(topic.name, topic.type) for topic in feed.topics]
+    if feed.settings.robot_description_topic:
+        listened.append((feed.settings.robot_description_topic, DESCRIPTION_TYPE))
     for given, kind in listened:
         try:
             name = node.resolve_topic_name(given)
@@ -70,24 +77,20 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings, topics: Sequence[
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
                 " can have no topic of two"
             )
+    heard = [*(node.resolve_topic_name(topic.name) for topic in feed.topics), classes]
+    wrong, unused = override_problems(overrides, heard, published)
+    if wrong:
+        raise ParametersError("; ".join(wrong))
+    return unused
 
 
 class Session:
     """The estimate of a configured node, with its topics; it is made whole or raises.
 
-    Parameters
-    ----------
-    overrides
-        Values of the parameters `qos_overrides.*` that were given.
-    wall
-        A clock that goes on while /clock stands still.
-
-    Attributes
-    ----------
-    unused
-        A sentence for each parameter of the quality of service that nobody uses.
-    velocity_frame
-        Frame of the newest message of velocity_topic; empty until there is one.
+    overrides: values of the parameters `qos_overrides.*` that were given. wall: a clock that goes on
+    while /clock stands still. unused: a sentence for each of those parameters that nobody uses.
+    restored: what saved soil and cost map it goes on from, in words; empty where there is none.
+    velocity_frame: frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
     ------
@@ -96,30 +99,23 @@ class Session:
     """
 
     def __init__(
-        self, node: LifecycleNode, settings: NodeSettings, overrides: dict[str, object], wall: Clock
+        self,
+        node: LifecycleNode,
+        settings: NodeSettings,
+        overrides: Mapping[str, object],
+        wall: Clock,
     ) -> None:
-        self._node, self._wall = node, wall
-        self._settings = settings
-        self._begin()
-        _check_topics(node, settings, self._feed.topics)
-        wrong, self.unused = override_problems(
-            overrides,
-            [
-                node.resolve_topic_name(name)
-                for name in (*(t.name for t in self._feed.topics), TERRAIN_CLASSES)
-            ],
-            [node.resolve_topic_name(name) for name in OUTPUTS],
-        )
-        if wrong:
-            raise ParametersError("; ".join(wrong))
+        self._node, self._settings, self._wall = node, settings, wall
+        self._feed = self._new_feed()
+        self.unused = _check_topics(node, self._feed, overrides)
         self._soil_file = SoilFile(settings.soil_file)
-        self.restored = self._soil_file.restore(self._onboard)
+        restored = self._soil_file.restore(self._feed.onboard)
         if self._soil_file.problem:
-            self._begin()  # it may be half restored
+            self._feed = self._new_feed()  # it may be half restored
+        self._onboard = self._feed.onboard
         self._inputs = Inputs(
             node,
-            self._onboard,
-            self._feed.topics,
+            self._feed,
             self._take,
             lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
             lambda message: self._safely("/tf", self._outputs.cost.on_transforms, message),
@@ -129,13 +125,16 @@ class Session:
         self._time_jumps = 0
         self._alarms: dict[Kind, Statement] = {}  # as they were when they were looked at last
         self._last_arrival = time.monotonic()
-        self._outputs = Outputs(node, settings, self._report)
+        self._outputs = Outputs(node, self._feed, self._report)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
-        self.restored = "; ".join(filter(None, [self.restored, remembered]))
+        self.restored = "; ".join(filter(None, [restored, remembered]))
 
-    def _begin(self) -> None:
-        self._onboard = Onboard(self._settings.onboard, on_result=self._answer)
-        self._feed = Feed(self._onboard, self._settings)
+    def _new_feed(self) -> Feed:
+        # A result is published at once: those of the other wheels are worked out after it.
+        def publish(result: Result) -> None:
+            self._safely("~/mobility", self._outputs.answer, result)
+
+        return Feed(Onboard(self._settings.onboard, on_result=publish), self._settings)
 
     @property
     def active(self) -> bool:
@@ -155,14 +154,23 @@ class Session:
         self._last_arrival = time.monotonic()
         self._inputs.listen()
         self._inputs.say_what_is_expected()
-        self._start_timers()
-        self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
+        for name, period, work in (
+            ("flush", 0.5, self._flush),
+            ("inputs", _WAITING_EVERY, self._inputs.say_what_is_missing),
+            ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
+            ("~/markers", _MARKERS_EVERY, self._outputs.publish_markers),
+        ):
+            timer = partial(self._safely, name, work)
+            self._timers.append(self._node.create_timer(period, timer, clock=self._wall))
+        self._outputs.publish_soil()
 
     def deactivate(self) -> None:
         """Listen no more; what was learnt is kept for the next activation."""
         self._outputs.delete_markers()
         self._inputs.stop()
-        self._stop_timers()
+        for timer in self._timers:
+            self._node.destroy_timer(timer)
+        self._timers = []
 
     def destroy(self) -> None:
         """Take all topics away."""
@@ -172,14 +180,9 @@ class Session:
 
     def save(self) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""
-        done, words = self._soil_file.save(self._onboard)
-        if done:
-            words = "; ".join(
-                filter(None, [words, self._soil_file.save_map(self._outputs.cost.map)])
-            )
-        return done, words
+        return self._soil_file.save(self._onboard, self._outputs.cost.map)
 
-    def terrain_margins(self) -> str:
+    def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
         classes = self._outputs.cost.map.classes
         found = {}
@@ -188,42 +191,25 @@ class Session:
             if margin is not None:
                 known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
                 found[str(terrain)] = known | {"places": places}
-        return json.dumps(found)
+        return True, json.dumps(found)
 
-    def reset(self) -> None:
-        """Forget soil, cost map and buffers; the counts go on."""
+    def reset(self) -> tuple[bool, str]:
+        """Forget soil, cost map and buffers."""
         self._onboard.reset()
         self._outputs.start_over()
         if self.active:
-            self._outputs.publish_soil_of(self._onboard, self._feed.odometry_frame)
-
-    def _start_timers(self) -> None:
-        self._timers = [
-            self._node.create_timer(period, partial(self._safely, name, work), clock=self._wall)
-            for name, period, work in (
-                ("flush", 0.5, self._flush),
-                ("inputs", _WAITING_EVERY, self._inputs.say_what_is_missing),
-                ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
-                ("~/markers", _MARKERS_EVERY, self._publish_markers),
-            )
-        ]
-
-    def _stop_timers(self) -> None:
-        for timer in self._timers:
-            self._node.destroy_timer(timer)
-        self._timers = []
+            self._outputs.publish_soil()
+        return True, "soil, cost map and buffers start over; the counts go on"
 
     # --- Messages: feed them, publish what comes of it
 
-    def _take(self, topic: Topic, message: Any, now: int) -> None:
+    def _take(self, topic: Topic, message: Any) -> None:
         self._last_arrival = time.monotonic()
-        self._safely(topic.name, self._handle, topic, message, now)
-        self._log_problems()
-
-    def _handle(self, topic: Topic, message: Any, now: int) -> None:
         if topic.name == self._settings.velocity_topic:
             self.velocity_frame = message.header.frame_id
-        self._keep(topic.handle(message, now))
+        now = self._node.get_clock().now().nanoseconds
+        self._safely(topic.name, lambda: self._keep(topic.handle(message, now)))
+        self._log_problems()
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
         """Do something of which a defect must not take a robot's node down; it is loud all the same.
@@ -245,15 +231,11 @@ class Session:
     def _log_problems(self) -> None:
         self._inputs.log(self._onboard.take_problems())
 
-    def _answer(self, result: Result) -> None:
-        """Publish a result at once: those of the other wheels are worked out after it."""
-        self._safely("~/mobility", self._outputs.answer, result)
-
     def _keep(self, results: Sequence[Result]) -> None:
         if self._time_jumps != self._onboard.time_jumps:
             self._time_jumps = self._onboard.time_jumps
             self._outputs.start_over()
-        self._outputs.keep(results, self._feed.odometry_frame)
+        self._outputs.keep(results)
 
     # --- Timers
 
@@ -262,21 +244,16 @@ class Session:
         if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
             self._keep(self._onboard.flush())
             self._log_problems()
-        self._outputs.publish_waiting_soil(self._feed.odometry_frame)
+        self._outputs.publish_waiting_soil()
         self._inputs.say_when_all_are_here()
-
-    def _publish_markers(self) -> None:
-        self._outputs.publish_markers(self._feed.odometry_frame)
 
     def diagnostics(self, name: str) -> list[DiagnosticStatus]:
         """Return the entries of an active node of that name; log which alarms begin and end."""
         newest = self._outputs.newest.values()
         self._outputs.report_deaf_subscribers()
         self._onboard.look_for_slip_tests()
-        found = [
-            self._inputs.status(f"{name}: inputs"),
-            *entries(name, self._onboard, newest, self._outputs.cost),
-        ]
+        found = [self._inputs.status(f"{name}: inputs")]
+        found += entries(name, self._onboard, newest, self._outputs.cost)
         self._log_alarms(newest)
         if self._soil_file.problem:
             found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
@@ -296,3 +273,85 @@ class Session:
             if alarm.kind not in now:
                 log.info(f"no longer: {alarm.text}")
         self._alarms = now
+
+
+class SoilFile:
+    """The file of the parameter soil.file; an empty name is none.
+
+    problem: why the saved soil is not used, in words; empty where it is, or where there is none.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._path = Path(name).expanduser() if name else None
+        # The cost map is saved beside it.
+        self._map_path = self._path and self._path.with_name(f"{self._path.name}.cost_map.yaml")
+        self.problem = ""
+
+    def restore(self, onboard: Onboard) -> str:
+        """Let a new estimate go on from the file; return in words what it goes on from.
+
+        Where there is a `problem`, the estimate may be half restored: it is not to be used.
+        """
+        if self._path is None or not self._path.exists():
+            return ""
+        try:
+            onboard.restore(self._path)
+            _check_finite(soil_fields(onboard.soil, onboard.rejected))
+        except SmallwheelError as error:
+            self.problem = f"the saved soil is not used: {error}"
+        except Exception as error:  # numbers that nobody has thought of
+            self.problem = (
+                f"the saved soil is not used: {self._path}: {type(error).__name__}: {error}; delete"
+                " the file to begin with the prior"
+            )
+        if self.problem:
+            return ""
+        return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
+
+    def restore_map(self, cost_map: CostMap) -> str:
+        """Let a cost map go on from the one beside the soil; return in words what came of it."""
+        path = self._map_path
+        if path is None or not path.exists() or self.problem:
+            return ""
+        try:
+            grid = read_map(path)
+        except SmallwheelError as error:
+            return f"the saved cost map is not used: {error}"
+        cost_map.remember(grid)
+        count = int((grid.cells >= 0).sum())
+        return f"cost map restored from {path}: {count} cells in {grid.frame}"
+
+    def _save_map(self, cost_map: CostMap) -> str:
+        path, whole = self._map_path, cost_map.whole()
+        if path is None or whole is None:
+            return ""
+        if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
+            return f"{path} is left as it is: {cost_map.problem}"
+        try:
+            if path.exists() or path.with_suffix(".pgm").exists():
+                read_map(path)  # nothing but a saved map is replaced
+            write_map(path, whole)
+        except SmallwheelError as error:
+            return f"the cost map is not saved: {error}"
+        return f"{path} in {whole.frame}"
+
+    def save(self, onboard: Onboard, cost_map: CostMap) -> tuple[bool, str]:
+        """Save soil and cost map; return whether the soil is saved, and in words what came of it."""
+        if self._path is None:
+            return False, "nothing saved: parameter soil.file says where to, and is empty"
+        if onboard.soil.accepted == 0:
+            return False, "nothing saved: the soil has not been measured yet"
+        try:
+            check_may_replace(self._path)
+            onboard.save(self._path)
+        except SmallwheelError as error:
+            return False, f"nothing saved: {error}"
+        saved = f"{self._path}: {onboard.soil.accepted} measurements"
+        return True, "; ".join(filter(None, [saved, self._save_map(cost_map)]))
+
+
+def _check_finite(fields: dict[str, Any]) -> None:
+    for name, value in fields.items():
+        for number in value if name == "covariance" else [value]:
+            if isinstance(number, float) and not math.isfinite(number):
+                raise ValueError(f"{name} would be {number}")

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from smallwheel_ros.cli import main
 from smallwheel_ros.model.model_file import read_model
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.rig import RigSettings, simulate_rig
@@ -76,7 +76,7 @@ def sinkages(folder: Path, *arguments: str | Path) -> list[float]:
 @pytest.mark.slow
 @pytest.mark.dds
 def test_the_alarm_falls_silent_with_the_law(repository: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.drive_through import drive_through
+    from smallwheel_ros.ros.play import drive_through
 
     data, base, bag = tmp_path / "rig.csv", tmp_path / "base.yaml", tmp_path / "drive"
     rig = simulate_rig(RigSettings(seed=1, hidden=HIDDEN, runs=24)).table

@@ -40,8 +40,8 @@ def replayed(world: str) -> tuple[Onboard, DriveSummary, list[Any]]:
 @pytest.mark.parametrize("world", ["sinkage in mm", "odometry repeats"])
 def test_node_and_replay_say_the_same(world: str) -> None:
     """F6: a replay's JSON had neither the filter's concern nor the warnings of getting stuck."""
-    from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.diagnostics import WARN, entries
+    from smallwheel_ros.ros.outputs import CostPublisher
 
     onboard, summary, newest = replayed(world)
     said = statements(onboard, newest)

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros.cost_publisher import CostPublisher
+from smallwheel_ros.ros.outputs import CostPublisher
 
 WHEEL = Wheel("front", 0.2, 0.1)
 

@@ -24,7 +24,7 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -134,7 +134,7 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
 ) -> None:
     from smallwheel_ros.msg import SoilEstimate
 
-    from smallwheel_ros.ros.drive_through import drive_through
+    from smallwheel_ros.ros.play import drive_through
 
     expected = directly(bag, rover)
     parameters = [rover]
@@ -191,7 +191,7 @@ def message_count(bag: Path) -> int:
 
 
 def test_a_node_that_dies_is_one_clear_message(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.drive_through import DriveThroughError, drive_through
+    from smallwheel_ros.ros.play import DriveThroughError, drive_through
 
     bad = tmp_path / "bad.yaml"
     bad.write_text(
@@ -279,13 +279,13 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from sensor_msgs.msg import JointState
 
-    from smallwheel_ros.ros.play import Player, PlaySettings
+    from smallwheel_ros.ros.play import Player
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     rclpy.init(args=[])
     node, listener = Node("player"), Node("listener")
     try:
-        with Player(node, bag, PlaySettings()) as player:
+        with Player(node, bag) as player:
             player.wait_for_listeners(0.0)
             assert player.unheard() == list(player.topics)
             assert player.nobody_listens() == "nobody listens to any topic: played all the same"
@@ -348,7 +348,7 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.play import Player, PlayError, PlaySettings, own_node
+    from smallwheel_ros.ros.play import Player, PlayError, own_node
 
     old = tmp_path / "old.bag"
     old.write_bytes(b"")
@@ -358,4 +358,4 @@ def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
         with pytest.raises(SmallwheelError, match="cannot be read"):
             Player(node, old)
         with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
-            Player(node, bag, PlaySettings(start=1000.0, loop=True))
+            Player(node, bag, start=1000.0, loop=True)

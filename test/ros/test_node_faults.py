@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from node_peer import NODE, SECOND, Peer
 
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 pytestmark = pytest.mark.dds
 
@@ -175,7 +175,7 @@ def test_a_disk_that_takes_no_more_costs_nothing_but_what_was_to_be_written(
         peer.drive(1.0, 2.0)
         answer = peer.trigger("save_soil")
         assert not answer.success
-        assert f"nothing saved: {file}: the soil cannot be saved there: " in answer.message
+        assert f"nothing saved: {file}: cannot be written: File too large" in answer.message
         assert file.read_bytes() == saved
         assert log.stat().st_size == length  # what is logged meanwhile is lost
         resource.prlimit(node.process_id, resource.RLIMIT_FSIZE, (most, most))

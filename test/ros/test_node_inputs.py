@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from node_peer import ONE_WHEEL, Peer
 
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 pytestmark = pytest.mark.dds
 

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from node_peer import NODE, SECOND, Peer
 
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 pytestmark = [pytest.mark.dds, pytest.mark.slow]
 

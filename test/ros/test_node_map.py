@@ -17,7 +17,7 @@ import pytest
 from node_peer import SECOND, Peer
 from scipy.special import ndtr
 
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 pytestmark = pytest.mark.dds
 FAST = {
@@ -139,12 +139,12 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     from smallwheel_ros.costmap.cost_map import CostSettings
     from smallwheel_ros.costmap.vehicle import Pose
     from smallwheel_ros.physics.wheel import Wheel
-    from smallwheel_ros.ros import cost_publisher
+    from smallwheel_ros.ros import outputs
 
     clock, sent = [100.0], []
-    monkeypatch.setattr(cost_publisher.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(outputs.time, "monotonic", lambda: clock[0])
     publisher = SimpleNamespace(publish=sent.append)
-    cost = cost_publisher.CostPublisher(
+    cost = outputs.CostPublisher(
         CostSettings(), [Wheel("front", 0.2, 0.1)], publisher, lambda *_: None
     )
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from node_peer import Peer, refused_start
 
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 pytestmark = pytest.mark.dds
 MANAGED = {"autostart": "false"}
@@ -240,7 +240,7 @@ def test_no_saved_soil_stops_the_start(
     """What the node does then is in test_node_saved_soil.py."""
     from smallwheel_ros.onboard.onboard import Onboard
     from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-    from smallwheel_ros.ros.soil_file import SoilFile
+    from smallwheel_ros.ros.session import SoilFile
 
     file = tmp_path / "soil.json"
     if content is None:
@@ -291,10 +291,9 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     from rclpy.parameter import Parameter
 
     from smallwheel_ros.onboard.parameters import read_parameters
-    from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.inputs import Inputs
     from smallwheel_ros.ros.mobility_estimator import MobilityEstimator
-    from smallwheel_ros.ros.outputs import Outputs
+    from smallwheel_ros.ros.outputs import CostPublisher, Outputs
 
     def fail(*_: object) -> None:
         raise RuntimeError("no network")
@@ -310,7 +309,7 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     try:
         for part, name in (
             (CostPublisher, "__init__"),
-            (Outputs, "publish_soil_of"),
+            (Outputs, "publish_soil"),
             (Inputs, "listen"),
         ):
             with monkeypatch.context() as patch:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from node_peer import Peer
 
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 pytestmark = pytest.mark.dds
 

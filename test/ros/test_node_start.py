@@ -21,7 +21,6 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.ros.first_lines import estimates, input_lines, parameter_lines
 
 NAMES = st.from_regex(r"[a-z_]{1,30}(\.[a-z_]{1,30})?", fullmatch=True)
 VALUES = st.one_of(
@@ -44,6 +43,9 @@ def fed(wheels: dict[str, float], **changes: Any) -> Feed:
 
 @given(st.dictionaries(NAMES, VALUES, max_size=60))
 def test_parameters_come_in_short_lines_and_none_is_lost(changed: dict[str, Any]) -> None:
+    pytest.importorskip("rclpy")
+    from smallwheel_ros.ros.parameters import parameter_lines
+
     lines = parameter_lines(changed)
     longest = max((len(f"{name}={value},") for name, value in changed.items()), default=0)
     assert all(len(line) <= max(148, longest + 2) for line in lines)
@@ -71,6 +73,9 @@ def test_parameters_come_in_short_lines_and_none_is_lost(changed: dict[str, Any]
 def test_each_topic_is_waited_for_in_the_line_of_its_group(
     changes: dict[str, Any], groups: dict[str, int]
 ) -> None:
+    pytest.importorskip("rclpy")
+    from smallwheel_ros.ros.inputs import input_lines
+
     feed = fed({"a": 0.25, "b": 0.25}, **changes)
     lines = input_lines(feed.topics, lambda name: f"/here/{name}")
     found: dict[str, int] = {}
@@ -110,6 +115,9 @@ def test_each_topic_is_waited_for_in_the_line_of_its_group(
 def test_what_is_estimated_goes_by_what_there_is(
     wheels: dict[str, float], changes: dict[str, Any], words: str
 ) -> None:
+    pytest.importorskip("rclpy")
+    from smallwheel_ros.ros.inputs import estimates
+
     assert words in estimates(fed(wheels, **changes).onboard)
 
 

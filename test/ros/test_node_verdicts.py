@@ -13,7 +13,7 @@ from test_strength import MASS, PRIOR, WHEELS, drive
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 
 ONE_DIAMETER = "all wheels have one diameter (0.25 m)"
 

@@ -10,7 +10,7 @@ import pytest
 from bag_kinds import beginning
 
 from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.dds
 def test_it_says_slip_and_grip_and_that_sinkage_is_unknown(
     repository: Path, tmp_path: Path
 ) -> None:
-    from smallwheel_ros.ros.drive_through import drive_through
+    from smallwheel_ros.ros.play import drive_through
 
     write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=4.0)), tmp_path / "whole")
     first = beginning(tmp_path / "whole", tmp_path / "first", 10.0)

@@ -20,7 +20,7 @@ from drawbar_drives import with_pulls
 from smallwheel_ros.bags import BagMessage, BagReader, BagWriter
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
-from smallwheel_ros.ros.node_process import NodeProcess
+from smallwheel_ros.ros import NodeProcess
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
@@ -95,7 +95,7 @@ def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
 def test_replay_and_node_agree_to_a_billionth(
     bag: Path, repository: Path, tmp_path: Path, pulls: bool
 ) -> None:
-    from smallwheel_ros.ros.drive_through import drive_through
+    from smallwheel_ros.ros.play import drive_through
 
     rover = repository / "config" / "two_wheel_sizes.yaml"
     rover = with_pulls(rover, tmp_path) if pulls else rover
@@ -119,7 +119,7 @@ def test_replay_and_node_agree_to_a_billionth(
 def test_a_bag_of_ros1_is_played_into_the_node(
     short: Path, repository: Path, tmp_path: Path
 ) -> None:
-    from smallwheel_ros.ros.drive_through import drive_through
+    from smallwheel_ros.ros.play import drive_through
 
     rover = repository / "config" / "two_wheel_sizes.yaml"
     old = bag_kinds.ros1_copy(short, tmp_path / "old.bag")
