@@ -19,7 +19,7 @@ from smallwheel_ros.onboard.parameters import settings_from
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
 # The message that is traced ends a step of the path, so that strength and warnings are in it.
-MOST_FILES = 30
+MOST_FILES = 25
 
 
 def message(time: float, **fields: Any) -> SimpleNamespace:
