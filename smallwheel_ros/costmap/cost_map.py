@@ -15,12 +15,19 @@ from typing import Literal
 import numpy as np
 
 from smallwheel_ros.common.parameter import Parameter
-from smallwheel_ros.costmap.cost import CostRules
-from smallwheel_ros.costmap.crossed_ground import CrossedGround, side_of
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, CostMapError, Grid
-from smallwheel_ros.costmap.layers import lay_over, spread, union
-from smallwheel_ros.costmap.terrain_classes import NOTHING_HELD, TerrainClasses
-from smallwheel_ros.costmap.vehicle import HERE, Outline, Pose
+from smallwheel_ros.costmap.cost import NOTHING_HELD, CostRules, TerrainClasses
+from smallwheel_ros.costmap.crossed_ground import CrossedGround, Outline, side_of
+from smallwheel_ros.costmap.grid import (
+    HERE,
+    HIGHEST,
+    UNKNOWN,
+    CostMapError,
+    Grid,
+    Pose,
+    lay_over,
+    spread,
+    union,
+)
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 _PASSABLE = HIGHEST - 1
@@ -68,8 +75,18 @@ class CostSettings:
 class CostMap:
     """Costs of ground, from wheels' margins as they come.
 
-    changed: whether the grid differs from the one given last. prior: the vehicle's margin as it was
-    believed of any ground before driving, None where not known.
+    Attributes
+    ----------
+    changed
+        Whether the grid differs from the one given last.
+    prior
+        The vehicle's margin as it was believed of any ground before driving, None where not known.
+    frame
+        Of positions; empty as long as it is not known.
+    class_grid
+        The newest grid of terrain classes.
+    remembered
+        What was found on earlier drives.
     """
 
     def __init__(self, settings: CostSettings, wheels: Sequence[Wheel]) -> None:
@@ -80,9 +97,9 @@ class CostMap:
         self.classes = TerrainClasses(settings.rules, settings.resolution)
         length = self.outline.length
         self._ground = CrossedGround(settings.size, settings.resolution, length)
-        self._class_grid: Grid | None = None
-        self._remembered: Grid | None = None
-        self._frame = settings.frame
+        self.class_grid: Grid | None = None
+        self.remembered: Grid | None = None
+        self.frame = settings.frame
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
         # Where it was on ground that cannot be crossed, at the last grid.
@@ -98,8 +115,8 @@ class CostMap:
         """Forget all that wheels have found and what was remembered; the classes' grid stays."""
         self._ground.clear()
         self.classes.clear()
-        self.prior = self._pose = self._held = self._remembered = None
-        self.changed = self._ground.placed or self._class_grid is not None
+        self.prior = self._pose = self._held = self.remembered = None
+        self.changed = self._ground.placed or self.class_grid is not None
 
     def add(
         self,
@@ -142,40 +159,25 @@ class CostMap:
 
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""
-        before = self._class_grid
+        before = self.class_grid
         if (
             before is not None
             and before.geometry == grid.geometry
             and np.array_equal(before.cells, grid.cells)
         ):
             return
-        self._class_grid = grid
+        self.class_grid = grid
         self.changed = True
-
-    @property
-    def class_grid(self) -> Grid | None:
-        """The newest grid of terrain classes."""
-        return self._class_grid
 
     # --- What was found before
 
     def remember(self, grid: Grid) -> None:
         """Take costs that were found on an earlier drive; what is found now counts before them."""
-        self._remembered, self.changed = grid, True
-
-    @property
-    def remembered(self) -> Grid | None:
-        """What was found on earlier drives."""
-        return self._remembered
-
-    @property
-    def frame(self) -> str:
-        """Of positions; empty as long as it is not known."""
-        return self._frame
+        self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
         """Note where the frame of positions is in the one above it, such as odom in map."""
-        self.changed |= self._remembered is not None and self._frames.get(above) != pose
+        self.changed |= self.remembered is not None and self._frames.get(above) != pose
         self._frames = {above: pose}
 
     def whole(self) -> Grid | None:
@@ -183,7 +185,7 @@ class CostMap:
 
         None where nothing was crossed.
         """
-        ground, old = self._ground.whole(self._frame), self._remembered
+        ground, old = self._ground.whole(self.frame), self.remembered
         for above, pose in self._frames.items():
             if ground is not None:
                 ground = union(above, [(ground, pose)])
@@ -213,20 +215,20 @@ class CostMap:
 
     def _found(self) -> Grid | None:
         """What was found, newest on top, and what is expected of terrain classes."""
-        ground = self._ground.grid(self._frame) if self._frame and self._ground.placed else None
-        if self._class_grid is not None:
-            costs = self.classes.costs(self._class_grid)
-        elif ground is not None and self._remembered is not None:
+        ground = self._ground.grid(self.frame) if self.frame and self._ground.placed else None
+        if self.class_grid is not None:
+            costs = self.classes.costs(self.class_grid)
+        elif ground is not None and self.remembered is not None:
             blank = np.full_like(ground.cells, UNKNOWN)
             costs = Grid(ground.frame, ground.resolution, ground.origin, blank)
         else:
             return ground
-        old = self._remembered
+        old = self.remembered
         if old is not None and costs.frame == old.frame:
             lay_over(costs, old)
-        elif old is not None and costs.frame == self._frame and old.frame in self._frames:
+        elif old is not None and costs.frame == self.frame and old.frame in self._frames:
             lay_over(costs, old, self._frames[old.frame].inverse())
-        if ground is not None and costs.frame == self._frame:
+        if ground is not None and costs.frame == self.frame:
             lay_over(costs, ground)
         return costs
 
@@ -235,7 +237,7 @@ class CostMap:
 
         A planner finds no way for who is inside an obstacle. So far around it as costs are spread.
         """
-        if self._pose is None or costs.frame != self._frame:
+        if self._pose is None or costs.frame != self.frame:
             self._held = None
             return
         far = self.outline.radius + max(self.spread, self.outline.half_width) + costs.resolution
@@ -250,40 +252,40 @@ class CostMap:
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""
         frame = self.settings.frame or frame
-        if frame != self._frame:
-            if self._frame:
-                remembered = self._remembered
+        if frame != self.frame:
+            if self.frame:
+                remembered = self.remembered
                 self.clear()
-                self._remembered = remembered
-            self._frame = frame
+                self.remembered = remembered
+            self.frame = frame
 
     @property
     def in_other_frame(self) -> bool:
         """Whether the classes' grid is in another frame than positions."""
-        classes = self._class_grid
-        return classes is not None and bool(self._frame) and classes.frame != self._frame
+        classes = self.class_grid
+        return classes is not None and bool(self.frame) and classes.frame != self.frame
 
     @property
     def problem(self) -> str:
         """Why something that was given cannot be used, in words; empty where all can."""
         found = []
-        if self._class_grid is not None and self.in_other_frame:
+        if self.class_grid is not None and self.in_other_frame:
             found.append(
-                f"terrain_classes is in frame {self._class_grid.frame}, positions are in"
-                f" {self._frame}: nobody can tell on which class a wheel is, so the classes have no"
+                f"terrain_classes is in frame {self.class_grid.frame}, positions are in"
+                f" {self.frame}: nobody can tell on which class a wheel is, so the classes have no"
                 " cost. Feed odometry of that frame, or set cost.frame if it is the same"
             )
-        old = self._remembered
-        if old is not None and self._frame and old.frame not in (self._frame, *self._frames):
+        old = self.remembered
+        if old is not None and self.frame and old.frame not in (self.frame, *self._frames):
             found.append(
-                f"the saved cost map is in frame {old.frame}, positions are in {self._frame}: it is laid"
+                f"the saved cost map is in frame {old.frame}, positions are in {self.frame}: it is laid"
                 " down once tf says where the one is in the other"
             )
         return "; ".join([*found, *self.classes.contradictions()])
 
     def _learn(self, wheel: str, x: float, y: float, margin: Quantity) -> None:
-        classes = self._class_grid
-        if classes is None or classes.frame != self._frame:
+        classes = self.class_grid
+        if classes is None or classes.frame != self.frame:
             return
         cell = classes.cell(x, y)
         if cell is not None:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.vehicle import Pose
+from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.onboard.instant import Instant
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.streams import SECOND

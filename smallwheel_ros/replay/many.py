@@ -19,10 +19,7 @@ import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.tables import text_table
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
-from smallwheel_ros.costmap.layers import union
-from smallwheel_ros.costmap.map_file import read_map, write_map
-from smallwheel_ros.costmap.vehicle import HERE
+from smallwheel_ros.costmap.grid import HERE, HIGHEST, UNKNOWN, Grid, read_map, union, write_map
 from smallwheel_ros.replay.estimates import columns, table, write_rows
 from smallwheel_ros.replay.folder import (
     ESTIMATES,

@@ -13,8 +13,7 @@ from smallwheel_ros.bags.files import BagError, RawMessage, reason
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.layers import wide
-from smallwheel_ros.costmap.map_file import write_map
+from smallwheel_ros.costmap.grid import wide, write_map
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.instant import Instant

@@ -15,8 +15,7 @@ from rclpy.lifecycle import LifecyclePublisher
 from rclpy.publisher import Publisher
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError
-from smallwheel_ros.costmap.vehicle import Pose
+from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Pose
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result

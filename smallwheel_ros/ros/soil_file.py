@@ -9,7 +9,7 @@ from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.map_file import read_map, write_map
+from smallwheel_ros.costmap.grid import read_map, write_map
 from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import soil_fields

@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
-from smallwheel_ros.costmap.map_file import read_map
+from smallwheel_ros.costmap.grid import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
