@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement
-from smallwheel_ros.simulate.drive import Drive
+from smallwheel_ros.simulate import Drive
 from smallwheel_ros.simulate.sensors import EPOCH
 
 

@@ -25,7 +25,7 @@ from smallwheel_ros.effects.registry import effect, effect_class
 from smallwheel_ros.estimator.soil_estimator import SinkageMeasurement, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.replay.innovations_picture import Innovations, innovations_picture
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 
 def follow(

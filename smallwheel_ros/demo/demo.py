@@ -28,8 +28,7 @@ from smallwheel_ros.onboard.result import VALID
 from smallwheel_ros.replay.drive_picture import draw_drive
 from smallwheel_ros.replay.known_picture import draw_known
 from smallwheel_ros.ros.node_process import NodeProcess, check_ros, config_file, own_ros
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 if TYPE_CHECKING:
     from smallwheel_ros.ros.drive_through import Recording

@@ -31,8 +31,7 @@ from smallwheel_ros.replay.inputs import read_remaps
 from smallwheel_ros.replay.one import replay
 from smallwheel_ros.replay.replay_report import replay_page
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 _kinds = importlib.util.spec_from_file_location(
     "bag_kinds", Path(__file__).parents[1] / "bag_kinds.py"
