@@ -13,7 +13,7 @@ from smallwheel_ros.bags import BagReader, BagTopic
 from smallwheel_ros.bags.storage import Key
 from smallwheel_ros.init import from_bag
 from smallwheel_ros.init.from_bag import JOINTS, joint_names
-from smallwheel_ros.init.names import best_match, only_or_best_match
+from smallwheel_ros.init.rover import best_match, only_or_best_match
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
-from smallwheel_ros.costmap.cost import CostRules, TerrainClasses
-from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.costmap.cost_map import CostMap, CostRules, CostSettings, TerrainClasses
 from smallwheel_ros.costmap.crossed_ground import CrossedGround, Line
 from smallwheel_ros.costmap.grid import (
     HERE,
