@@ -17,10 +17,15 @@ from scipy.signal import lfilter
 
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig
 from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.response import Response, shown_by_instrument, wheel_response
-from smallwheel_ros.simulate.rig_design import RigDesign, RunSettings, draw_design, draw_runs
-from smallwheel_ros.simulate.truth import Circumstances, TruthSoil
+from smallwheel_ros.simulate.rig import RigDesign, RunSettings, draw_design, draw_runs
+from smallwheel_ros.simulate.truth import (
+    Circumstances,
+    HiddenEffect,
+    Response,
+    TruthSoil,
+    WheelsOnSoil,
+    shown_by_instrument,
+)
 
 Array = NDArray[np.float64]
 Pull = Callable[[TruthSoil, Circumstances, Response], Array]
@@ -85,7 +90,7 @@ class Bench:
     draw: Draw = gaussian
 
     def respond(self, at: Circumstances, scatter: Array) -> Response:
-        response = wheel_response(self.soil, self.effects, at, scatter)
+        response = WheelsOnSoil(self.soil, self.effects, at, scatter).response()
         if not np.all(np.isfinite(response.depth)):
             raise ValueError("a wheel sinks to its axle: this world asks too much of its soil")
         return response

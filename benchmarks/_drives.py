@@ -9,7 +9,7 @@ import numpy as np
 
 from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.simulate.drive import Drive
+from smallwheel_ros.simulate import Drive
 from smallwheel_ros.simulate.sensors import EPOCH
 
 

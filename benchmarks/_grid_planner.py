@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.costmap.vehicle import Outline, Pose
+from smallwheel_ros.costmap.crossed_ground import Outline
+from smallwheel_ros.costmap.grid import Grid, Pose
 
 Array = NDArray[np.float64]
 _STEPS = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks._bench import Bench, correlated, designed, repeated, stream
-from smallwheel_ros.simulate.rig_design import draw_design
+from smallwheel_ros.simulate.rig import draw_design
 from smallwheel_ros.simulate.truth import supported_load
 
 Array = NDArray[np.float64]

@@ -19,9 +19,8 @@ from benchmarks._bench import (
     stream,
 )
 from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.response import Response
-from smallwheel_ros.simulate.rig_design import draw_design
-from smallwheel_ros.simulate.truth import Circumstances, TruthSoil
+from smallwheel_ros.simulate.rig import draw_design
+from smallwheel_ros.simulate.truth import Circumstances, Response, TruthSoil
 
 Array = NDArray[np.float64]
 _SCATTER = 0.05  # of ln k from run to run

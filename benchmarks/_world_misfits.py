@@ -15,7 +15,7 @@ import pandas as pd
 from benchmarks._bench import Bench, repeated, rig_table, stream
 from benchmarks._world_labs import run_scatter
 from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.rig_design import draw_design
+from smallwheel_ros.simulate.rig import draw_design
 
 _SINKAGE, _RESISTANCE = "sinkage [mm]", "resistance [N]"
 

@@ -32,8 +32,7 @@ from benchmarks._grid_planner import dear_way, near_share, plan
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.ros import config_file
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 _BEFORE, _BEHIND = 8.0, 3.0  # m
 Found = dict[str, dict[str, float]]

@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.traction_rates import run
 from benchmarks.traction_worlds import WORLDS, make_drive
-from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.costmap.cost_map import CostRules
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.costmap.vehicle import Pose
+from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 SIDE = 1000

@@ -19,13 +19,14 @@ import numpy as np
 # As a script this file finds its neighbours, as a module of the repository its package.
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+
 from benchmarks._drives import measurements
 from benchmarks._innovations import Innovations, innovations_picture
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import effect, effect_class
 from smallwheel_ros.estimator.soil_estimator import Reading, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 
 def follow(

@@ -28,10 +28,8 @@ from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import Copy, ReplaySpec, read_settings
-from smallwheel_ros.simulate import sensors
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.rover import ROVERS
+from smallwheel_ros.simulate import DriveSettings, sensors, simulate_drive, write_drive_bag
+from smallwheel_ros.simulate.terrain import ROVERS
 
 TARGET = 20.0
 FLAT = 1.1

@@ -26,7 +26,7 @@ from benchmarks.field_worlds import Rover
 from benchmarks.slip_worlds import VEHICLES, WAYS, SlipWorld
 from benchmarks.traction_worlds import forces
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.simulate.contact import Contact
+from smallwheel_ros.simulate.truth import Contact
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.robot_worlds import VEHICLES
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.simulate.contact import Contact
-from smallwheel_ros.simulate.truth import static_sinkage
+from smallwheel_ros.simulate.truth import Contact, static_sinkage
 
 Array = NDArray[np.float64]
 

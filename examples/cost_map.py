@@ -28,8 +28,7 @@ from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.ros import config_file
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
 CLASSES = "terrain_classes"

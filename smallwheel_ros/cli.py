@@ -27,7 +27,7 @@ COMMANDS = {
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "benchmark": ("commands.bench:benchmark", "A table of laws on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
-    "init": ("init.command:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
+    "init": ("init.from_bag:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
     "node": ("ros:node", "The node on the robot, without the command line of ROS."),
     "replay": ("replay.command:replay", "The node's estimator over recorded drives, without ROS."),
     "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),

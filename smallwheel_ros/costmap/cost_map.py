@@ -1,29 +1,188 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cost map: the ground that was crossed, and terrain classes where a classifier gives them.
+"""The cost map: from margins to costs, on the ground that was crossed and by terrain class.
 
-map = CostMap(CostSettings(), wheels)
-map.add(wheel, "odom", Pose(3.1, 0.2, 0.0), 17.4, Quantity(0.12, 0.02))
-grid = map.grid()
+    map = CostMap(CostSettings(), wheels)
+    map.add(wheel, "odom", Pose(3.1, 0.2, 0.0), 17.4, Quantity(0.12, 0.02))
+    grid = map.grid()
+
+From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck.
+
+The margin is drawbar pull over load at the reference slip: the tangent of the slope that is held.
+
+    cost = 100 * P(margin < required margin), rounded; margin normally distributed
+
+So a cost of 30 is ground of which three in ten places hold the vehicle back. It falls with the margin
+and rises with what is not known of it, up to 50 for ground that is expected to be passable: a planner
+that avoids cost is wary of soil that has hardly been measured. 100, which planners take for lethal,
+is for places that certainly cannot be crossed (a risk of 99.5 % and more, or a wheel that got stuck
+there): uncertainty alone does not make an obstacle.
+
+What the wheels have found on each terrain class, spread over all cells of that class.
+
+A place of a class that has not been crossed is taken for one more draw from the places that have
+been: mean of their margins, and variance
+
+    of the soil's estimate, mean over the places           (all of them share that error)
+  + scatter^2 (1 + 1/N)                                    N: places crossed
+    scatter^2 = (2 class_scatter^2 + sum of squared deviations from the mean) / (N + 1)
+
+the posterior of a normal spread whose prior is worth two places. So a class touched once costs more
+than one that has been crossed at length, and one never crossed is unknown.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtr
 
-from smallwheel_ros.common.parameter import Parameter
-from smallwheel_ros.costmap.cost import CostRules
-from smallwheel_ros.costmap.crossed_ground import CrossedGround, side_of
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, CostMapError, Grid
-from smallwheel_ros.costmap.layers import lay_over, spread, union
-from smallwheel_ros.costmap.terrain_classes import NOTHING_HELD, TerrainClasses
-from smallwheel_ros.costmap.vehicle import HERE, Outline, Pose
+from smallwheel_ros.common.parameter import Parameter, out_of_range
+from smallwheel_ros.costmap.crossed_ground import CrossedGround, Outline, side_of
+from smallwheel_ros.costmap.grid import (
+    HERE,
+    HIGHEST,
+    UNKNOWN,
+    Cells,
+    CostMapError,
+    Grid,
+    Pose,
+    lay_over,
+    spread,
+    union,
+)
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 _PASSABLE = HIGHEST - 1
+_EXACT = 1e-9  # standard deviation of a margin that is told as exact
+_CLASSES = 128  # int8 from 0 on; below is "not classified"
+_PRIOR_PLACES = 2.0
+NOTHING_HELD = Quantity(-1.0, 0.0)  # of a wheel that is stuck: its own load holds it back
+
+
+@dataclass(frozen=True)
+class CostRules:
+    """How a margin becomes a cost. Raises CostMapError where a number is outside its range."""
+
+    required_margin: float = Parameter(0.0, "1", -1.0, 2.0, "cost.required_margin").means(
+        "Mobility margin that the vehicle needs everywhere beyond that (see cost.slope): tangent of the"
+        " slopes that it has to climb."
+        " Cost is the risk, in per cent, that the ground does not give it (docs/nav2.md)."
+    )
+    class_scatter: float = Parameter(0.05, "1", 0.0, 10.0, "cost.class_scatter").means(
+        "Standard deviation of the margin between places of one terrain class, until enough of them"
+        " have been crossed to tell."
+    )
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        wrong = out_of_range(self)
+        if wrong:
+            raise CostMapError(wrong)
+
+    def cost(self, margin: ArrayLike, deviation: ArrayLike) -> Cells:
+        """Cost of each margin (1) with its standard deviation; -1 where either is not a number."""
+        mean = np.asarray(margin, dtype=np.float64)
+        spread = np.maximum(np.asarray(deviation, dtype=np.float64), _EXACT)
+        with np.errstate(invalid="ignore", over="ignore"):
+            risk = ndtr((self.required_margin - mean) / spread)
+        known = ~np.isnan(risk)
+        cost = np.rint(HIGHEST * np.where(known, risk, 0.0))
+        return np.where(known, cost, UNKNOWN).astype(np.int8)
+
+
+@dataclass
+class _Class:
+    places: int = 0
+    mean: float = 0.0
+    squares: float = 0.0  # sum of squared deviations from the mean
+    variance: float = 0.0  # mean of the estimate's own
+    stuck: int = 0  # places of those where no vehicle moves on
+
+    def add(self, margin: Quantity) -> None:
+        self.places += 1
+        step = margin.value - self.mean
+        self.mean += step / self.places
+        self.squares += step * (margin.value - self.mean)
+        self.variance += (margin.standard_deviation**2 - self.variance) / self.places
+
+
+class TerrainClasses:
+    """Margins by terrain class, and the costs that follow from them.
+
+    apart: places of one wheel nearer than this (m) count once.
+    """
+
+    def __init__(self, rules: CostRules, apart: float) -> None:
+        self.rules = rules
+        self._apart = apart
+        self._classes: dict[int, _Class] = {}
+        self._last: dict[str, tuple[int, float, float]] = {}
+
+    def clear(self) -> None:
+        """Forget what was found."""
+        self._classes.clear()
+        self._last.clear()
+
+    def learn(self, wheel: str, x: float, y: float, terrain: int, margin: Quantity) -> bool:
+        """Take a wheel's margin at a place (m) of a class; return whether it counted."""
+        if terrain < 0:
+            return False
+        last = self._last.get(wheel)
+        if (
+            last is not None
+            and last[0] == terrain
+            and math.hypot(x - last[1], y - last[2]) < self._apart
+        ):
+            return False
+        self._last[wheel] = (terrain, x, y)
+        known = self._classes.setdefault(terrain, _Class())
+        known.add(margin)
+        known.stuck += margin == NOTHING_HELD
+        return True
+
+    def contradictions(self) -> list[str]:
+        """Say of each class on which the vehicle was stuck and more often was not, that it is both."""
+        return [
+            f"terrain class {terrain} is both: stuck at {known.stuck} of {known.places} places: the"
+            " classifier does not tell them apart, and its cost is that of the mean with their scatter"
+            for terrain, known in sorted(self._classes.items())
+            if 0 < known.stuck < 0.5 * known.places
+        ]
+
+    def margin(self, terrain: int) -> Quantity | None:
+        """What to expect at a new place of a class; None where no wheel has been on it."""
+        known = self._classes.get(terrain)
+        if known is None:
+            return None
+        scatter = (_PRIOR_PLACES * self.rules.class_scatter**2 + known.squares) / (
+            known.places + _PRIOR_PLACES - 1.0
+        )
+        variance = known.variance + scatter * (1.0 + 1.0 / known.places)
+        return Quantity(known.mean, math.sqrt(variance))
+
+    def places(self) -> dict[int, int]:
+        """How many places of each class have been crossed."""
+        return {terrain: known.places for terrain, known in sorted(self._classes.items())}
+
+    def table(self) -> Cells:
+        """Cost of each class number, shape (256,), by the byte that an int8 is."""
+        table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
+        for terrain in self._classes:
+            margin = self.margin(terrain)
+            assert margin is not None
+            if terrain < _CLASSES:
+                table[terrain] = self.rules.cost(margin.value, margin.standard_deviation)
+        return table
+
+    def costs(self, classes: Grid) -> Grid:
+        """Turn a grid of class numbers into one of costs."""
+        cells = np.take(self.table(), np.ascontiguousarray(classes.cells).view(np.uint8))
+        return Grid(classes.frame, classes.resolution, classes.origin, cells)
 
 
 @dataclass(frozen=True)
@@ -68,8 +227,18 @@ class CostSettings:
 class CostMap:
     """Costs of ground, from wheels' margins as they come.
 
-    changed: whether the grid differs from the one given last. prior: the vehicle's margin as it was
-    believed of any ground before driving, None where not known.
+    Attributes
+    ----------
+    changed
+        Whether the grid differs from the one given last.
+    prior
+        The vehicle's margin as it was believed of any ground before driving, None where not known.
+    frame
+        Of positions; empty as long as it is not known.
+    class_grid
+        The newest grid of terrain classes.
+    remembered
+        What was found on earlier drives.
     """
 
     def __init__(self, settings: CostSettings, wheels: Sequence[Wheel]) -> None:
@@ -80,9 +249,9 @@ class CostMap:
         self.classes = TerrainClasses(settings.rules, settings.resolution)
         length = self.outline.length
         self._ground = CrossedGround(settings.size, settings.resolution, length)
-        self._class_grid: Grid | None = None
-        self._remembered: Grid | None = None
-        self._frame = settings.frame
+        self.class_grid: Grid | None = None
+        self.remembered: Grid | None = None
+        self.frame = settings.frame
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
         # Where it was on ground that cannot be crossed, at the last grid.
@@ -98,8 +267,8 @@ class CostMap:
         """Forget all that wheels have found and what was remembered; the classes' grid stays."""
         self._ground.clear()
         self.classes.clear()
-        self.prior = self._pose = self._held = self._remembered = None
-        self.changed = self._ground.placed or self._class_grid is not None
+        self.prior = self._pose = self._held = self.remembered = None
+        self.changed = self._ground.placed or self.class_grid is not None
 
     def add(
         self,
@@ -142,40 +311,25 @@ class CostMap:
 
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""
-        before = self._class_grid
+        before = self.class_grid
         if (
             before is not None
             and before.geometry == grid.geometry
             and np.array_equal(before.cells, grid.cells)
         ):
             return
-        self._class_grid = grid
+        self.class_grid = grid
         self.changed = True
-
-    @property
-    def class_grid(self) -> Grid | None:
-        """The newest grid of terrain classes."""
-        return self._class_grid
 
     # --- What was found before
 
     def remember(self, grid: Grid) -> None:
         """Take costs that were found on an earlier drive; what is found now counts before them."""
-        self._remembered, self.changed = grid, True
-
-    @property
-    def remembered(self) -> Grid | None:
-        """What was found on earlier drives."""
-        return self._remembered
-
-    @property
-    def frame(self) -> str:
-        """Of positions; empty as long as it is not known."""
-        return self._frame
+        self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
         """Note where the frame of positions is in the one above it, such as odom in map."""
-        self.changed |= self._remembered is not None and self._frames.get(above) != pose
+        self.changed |= self.remembered is not None and self._frames.get(above) != pose
         self._frames = {above: pose}
 
     def whole(self) -> Grid | None:
@@ -183,7 +337,7 @@ class CostMap:
 
         None where nothing was crossed.
         """
-        ground, old = self._ground.whole(self._frame), self._remembered
+        ground, old = self._ground.whole(self.frame), self.remembered
         for above, pose in self._frames.items():
             if ground is not None:
                 ground = union(above, [(ground, pose)])
@@ -213,20 +367,20 @@ class CostMap:
 
     def _found(self) -> Grid | None:
         """What was found, newest on top, and what is expected of terrain classes."""
-        ground = self._ground.grid(self._frame) if self._frame and self._ground.placed else None
-        if self._class_grid is not None:
-            costs = self.classes.costs(self._class_grid)
-        elif ground is not None and self._remembered is not None:
+        ground = self._ground.grid(self.frame) if self.frame and self._ground.placed else None
+        if self.class_grid is not None:
+            costs = self.classes.costs(self.class_grid)
+        elif ground is not None and self.remembered is not None:
             blank = np.full_like(ground.cells, UNKNOWN)
             costs = Grid(ground.frame, ground.resolution, ground.origin, blank)
         else:
             return ground
-        old = self._remembered
+        old = self.remembered
         if old is not None and costs.frame == old.frame:
             lay_over(costs, old)
-        elif old is not None and costs.frame == self._frame and old.frame in self._frames:
+        elif old is not None and costs.frame == self.frame and old.frame in self._frames:
             lay_over(costs, old, self._frames[old.frame].inverse())
-        if ground is not None and costs.frame == self._frame:
+        if ground is not None and costs.frame == self.frame:
             lay_over(costs, ground)
         return costs
 
@@ -235,7 +389,7 @@ class CostMap:
 
         A planner finds no way for who is inside an obstacle. So far around it as costs are spread.
         """
-        if self._pose is None or costs.frame != self._frame:
+        if self._pose is None or costs.frame != self.frame:
             self._held = None
             return
         far = self.outline.radius + max(self.spread, self.outline.half_width) + costs.resolution
@@ -250,40 +404,40 @@ class CostMap:
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""
         frame = self.settings.frame or frame
-        if frame != self._frame:
-            if self._frame:
-                remembered = self._remembered
+        if frame != self.frame:
+            if self.frame:
+                remembered = self.remembered
                 self.clear()
-                self._remembered = remembered
-            self._frame = frame
+                self.remembered = remembered
+            self.frame = frame
 
     @property
     def in_other_frame(self) -> bool:
         """Whether the classes' grid is in another frame than positions."""
-        classes = self._class_grid
-        return classes is not None and bool(self._frame) and classes.frame != self._frame
+        classes = self.class_grid
+        return classes is not None and bool(self.frame) and classes.frame != self.frame
 
     @property
     def problem(self) -> str:
         """Why something that was given cannot be used, in words; empty where all can."""
         found = []
-        if self._class_grid is not None and self.in_other_frame:
+        if self.class_grid is not None and self.in_other_frame:
             found.append(
-                f"terrain_classes is in frame {self._class_grid.frame}, positions are in"
-                f" {self._frame}: nobody can tell on which class a wheel is, so the classes have no"
+                f"terrain_classes is in frame {self.class_grid.frame}, positions are in"
+                f" {self.frame}: nobody can tell on which class a wheel is, so the classes have no"
                 " cost. Feed odometry of that frame, or set cost.frame if it is the same"
             )
-        old = self._remembered
-        if old is not None and self._frame and old.frame not in (self._frame, *self._frames):
+        old = self.remembered
+        if old is not None and self.frame and old.frame not in (self.frame, *self._frames):
             found.append(
-                f"the saved cost map is in frame {old.frame}, positions are in {self._frame}: it is laid"
+                f"the saved cost map is in frame {old.frame}, positions are in {self.frame}: it is laid"
                 " down once tf says where the one is in the other"
             )
         return "; ".join([*found, *self.classes.contradictions()])
 
     def _learn(self, wheel: str, x: float, y: float, margin: Quantity) -> None:
-        classes = self._class_grid
-        if classes is None or classes.frame != self._frame:
+        classes = self.class_grid
+        if classes is None or classes.frame != self.frame:
             return
         cell = classes.cell(x, y)
         if cell is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground that a vehicle has crossed: a window of cells that goes along with it.
+"""The ground that a vehicle covers, and what it has crossed: a window of cells that goes along with it.
 
 At each axle it covers a strip over its whole width. Of the wheels that pass a cell in one crossing the
 worst counts, of several crossings the newest. Where it was stuck stays so until a wheel itself has
@@ -8,19 +8,87 @@ rolled over the cell: what is between wheels tells nothing against it.
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError, Grid
-from smallwheel_ros.costmap.vehicle import Line
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError, Grid, Pose
+from smallwheel_ros.physics.wheel import Wheel
 
+Line = tuple[tuple[float, float], tuple[float, float]]  # two places, m
 Places = NDArray[np.int32]  # rows and columns on the frame's lattice, shape (2, places)
+Indices = NDArray[np.intp]  # of places in the window's cells, row by row
 
 _MOST_CELLS = 4_000_000
 _LONGEST_STEP = 2.0  # m between two places of a wheel; over more nobody knows the way
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Ends of the rectangle that the wheels stand on, m from base_link: ahead and left positive.
+
+    radius: m, by which a wheel may look out over it in front and behind.
+    """
+
+    front: float
+    rear: float
+    left: float
+    right: float
+    radius: float
+
+    @classmethod
+    def of(cls, wheels: Sequence[Wheel]) -> Outline:
+        """From one axle to the other, and over the outer edges of the wheels."""
+        ahead = [wheel.longitudinal_position for wheel in wheels]
+        edges = [w.lateral_position + s * w.width for w in wheels for s in (-0.5, 0.5)]
+        radius = 0.5 * max(wheel.diameter for wheel in wheels)
+        return cls(max(ahead), min(ahead), max(edges), min(edges), radius)
+
+    @property
+    def half_width(self) -> float:
+        """From base_link to the outermost edge, m: whoever plans by base_link keeps so far off."""
+        return max(self.left, -self.right)
+
+    @property
+    def length(self) -> float:
+        """From the front of the first wheels to the back of the last, m."""
+        return self.front - self.rear + 2.0 * self.radius
+
+    def across(self, pose: Pose, wheel: Wheel) -> tuple[Line, Line]:
+        """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is."""
+        ahead, middle, half = (
+            wheel.longitudinal_position,
+            wheel.lateral_position,
+            0.5 * wheel.width,
+        )
+        whole = pose.place(ahead, self.left), pose.place(ahead, self.right)
+        return whole, (pose.place(ahead, middle + half), pose.place(ahead, middle - half))
+
+    def near(
+        self, grid: Grid, pose: Pose, reach: float
+    ) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
+        """A block of cells that holds all within a reach (m), and how far (m) each is from the outline."""
+        middle = pose.place(0.5 * (self.front + self.rear), 0.5 * (self.left + self.right))
+        half = 0.5 * (self.front - self.rear), 0.5 * (self.left - self.right)
+        radius, side = math.hypot(*half) + reach, grid.resolution
+        slices = []
+        for at, origin, count in zip(
+            reversed(middle), reversed(grid.origin), grid.cells.shape, strict=True
+        ):
+            ends = [math.floor((at + by - origin) / side) for by in (-radius, radius)]
+            low, high = (min(max(end, 0), count) for end in (ends[0], ends[1] + 1))
+            slices.append(slice(low, high))
+        rows, columns = (np.arange(part.start, part.stop) + 0.5 for part in slices)
+        y = (grid.origin[1] + side * rows - middle[1])[:, None]
+        x = (grid.origin[0] + side * columns - middle[0])[None, :]
+        cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+        ahead = np.maximum(np.abs(cosine * x + sine * y) - half[0], 0.0)
+        aside = np.maximum(np.abs(cosine * y - sine * x) - half[1], 0.0)
+        return (slices[0], slices[1]), np.hypot(ahead, aside)
 
 
 def side_of(size: float, resolution: float) -> int:
@@ -43,8 +111,8 @@ class _Strip:
     """The ground under an axle from a wheel's last place to this one; cost: the newest there."""
 
     across: tuple[Line, Line]
-    whole: Places
-    own: Places
+    places: tuple[Places, Places]  # under the whole width, and under the wheel
+    at: tuple[Indices, Indices]  # where they are in the window
     travel: float
     cost: int
     stuck: bool
@@ -74,10 +142,13 @@ class CrossedGround:
 
     def clear(self) -> None:
         """Forget every cell; the window stays where it is."""
-        self._cells: Cells = np.full((self._side, self._side), UNKNOWN, dtype=np.int8)
-        self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
+        self._empty()
         self._strips: dict[str, _Strip] = {}
         self._left: list[tuple[Places, Cells]] = []  # by the window behind it, oldest first
+
+    def _empty(self) -> None:
+        self._cells: Cells = np.full(self._side**2, UNKNOWN, dtype=np.int8)  # row by row
+        self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
 
     def follow(self, x: float, y: float) -> bool:
         """Let the window hold this place (m); return whether it was moved."""
@@ -85,31 +156,20 @@ class CrossedGround:
         old, rim = self._corner, side // 4
         if old is not None and all(rim <= a - b < side - rim for a, b in zip(at, old, strict=True)):
             return False
-        if old is not None:
-            for strip in self._strips.values():
-                self._lay(strip)
-        self._corner = new = at[0] - side // 2, at[1] - side // 2
-        if old is not None:
-            cells, travel = self._cells, self._travel
-            self._keep(cells, old, new)
-            self._cells = np.full((side, side), UNKNOWN, dtype=np.int8)
-            self._travel = np.full((side, side), -np.inf, dtype=np.float32)
-            shift = new[0] - old[0], new[1] - old[1]
-            to, since = (
-                tuple(slice(max(s * by, 0), max(side + min(s * by, 0), 0)) for by in shift)
-                for s in (-1, 1)
-            )
-            self._cells[to], self._travel[to] = cells[since], travel[since]
-        return True
-
-    def _keep(self, cells: Cells, old: tuple[int, int], new: tuple[int, int]) -> None:
-        """Note known cells of the old window that are outside of the new one; the oldest go."""
-        found = np.argwhere(cells != UNKNOWN).T
-        places = (found + np.array(old)[:, None]).astype(np.int32)
-        gone = ~self._inside(places, new)
-        self._left.append((places[:, gone], cells[found[0, gone], found[1, gone]]))
+        for strip in self._strips.values():
+            self._lay(strip)
+        known, places = self._known(self._cells)
+        costs, travel = self._cells[known], self._travel[known]
+        self._empty()
+        self._corner = at[0] - side // 2, at[1] - side // 2
+        still, inside = self._in_window(places)
+        self._cells[still], self._travel[still] = costs[inside], travel[inside]
+        self._left.append((places[:, ~inside], costs[~inside]))
         while sum(costs.size for _, costs in self._left) > _MOST_CELLS:
             self._left.pop(0)
+        for strip in self._strips.values():
+            strip.at = self._under(strip.places)
+        return True
 
     def cross(
         self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, *, stuck: bool
@@ -132,10 +192,11 @@ class CrossedGround:
                 return moved or last.cost != before
             self.skip(wheel)
             start = last.across if gone <= _LONGEST_STEP else across
-        whole, own = (self._swept(a, b) for a, b in zip(start, across, strict=True))
         cost = HIGHEST if stuck else cost
-        self._strips[wheel] = _Strip(across, whole, own, travel, cost, stuck)
-        return moved or bool((self._cells[self._indices(whole)] != cost).any())
+        places = self._swept(start[0], across[0]), self._swept(start[1], across[1])
+        strip = _Strip(across, places, self._under(places), travel, cost, stuck)
+        self._strips[wheel] = strip
+        return moved or bool((self._cells[strip.at[0]] != cost).any())
 
     def skip(self, wheel: str) -> None:
         """Note that from here on nothing is known of a wheel's way."""
@@ -151,24 +212,21 @@ class CrossedGround:
         if self._corner is None:
             raise CostMapError("the window has no place yet: no odometry has come")
         # What is under the wheels may still change: it is laid down for this copy only.
-        touched = [self._indices(strip.whole) for strip in self._strips.values()]
-        before = [(at, self._cells[at], self._travel[at]) for at in touched]
+        before = self._cells.copy(), self._travel.copy()
         for strip in self._strips.values():
             self._lay(strip)
-        cells = self._cells.copy()
-        for at, costs, travel in before:
-            self._cells[at], self._travel[at] = costs, travel
+        cells, (self._cells, self._travel) = self._cells, before
         row, column = self._corner
         origin = (column * self.resolution, row * self.resolution)
-        return Grid(frame, self.resolution, origin, cells)
+        return Grid(frame, self.resolution, origin, cells.reshape(self._side, self._side))
 
     def whole(self, frame: str) -> Grid | None:
         """Return all that was crossed, also what the window has left behind; None where nothing is."""
         if self._corner is None:
             return None
-        now = self.grid(frame).cells
-        found = np.argwhere(now != UNKNOWN).T
-        parts = [*self._left, (found + np.array(self._corner)[:, None], now[tuple(found)])]
+        now = self.grid(frame).cells.ravel()
+        known, under = self._known(now)
+        parts = [*self._left, (under, now[known])]
         places = np.concatenate([part for part, _ in parts], axis=1)
         if places.size == 0:
             return None
@@ -181,32 +239,47 @@ class CrossedGround:
 
     def _lay(self, strip: _Strip) -> None:
         """Write a strip: over its width but for where it was stuck before, under the wheel there too."""
-        for places, rolled in ((strip.whole, False), (strip.own, True)):
-            at = self._indices(places)
-            old, same = self._cells[at], strip.travel - self._travel[at] < self._length
-            stays = ~same & (old == HIGHEST) & (not rolled)
+        cells, travel = self._cells, self._travel
+        for at, rolled in zip(strip.at, (False, True), strict=True):
+            old, same = cells[at], strip.travel - travel[at] < self._length
             new = np.where(same, np.maximum(old, strip.cost), strip.cost)
-            self._cells[at] = np.where(stays, old, new)
-            self._travel[at] = np.where(stays, self._travel[at], strip.travel)
+            if not rolled:
+                taken = same | (old != HIGHEST)
+                at, new = at[taken], new[taken]
+            cells[at] = new
+            travel[at] = strip.travel
 
-    def _inside(self, places: NDArray[np.integer], corner: tuple[int, int]) -> NDArray[np.bool_]:
-        at = places - np.array(corner)[:, None]
-        return np.asarray(((at >= 0) & (at < self._side)).all(axis=0))
+    def _known(self, cells: Cells) -> tuple[Indices, Places]:
+        """The known ones among the window's cells, and their places."""
+        known = np.flatnonzero(cells != UNKNOWN)
+        corner = (0, 0) if self._corner is None else self._corner
+        places = np.stack(np.divmod(known, self._side)) + np.array(corner)[:, None]
+        return known, places.astype(np.int32)
 
-    def _indices(self, places: Places) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-        """Rows and columns in the window; those outside of it are left out."""
+    def _in_window(self, places: Places) -> tuple[Indices, NDArray[np.bool_]]:
+        """Where those places are that are in the window, and which those are."""
         assert self._corner is not None
-        rows, columns = places[:, self._inside(places, self._corner)]
-        return rows - self._corner[0], columns - self._corner[1]
+        rows, columns = places - np.array(self._corner)[:, None]
+        inside = (rows >= 0) & (rows < self._side) & (columns >= 0) & (columns < self._side)
+        return (rows * self._side + columns)[inside], inside
+
+    def _under(self, places: tuple[Places, Places]) -> tuple[Indices, Indices]:
+        whole, own = places
+        return self._in_window(whole)[0], self._in_window(own)[0]
 
     def _swept(self, start: Line, end: Line) -> Places:
         """The cells that a line sweeps from one place to another: two points to a cell each way."""
-        first, last = np.array(start), np.array(end)  # (ends, x and y)
-        length = float(np.max(np.hypot(*(last - first).T)))
-        width = math.dist(*end)
-        s = np.linspace(0.0, 1.0, 1 + math.ceil(2.0 * length / self.resolution))[:, None, None]
-        u = np.linspace(0.0, 1.0, 1 + math.ceil(2.0 * width / self.resolution))[None, :, None]
-        left = first[0] + s * (last[0] - first[0])
-        right = first[1] + s * (last[1] - first[1])
-        places = np.floor((left + u * (right - left)) / self.resolution).astype(np.int32)
+        length = max(math.dist(start[0], end[0]), math.dist(start[1], end[1]))
+        first = np.array(start)  # (ends, x and y)
+        along = _shares(math.ceil(2.0 * length / self.resolution))[:, None, None]
+        lines = first + along * (np.array(end) - first)
+        left, right = lines[:, :1], lines[:, 1:]
+        aside = _shares(math.ceil(2.0 * math.dist(*end) / self.resolution))[:, None]
+        places = np.floor((left + aside * (right - left)) / self.resolution).astype(np.int32)
         return np.ascontiguousarray(places.reshape(-1, 2)[:, ::-1].T)
+
+
+@functools.lru_cache(maxsize=1000)
+def _shares(steps: int) -> NDArray[np.float64]:
+    """From 0 to 1 in so many equal steps."""
+    return np.linspace(0.0, 1.0, 1 + steps, dtype=np.float64)

@@ -1,40 +1,63 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A grid of square cells on the ground, as nav_msgs/OccupancyGrid has it."""
+"""A grid of square cells on the ground, as nav_msgs/OccupancyGrid has it: laid over others, in files.
+
+Files are those of Nav2's map_server: NAME.yaml and NAME.pgm, mode raw: 0 to 100, 255 unknown. `frame`
+in the yaml is ours (map_server takes its frame from a parameter): positions there are in it.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.files import write_bytes
 
 Cells = NDArray[np.int8]
 
 UNKNOWN = -1
 HIGHEST = 100
+_MOST_CELLS = 100_000_000  # of a map of several drives: 100 MB
 # A planner's unit quaternion; a grid that is turned in its frame is not supported here.
 _STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 _TURNED = 1e-3
+# Of map_server's files
+_MODE = "raw"
+_UNKNOWN_PIXEL = 255
+_HEADER = re.compile(rb"P5\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)\s+255\s")
 
 
 class CostMapError(SmallwheelError):
     """A grid that is malformed, or a setting of the cost map outside its domain."""
 
 
-_MOST_CELLS = 100_000_000  # of a map of several drives: 100 MB
+class Pose(NamedTuple):
+    """Place (m) and heading (rad) of base_link."""
+
+    x: float
+    y: float
+    heading: float
+
+    def place(self, ahead: float, left: float) -> tuple[float, float]:
+        """Where something is that is so far ahead and left of base_link, m."""
+        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left
+
+    def inverse(self) -> Pose:
+        """The pose of what this one is in, in it."""
+        x, y = Pose(0.0, 0.0, -self.heading).place(-self.x, -self.y)
+        return Pose(x, y, -self.heading)
 
 
-def check_count(cells: int) -> None:
-    """Raise CostMapError for more cells than a map may have."""
-    if cells > _MOST_CELLS:
-        raise CostMapError(
-            f"the map would have {cells} cells, expected at most {_MOST_CELLS}: a larger"
-            " cost.resolution, or drives of one site only"
-        )
+HERE = Pose(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -130,3 +153,150 @@ def grid_of(
             " planners take no turned grid either"
         )
     return Grid(frame, resolution, (position[0], position[1]), data.reshape(height, width))
+
+
+# --- One laid over another, and costs spread
+
+
+def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
+    """Write the known cells of a grid into another one: of several in one cell, the dearest.
+
+    pose: of the upper grid's frame in that of the lower one.
+    """
+    # The dearest last: of several that are written to one cell, the last one stays.
+    known = np.flatnonzero(above.cells >= 0)
+    known = known[np.argsort(above.cells.ravel()[known], kind="stable")]
+    rows, columns = np.divmod(known, above.cells.shape[1])
+    # Where its cells are the coarser ones, or turned, each covers several: look at their parts.
+    scale = above.resolution / costs.resolution * (1.0 if pose.heading == 0.0 else math.sqrt(2.0))
+    count = math.ceil(scale - 1e-9)
+    parts = (np.arange(count) + 0.5) / count
+    along = above.origin[0] + above.resolution * (columns[:, None, None] + parts)
+    across = above.origin[1] + above.resolution * (rows[:, None, None] + parts[:, None])
+    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+    x = (pose.x + cosine * along - sine * across - costs.origin[0]) / costs.resolution
+    y = (pose.y + sine * along + cosine * across - costs.origin[1]) / costs.resolution
+    at_row, at_column = np.floor(y).astype(np.int64), np.floor(x).astype(np.int64)
+    inside = (at_row >= 0) & (at_row < costs.cells.shape[0])
+    inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
+    cost = np.broadcast_to(above.cells[rows, columns][:, None, None], at_row.shape)
+    costs.cells[at_row[inside], at_column[inside]] = cost[inside]
+
+
+def union(frame: str, layers: Sequence[tuple[Grid, Pose]]) -> Grid:
+    """Lay grids over each other, the last on top, each with its frame's pose in the common one."""
+    side = min(grid.resolution for grid, _ in layers)
+    corners = np.array(
+        [
+            pose.place(grid.origin[0] + across, grid.origin[1] + along)
+            for grid, pose in layers
+            for across in (0.0, grid.cells.shape[1] * grid.resolution)
+            for along in (0.0, grid.cells.shape[0] * grid.resolution)
+        ]
+    )
+    low = np.floor(corners.min(axis=0) / side + 1e-6)
+    columns, rows = (np.ceil(corners.max(axis=0) / side - 1e-6) - low).astype(int)
+    _check_count(rows * columns)
+    cells: Cells = np.full((rows, columns), UNKNOWN, dtype=np.int8)
+    whole = Grid(frame, side, (float(low[0]) * side, float(low[1]) * side), cells)
+    for grid, pose in layers:
+        lay_over(whole, grid, pose)
+    return whole
+
+
+def _check_count(cells: int) -> None:
+    """Raise CostMapError for more cells than a map may have."""
+    if cells > _MOST_CELLS:
+        raise CostMapError(
+            f"the map would have {cells} cells, expected at most {_MOST_CELLS}: a larger"
+            " cost.resolution, or drives of one site only"
+        )
+
+
+def wide(grid: Grid, reach: float) -> Grid:
+    """Return a grid that costs are spread in by so many m, with as much ground more around it."""
+    more = math.ceil(reach / grid.resolution)
+    cells = np.pad(grid.cells, more, constant_values=UNKNOWN)
+    origin = (grid.origin[0] - more * grid.resolution, grid.origin[1] - more * grid.resolution)
+    return Grid(grid.frame, grid.resolution, origin, spread(cells, reach / grid.resolution))
+
+
+def spread(cells: Cells, reach: float) -> Cells:
+    """Give each cell the dearest cost within so many cells, middle to middle; unknown ones cost nothing."""
+    whole: Cells = cells.copy()
+    known = cells >= 0
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    steps = math.floor(reach)
+    if steps < 1 or rows.size == 0:
+        return whole
+    # Only where something is known, and so far around it.
+    top, left = max(rows[0] - steps, 0), max(columns[0] - steps, 0)
+    part = whole[top : rows[-1] + steps + 1, left : columns[-1] + steps + 1]
+    padded = np.pad(part, steps, constant_values=UNKNOWN)
+    height, width = part.shape
+    # Row by row of the disc, from its narrow end to its middle: the dearest of a wider and wider run.
+    run: Cells = padded[:, steps : steps + width].copy()
+    reached = 0
+    for down in range(steps, -1, -1):
+        for aside in range(reached + 1, math.floor(math.sqrt(reach**2 - down**2)) + 1):
+            np.maximum(run, padded[:, steps + aside : steps + aside + width], out=run)
+            np.maximum(run, padded[:, steps - aside : steps - aside + width], out=run)
+            reached = aside
+        np.maximum(part, run[steps + down : steps + down + height], out=part)
+        np.maximum(part, run[steps - down : steps - down + height], out=part)
+    return whole
+
+
+# --- Files
+
+
+def write_map(path: Path, grid: Grid) -> None:
+    """Write a grid into path (.yaml) and an image of that name (.pgm). Raises OutputError."""
+    image = path.with_suffix(".pgm")
+    height, width = grid.cells.shape
+    # The first row of an image is its top.
+    pixels = np.where(grid.cells < 0, _UNKNOWN_PIXEL, grid.cells).astype(np.uint8)[::-1]
+    write_bytes(image, f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes())
+    lines = {
+        "image": image.name,
+        "mode": _MODE,
+        "resolution": float(grid.resolution),
+        "origin": [float(grid.origin[0]), float(grid.origin[1]), 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.25,
+        "frame": grid.frame,
+    }
+    write_bytes(path, yaml.safe_dump(lines, sort_keys=False).encode())
+
+
+def read_map(path: Path) -> Grid:
+    """Read what `write_map` has written.
+
+    Raises CostMapError naming the file, what was found and what was expected.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        mode, (x, y, turn) = content["mode"], (float(value) for value in content["origin"])
+        if mode != _MODE or turn != 0.0:
+            raise ValueError(f"mode {mode}, turned by {turn:g}: expected mode {_MODE}, not turned")
+        image = path.with_name(content["image"])
+        data = image.read_bytes()
+        found = _HEADER.match(data)
+        if found is None:
+            raise ValueError(f"{image.name} is no binary PGM of 255 grey levels")
+        width, height = (int(number) for number in found.groups())
+        _check_count(width * height)
+        pixels = np.frombuffer(data, np.uint8, offset=found.end())
+        if pixels.size != width * height:
+            raise ValueError(f"{image.name} has {pixels.size} pixels, expected {width} * {height}")
+        rows = pixels.reshape(height, width)[::-1].astype(np.int16)
+        cells: Cells = np.where(rows <= HIGHEST, rows, UNKNOWN).astype(np.int8)
+        return Grid(str(content["frame"]), float(content["resolution"]), (x, y), cells)
+    except OSError as error:
+        raise CostMapError(f"{path}: no map can be read there: {error.strerror or error}") from None
+    except (KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise CostMapError(
+            f"{path}: not a map of map_server as it is written here ({why})"
+        ) from None

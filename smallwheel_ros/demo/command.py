@@ -48,8 +48,7 @@ def demo(
     played into the node mobility_estimator, which runs in a process of its own and sees only what
     sensors measure; the beginning of it once more, into a node that is given load and slip only.
     """
-    from smallwheel_ros.demo.demo import DEFAULT_FOLDER, run_demo
-    from smallwheel_ros.demo.summary import summary
+    from smallwheel_ros.demo.demo import DEFAULT_FOLDER, run_demo, summary
 
     result = run_demo(
         output or DEFAULT_FOLDER,

@@ -1,16 +1,35 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rover's parameters out of a bag: which topic is what, and what its robot description says."""
+"""A rover's parameters out of a bag, and the command `smallwheel init`, which writes them into a file.
+
+Which topic is what, and what the bag's robot description says.
+"""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
 
+import click
+
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.files import check_targets, write_bytes
 from smallwheel_ros.common.parameter import Value
-from smallwheel_ros.init.left_out import OF_A_BAG, LeftOut
-from smallwheel_ros.init.names import best_match, only_or_best_match, wheels_named_by
-from smallwheel_ros.init.rover import InitError, Rover, completed, wheel_joints, with_joints
+from smallwheel_ros.init.rover import (
+    FILL_IN,
+    OF_A_BAG,
+    InitError,
+    LeftOut,
+    Rover,
+    best_match,
+    completed,
+    only_or_best_match,
+    rover_of_description,
+    rover_of_wheels,
+    wheel_joints,
+    wheels_named_by,
+    with_joints,
+)
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, RobotDescriptionError
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -149,3 +168,54 @@ def joint_names(reader: BagReader, topic: str) -> list[str]:
         for message in reader.messages({topic}):
             return [str(name) for name in getattr(message.message, "name", [])]
     return []
+
+
+# --- The command
+
+_PATH = click.Path(path_type=Path)
+
+
+@click.command(
+    "init", short_help="A rover's parameter file, from a bag, a URDF or a number of wheels."
+)
+@click.argument("source", required=False, type=_PATH, metavar="[BAG|URDF]")
+@click.option(
+    "--urdf", type=_PATH, metavar="FILE", help="A robot description: sizes, places and joints."
+)
+@click.option("--wheels", type=int, metavar="N", help="Without either: so many wheels.")
+@click.option("-o", "--output", required=True, type=_PATH, metavar="ROVER.yaml",
+              help="Parameter file to write.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@JSON
+def init(
+    source: Path | None,
+    urdf: Path | None,
+    wheels: int | None,
+    output: Path,
+    force: bool,
+    json_file: str | None,
+) -> None:
+    """Write a parameter file for the node and for `smallwheel replay`.
+
+    From a recorded drive: wheels by their topics, joints, and sizes where the bag has the robot's
+    description. What nobody can find out is marked FILL_IN. Nothing that is there is replaced.
+    """
+    if source is not None and source.suffix.lower() in (".urdf", ".xml"):
+        if urdf is not None:
+            raise click.UsageError("two robot descriptions: give one")
+        source, urdf = None, source
+    if [source, urdf, wheels].count(None) != 2:
+        raise click.UsageError("give one of: a BAG, a URDF (--urdf FILE), or --wheels N")
+    check_targets([output, json_file], [source, urdf])
+    if output.exists() and not force:
+        raise InitError(f"{output}: is there already: give another name, or --force to replace it")
+    if source is not None:
+        rover = rover_of_bag(source)
+    elif urdf is not None:
+        rover = rover_of_description(urdf)
+    else:
+        rover = rover_of_wheels(wheels or 0)
+    write_bytes(output, rover.parameter_file().encode())
+    show(rover, json_file, [output])
+    if rover.missing and json_file != "-":
+        click.echo(f"look for {FILL_IN} in {output}")

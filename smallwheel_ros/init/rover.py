@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a rover's parameters, and the file with them."""
+"""What is known of a rover's parameters, and the file with them; of wheels, or of a robot description.
+
+Also how names are understood: those of wheels, and how much the name of a topic or joint looks like
+that of a wheel's input.
+"""
 
 from __future__ import annotations
 
+import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +20,6 @@ from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.parameter import WHEEL, Value, written
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.init.left_out import LeftOut, left_out_lines, usually_left_out
-from smallwheel_ros.init.names import usual_names, wheels_named_by
 from smallwheel_ros.onboard.robot_description import (
     TURNING,
     RobotDescriptionError,
@@ -32,6 +36,161 @@ _SIZE = ("diameter", "width")
 
 class InitError(SmallwheelError):
     """Something that no parameter file can be made from."""
+
+
+# --- Names
+
+_SHORT = {
+    "f": ("front",), "r": ("rear", "right"), "l": ("left",), "b": ("rear",), "m": ("middle",),
+    "fl": ("front", "left"), "fr": ("front", "right"), "lf": ("front", "left"),
+    "rf": ("front", "right"), "rl": ("rear", "left"), "rr": ("rear", "right"),
+    "bl": ("rear", "left"), "br": ("rear", "right"), "lr": ("rear", "left"),
+    "ml": ("middle", "left"), "mr": ("middle", "right"), "back": ("rear",), "hind": ("rear",),
+    "mid": ("middle",), "centre": ("middle",), "center": ("middle",),
+}  # fmt: skip
+_PLACES = ("front", "middle", "rear", "left", "right")  # in the order in which a name has them
+_OF = {
+    1: ("wheel",),
+    2: ("left", "right"),
+    3: ("front", "rear_left", "rear_right"),
+    4: ("front_left", "front_right", "rear_left", "rear_right"),
+    6: ("front_left", "front_right", "middle_left", "middle_right", "rear_left", "rear_right"),
+}
+_FAIR = 0.5
+
+
+def usual_names(count: int) -> list[str]:
+    """Names of so many wheels."""
+    return list(_OF.get(count, [f"wheel_{i}" for i in range(1, count + 1)]))
+
+
+def words_of(name: str) -> set[str]:
+    """Words of a name; short forms of places are spelled out."""
+    found: set[str] = set()
+    for word in re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()):
+        found.update(_SHORT.get(word, (word,)))
+    return found
+
+
+def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
+    """The name that looks most like that of a wheel's input; None where none does, or two alike."""
+    scored = sorted(((_likeness(wheel, kind, name), name) for name in names), reverse=True)
+    if not scored or scored[0][0] < _FAIR:
+        return None
+    if len(scored) > 1 and scored[1][0] == scored[0][0]:
+        return None  # nothing tells the two apart
+    return scored[0][1]
+
+
+def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
+    """The only one of these names, or the one that looks most like an input of the vehicle."""
+    return names[0] if len(names) == 1 else best_match(name, "", names)
+
+
+def _likeness(wheel: str, kind: str, name: str) -> float:
+    """How much a topic's or joint's name looks like that of a wheel's input; 0 to 1."""
+    wanted, there = words_of(wheel), words_of(name)
+    places, others = wanted & {*_PLACES}, there & {*_PLACES}
+    if others - places and places - others:
+        return 0.0  # the place of another wheel
+    share = len(wanted & there) / max(len(wanted), 1)
+    letters = SequenceMatcher(None, f"{wheel}/{kind}", name.strip("/")).ratio()
+    return 0.7 * share + 0.3 * letters
+
+
+def wheels_named_by(names: Sequence[str]) -> dict[str, str]:
+    """By wheel, the one of these topics or joints that is of it: each is of another wheel.
+
+    A wheel is called by its place where the names tell it, else by the words that tell them apart.
+    """
+    words = {name: words_of(name) for name in names}
+    found = {name: "_".join(p for p in _PLACES if p in words[name]) for name in names}
+    if not all(found.values()) or len({*found.values()}) < len(names):
+        common = set.intersection(*words.values()) if len(names) > 1 else {*words[names[0]]}
+        found = {name: "_".join(sorted(words[name] - common)) for name in names}
+    if len({*found.values()}) < len(names) or not all(found.values()):
+        found = dict(zip(names, usual_names(len(names)), strict=True))
+    called = {
+        name: wheel if wheel[0].isalpha() else f"wheel_{wheel}" for name, wheel in found.items()
+    }
+    return {called[name]: name for name in sorted(names, key=lambda n: _order(called[n]))}
+
+
+def _order(wheel: str) -> tuple[int, ...]:
+    """Front before rear, left before right."""
+    words = wheel.split("_")
+    return tuple(_PLACES.index(word) if word in _PLACES else len(_PLACES) for word in words)
+
+
+# --- Lines that a parameter file has commented out
+
+_BRINGS = {
+    "velocity_topic": (
+        "Brings slip, thrust and drawbar pull where odom is made from the wheels; else it goes before odom."
+    ),
+    "imu_topic": (
+        "Brings the slope: with vehicle.mass the soil's strength, so drawbar pull and cost do not rest on"
+        " configured numbers; without one, the slope is that of odom's orientation."
+    ),
+    "vehicle.mass": (
+        "Brings, with a slope (imu_topic, or odom with pitch), the soil's strength; and the loads are"
+        " weighed against it, which finds loads in kg and wheels that are not listed."
+    ),
+    "robot_description_topic": (
+        "Brings diameter, width, place and joint_sign of each wheel for which this file has none: take out"
+        " the diameter and width below, and the node waits for the URDF on that topic (its default)."
+    ),
+}
+_UNITS = {"vehicle.mass": "kg, with all that it carries: write yours"}
+OF_A_BAG = {
+    "velocity_topic": "the bag has it, but not whether the wheels make it: then it shows no slip.",
+    "imu_topic": (
+        "the bag has it, but not how the imu is mounted: z has to be up, and imu_yaw says where x looks."
+    ),
+}
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What to write for a parameter that is commented out, and why it is."""
+
+    value: Value
+    why: str
+
+
+def usually_left_out(known: Mapping[str, Value], description: str | None) -> dict[str, LeftOut]:
+    """What no file of any origin can say.
+
+    known: values by full name. description: URDF, if there is one.
+    """
+    no_imu = "nothing here says whether there is one, of which topic, with z up."
+    no_mass = "only you know it; what a robot description says is seldom what is driven."
+    found = {
+        "imu_topic": LeftOut("imu", no_imu),
+        "vehicle.mass": LeftOut(0.0, no_mass),  # refused as it is: a number has to be put in
+    }
+    if description is None:
+        why = "no robot description was found here; sizes have to be written below."
+        found["robot_description_topic"] = LeftOut("robot_description", why)
+    return {name: one for name, one in found.items() if name not in known}
+
+
+def left_out_lines(left_out: Mapping[str, LeftOut]) -> list[str]:
+    """The lines of a parameter file, below `ros__parameters:`; ## begins what only explains."""
+    lines = []
+    for name, one in left_out.items():
+        *above, own = name.split(".")
+        explained = f"{name} is left out: {one.why} {_BRINGS[name]}"
+        lines += ["", *(f"    ## {line}" for line in textwrap.wrap(explained, 92))]
+        lines += [f"    # {group}:" for group in above]
+        unit = f" # {_UNITS[name]}" if name in _UNITS else ""
+        lines.append(f"    # {'  ' * len(above)}{own}: {written(one.value)}{unit}")
+    if lines:
+        lines[:0] = ["", '    ## To use a line that is left out, take the "# " before it away.']
+    return lines
+
+
+# --- The rover, and its file
 
 
 @dataclass(frozen=True, repr=False)

@@ -27,7 +27,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.vehicle import Pose
+from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.streams import SECOND

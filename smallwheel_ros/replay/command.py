@@ -24,10 +24,7 @@ from smallwheel_ros.common.console import JSON, show, tell
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.tables import text_table, write_json
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
-from smallwheel_ros.costmap.layers import union
-from smallwheel_ros.costmap.map_file import read_map, write_map
-from smallwheel_ros.costmap.vehicle import HERE
+from smallwheel_ros.costmap.grid import HERE, HIGHEST, UNKNOWN, Grid, read_map, union, write_map
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.replay.replay import Report

@@ -22,9 +22,7 @@ from smallwheel_ros.bags import (
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.costmap.layers import wide
-from smallwheel_ros.costmap.map_file import write_map
+from smallwheel_ros.costmap.grid import Grid, wide, write_map
 from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.costmap.cost_map import CostRules
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.replay.result import FILES, Event, Replayed

@@ -16,8 +16,7 @@ from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.version import __version__
 from smallwheel_ros.init import from_bag
 from smallwheel_ros.init.from_bag import JOINTS, joint_names, rover_of_bag
-from smallwheel_ros.init.names import best_match, only_or_best_match
-from smallwheel_ros.init.rover import InitError
+from smallwheel_ros.init.rover import InitError, best_match, only_or_best_match
 from smallwheel_ros.onboard.feed import Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import (

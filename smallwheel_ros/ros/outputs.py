@@ -22,8 +22,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, grid_of
-from smallwheel_ros.costmap.vehicle import Pose
+from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_of
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage

@@ -20,7 +20,7 @@ from rclpy.timer import Timer
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.map_file import read_map, write_map
+from smallwheel_ros.costmap.grid import read_map, write_map
 from smallwheel_ros.estimator.saved_state import check_may_replace
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard

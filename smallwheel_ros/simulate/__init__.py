@@ -9,15 +9,15 @@ rest of the package; which assumptions are, is said in `truth`.
 from __future__ import annotations
 
 from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.files import write_table
 from smallwheel_ros.simulate.rig import (
     Rig,
     RigSettings,
     RigTruth,
     measure,
     simulate_rig,
+    write_table,
 )
+from smallwheel_ros.simulate.sensors import write_drive_bag
 from smallwheel_ros.simulate.truth import SimulationError
 
 __all__ = [

@@ -11,12 +11,11 @@ import click
 
 from smallwheel_ros.bags import STORAGES, Storage, check_new_bag
 from smallwheel_ros.common.console import JSON, tell
+from smallwheel_ros.common.files import check_targets, json_text, write_bytes
 from smallwheel_ros.common.options import Command, settings_options
 from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.files import check_folder, check_suffix, write_json, write_table
-from smallwheel_ros.simulate.rig import RigSettings, simulate_rig
-from smallwheel_ros.simulate.truth import SimulationError
+from smallwheel_ros.simulate.rig import RigSettings, check_suffix, simulate_rig, write_table
+from smallwheel_ros.simulate.sensors import write_drive_bag
 
 _FIRST = ("hidden", "seed", "strength", "form")  # options that drive and rig have alike
 _ANSWER = click.option(
@@ -31,13 +30,10 @@ def _output(metavar: str, text: str) -> Callable[[Command], Command]:
     return click.option("-o", "--output", type=path, required=True, metavar=metavar, help=text)
 
 
-def _places(output: Path, answer: Path | None, json_file: str | None) -> Path:
-    """Check where everything will be written, before the work; return the place of the answer."""
+def _answer_of(output: Path, answer: Path | None, json_file: str | None) -> Path:
+    """The place of the answer; everything that will be written is checked, before the work."""
     answer = output.with_name(f"{output.name}.answer.json") if answer is None else answer
-    summary = [] if json_file in (None, "-") else [Path(str(json_file))]
-    files = [check_folder(path) for path in (answer, *summary)]
-    if len({path.resolve() for path in (output, *files)}) <= len(files):
-        raise SimulationError(f"two outputs have one name ({output}): give each its own")
+    check_targets([output, answer, json_file])
     return answer
 
 
@@ -57,10 +53,10 @@ def drive(
 ) -> None:
     """Make a rosbag2 bag of a small rover's drive."""
     check_new_bag(output)
-    answer = _places(output, answer, json_file)
+    answer = _answer_of(output, answer, json_file)
     made = simulate_drive(DriveSettings(**settings))
     count = write_drive_bag(made, output, storage=storage)
-    write_json(answer, made.answer())
+    write_bytes(answer, json_text(made.answer()).encode())
     duration, way = (float(x[-1]) for x in (made.truth.travel.time, made.truth.travel.way))
     wheels = [wheel.name for wheel in made.rover.wheels]
     summary = {
@@ -82,11 +78,11 @@ def drive(
 @JSON
 def rig(output: Path, answer: Path | None, json_file: str | None, **settings: Any) -> None:
     """Make a table of single-wheel measurements."""
-    check_folder(check_suffix(output))
-    answer = _places(output, answer, json_file)
+    check_suffix(output)
+    answer = _answer_of(output, answer, json_file)
     made = simulate_rig(RigSettings(**settings))
     write_table(made.table, output)
-    write_json(answer, made.truth.answer())
+    write_bytes(answer, json_text(made.truth.answer()).encode())
     runs, rows = made.truth.settings.runs, len(made.table)
     summary = {
         "table": str(output),

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
@@ -16,33 +16,49 @@ from smallwheel_ros.simulate.hidden import (
     Hidden,
     Seed,
     Strength,
-    check_form,
     check_hidden,
     check_ranges,
     draw_effects,
     in_drives,
 )
-from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.ride import WheelTruth, ride
-from smallwheel_ros.simulate.rover import ROVERS, Rover, travel
-from smallwheel_ros.simulate.sensors import (
-    EPOCH,
-    ImuReadings,
-    JointReadings,
-    LoadReadings,
-    OdometryReadings,
-    Sensors,
-    SinkageReadings,
-)
+from smallwheel_ros.simulate.sensors import EPOCH, Readings, Sensors
 from smallwheel_ros.simulate.terrain import (
     FINISHES,
+    GRAVITY,
+    ROVERS,
+    STANDS,
     TERRAINS,
+    Ground,
+    Rover,
     Stretch,
+    Travel,
     draw_finish,
     draw_ground,
     draw_stretches,
+    grip,
+    stretch_index,
+    travel,
+    until_stuck,
+    wave_value,
+    wheel_loads,
 )
-from smallwheel_ros.simulate.truth import SimulationError
+from smallwheel_ros.simulate.truth import (
+    Array,
+    Circumstances,
+    HiddenEffect,
+    Places,
+    Response,
+    SimulationError,
+    WheelsOnSoil,
+    bracketed_root,
+)
+
+# The driver eases off before the wheels spin, and brakes before they lock.
+_SLIP_RANGE = (-0.3, 0.65)
+_BLOCK = 4000  # rows at once, so that memory stays small on long drives
+# Of the way on which a rover gets stuck: its length (m), and where its balance is worked out.
+_FINISH, _STEP = 15.0, 0.05
+_SLIPS = (-0.3, -0.15, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)
 
 
 @dataclass(frozen=True)
@@ -92,7 +108,6 @@ class DriveSettings:
             Naming the setting, what it was, and what was expected.
         """
         check_ranges(self)
-        check_form(self.form)
         if self.finish not in FINISHES:
             raise SimulationError(
                 f"finish {self.finish!r} is unknown: expected {', '.join(FINISHES)}"
@@ -108,6 +123,196 @@ class DriveSettings:
         return replace(self, hidden=hidden)
 
 
+# --- What happens to the wheels: loads, slip, sinkage, forces
+
+
+@dataclass(frozen=True)
+class WheelTruth:
+    """What really happened; arrays of shape (times, wheels) unless said otherwise."""
+
+    travel: Travel  # (times,)
+    slip: Array  # (times,), of all wheels alike; as if rolling on while the rover stands
+    stretch: Places  # index of the stretch that the wheel is on
+    speed: Array  # m/s, of the wheel's own place
+    load: Array  # N
+    sinkage: Array  # m, as an instrument without noise would show it
+    drawbar_pull: Array  # N, what each wheel adds to moving the rover
+    torque: Array  # N m, that drives each wheel
+    rim: Array  # m/s
+
+
+class _Ride:
+    """All wheels at all times, and the forces on the rover: of each wheel, its weight, and inertia.
+
+    Depth and resistance in the balance are those at no slip: digging in deepens the rut and does not
+    hold the rover back. With the resistance of the greater depth as well, a rover that begins to slip
+    in loose sand is stuck for good in many drives, and nothing would be left to record.
+    """
+
+    def __init__(
+        self,
+        rover: Rover,
+        ground: Ground,
+        stretches: tuple[Stretch, ...],
+        effects: tuple[HiddenEffect, ...],
+        trip: Travel,
+    ) -> None:
+        self.trip, self.mass, self.effects = trip, rover.mass, effects
+        self.shape = (trip.time.size, len(rover.wheels))
+        x = np.array([wheel.x for wheel in rover.wheels])
+        y = np.array([wheel.y for wheel in rover.wheels])
+        way = trip.way[:, None] + x
+        twist = wave_value(ground.twist_waves, trip.way)
+        self.load = wheel_loads(rover, trip.climb, trip.roll, trip.acceleration, twist)
+        self.turning = 1.0 - trip.curvature[:, None] * y
+        self.speed = trip.speed[:, None] * self.turning
+        self.stretch = stretch_index(stretches, way)
+        self.grip = grip(ground, way)
+        # Beyond its end, where a rover gets stuck, the texture comes back the other way round.
+        end = ground.way[-1]
+        place = np.where(way <= end, way, 2.0 * end - way)
+        tracks = [
+            np.interp(place[:, j], ground.way, ground.texture[0 if y[j] >= 0 else 1])
+            for j in range(len(x))
+        ]
+        self._scatter = np.stack(tracks, axis=1).ravel()
+        # A wheel that follows another in its track rolls in that one's rut.
+        passes = [
+            1.0 + sum(y[i] == y[j] and x[i] > x[j] for i in range(len(x))) for j in range(len(x))
+        ]
+        self._at = Circumstances.of(
+            load=self.load.ravel(),
+            diameter=np.tile([wheel.diameter for wheel in rover.wheels], self.shape[0]),
+            width=np.tile([wheel.width for wheel in rover.wheels], self.shape[0]),
+            # A standing wheel keeps the state of a slow one.
+            speed=np.maximum(self.speed, 0.01).ravel(),
+            pass_number=np.tile(passes, self.shape[0]),
+            hidden=np.interp(place, ground.way, ground.unrecorded).ravel(),
+        )
+        row = self.stretch.ravel()
+        self._blocks = [
+            (stretches[i].soil, rows)
+            for i in np.unique(row)
+            for rows in np.array_split(np.flatnonzero(row == i), -(-np.sum(row == i) // _BLOCK))
+        ]
+        still = self.response(np.zeros(trip.time.size))
+        self.depth, self.resistance = still.depth, still.resistance
+        self.slope = rover.mass * GRAVITY * np.sin(trip.climb)
+
+    def _each(self, slip: Array, ask: Callable[[WheelsOnSoil, Places], tuple[Array, ...]]) -> Array:
+        """Ask the wheels on each soil, block by block, with a slip at each time.
+
+        Gives a row of shape (times, wheels) for each array of the answer.
+        """
+        by_row = np.repeat(slip, self.shape[1])
+        answers = []
+        for soil, rows in self._blocks:
+            at = replace(self._at.rows(rows), slip=by_row[rows])
+            wheels = WheelsOnSoil(soil, self.effects, at, self._scatter[rows])
+            answers.append(np.stack(ask(wheels, rows)))
+        found: Array = np.empty((len(answers[0]), by_row.size))
+        found[:, np.concatenate([rows for _, rows in self._blocks])] = np.hstack(answers)
+        return found.reshape(-1, *self.shape)
+
+    def response(self, slip: Array) -> Response:
+        """Response of every wheel, shape (times, wheels), for a slip at each time."""
+        return Response(*self._each(slip, lambda wheels, _: wheels.response()))
+
+    def traction(self, slip: Array) -> Array:
+        """Thrust (N) and torque (N m) of every wheel, shape (2, times, wheels)."""
+        deep = self.depth.ravel()
+        return self._each(slip, lambda wheels, rows: wheels.traction(deep[rows])) * self.grip
+
+    def pull(self, slip: Array) -> Array:
+        """What all wheels add to moving the rover (N), shape (times,)."""
+        return np.asarray(np.sum(self.traction(slip)[0] - self.resistance, axis=1))
+
+    def slip(self) -> Array:
+        """Slip at each time: of the rims where those are given, else where the forces balance."""
+        rim, speed = self.trip.rim, self.trip.speed
+        weight = self.slope + self.mass * self.trip.acceleration
+        low, high = (np.full(rim.size, end) for end in _SLIP_RANGE)
+        slip = bracketed_root(lambda at: self.pull(at) - weight, low, high, 1e-4)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            given = np.where(rim >= speed, 1.0 - speed / rim, rim / speed - 1.0)
+        return np.where(np.isnan(rim), slip, given)
+
+    def forces(self, slip: Array) -> tuple[Array, Array, Array]:
+        """Pull (N) and torque (N m) of each wheel, and the acceleration (m/s^2) that they give.
+
+        Where the driver holds the speed of travel no place is so slippery that the slip would leave
+        its range: grip there is what it takes, and the acceleration is his. A rover that is stuck on a
+        slope is held by its ruts, in proportion to the loads.
+        """
+        thrust, torque = self.traction(slip)
+        trip = self.trip
+        by_driver = np.isnan(trip.rim)
+        needed = self.slope + self.mass * trip.acceleration + np.sum(self.resistance, axis=1)
+        ends = by_driver & ((slip <= _SLIP_RANGE[0]) | (slip >= _SLIP_RANGE[1]))
+        factor = np.where(ends, needed / np.sum(thrust, axis=1), 1.0)[:, None]
+        pull, torque = thrust * factor - self.resistance, torque * factor
+        acceleration = (np.sum(pull, axis=1) - self.slope) / self.mass
+        stands = ~by_driver & (trip.speed < STANDS)
+        share = self.load / np.sum(self.load, axis=1, keepdims=True)
+        held = np.where(stands, -self.mass * acceleration, 0.0)
+        acceleration = np.where(by_driver, trip.acceleration, np.where(stands, 0.0, acceleration))
+        return pull + share * held[:, None], torque, acceleration
+
+
+def ride(
+    rover: Rover,
+    ground: Ground,
+    stretches: tuple[Stretch, ...],
+    effects: tuple[HiddenEffect, ...],
+    trip: Travel,
+) -> WheelTruth:
+    """Work out the truth of a drive.
+
+    Raises
+    ------
+    SimulationError
+        If a wheel sinks to its axle: soil or hidden effects are too much for this rover.
+    """
+    if ground.finish is not None:
+        # Let the rover drive on until it is stuck.
+        places: Array = np.arange(trip.way[-1], trip.way[-1] + _FINISH, _STEP, dtype=np.float64)
+        steady = replace(
+            Travel.over(ground, places, np.full(places.size, trip.speed[-1])),
+            acceleration=np.zeros(places.size),
+        )
+        on = _Ride(rover, ground, stretches, effects, steady)
+        pulls = np.stack([on.pull(np.full(places.size, slip)) for slip in _SLIPS], axis=1)
+        trip = until_stuck(trip, ground, rover.mass, places, _SLIPS, pulls)
+    wheels = _Ride(rover, ground, stretches, effects, trip)
+    slip = wheels.slip()
+    pull, torque, acceleration = wheels.forces(slip)
+    response = wheels.response(slip)
+    if not np.all(np.isfinite(response.depth)):
+        time, wheel = np.argwhere(~np.isfinite(response.depth))[0]
+        soil = stretches[wheels.stretch[time, wheel]].soil
+        raise SimulationError(
+            f"wheel {rover.wheels[wheel].name} sinks to its axle at {trip.way[time]:.1f} m in"
+            f" {soil.name} (load {wheels.load[time, wheel]:.0f} N): take a firmer soil, a lighter"
+            " rover or a smaller strength"
+        )
+    forward = np.where(slip >= 0, 1.0 / np.maximum(1.0 - slip, 1e-9), 1.0 + slip)
+    rim = np.where(np.isnan(trip.rim), trip.speed * forward, trip.rim)[:, None] * wheels.turning
+    return WheelTruth(
+        travel=replace(trip, acceleration=acceleration),
+        slip=slip,
+        stretch=wheels.stretch,
+        speed=wheels.speed,
+        load=wheels.load,
+        sinkage=response.shown_sinkage,
+        drawbar_pull=pull,
+        torque=np.where(rim > STANDS, torque, 0.0),
+        rim=rim,
+    )
+
+
+# --- The drive
+
+
 @dataclass(frozen=True)
 class Drive:
     """One drive: readings by wheel name and of the whole rover, and what was true."""
@@ -117,19 +322,17 @@ class Drive:
     stretches: tuple[Stretch, ...]
     effects: tuple[HiddenEffect, ...]
     truth: WheelTruth
-    load: Mapping[str, LoadReadings]
-    sinkage: Mapping[str, SinkageReadings]
-    odometry: OdometryReadings
-    joints: JointReadings
-    imu: ImuReadings
+    load: Mapping[str, Readings]
+    sinkage: Mapping[str, Readings]
+    odometry: Readings
+    joints: Readings
+    imu: Readings
 
     @property
     def message_count(self) -> int:
         """How many messages the readings are."""
-        stamps = [self.odometry.stamp, self.joints.stamp, self.imu.stamp]
-        stamps += [readings.stamp for readings in self.load.values()]
-        stamps += [readings.stamp for readings in self.sinkage.values()]
-        return sum(stamp.size for stamp in stamps)
+        of_wheels = [*self.load.values(), *self.sinkage.values()]
+        return sum(one.stamp.size for one in (*of_wheels, self.odometry, self.joints, self.imu))
 
     def answer(self) -> dict[str, Any]:
         """Return what the bag must not say: soils, hidden effects, true values over time.
@@ -193,34 +396,15 @@ def simulate_drive(settings: DriveSettings) -> Drive:
         If a setting is outside its range, or a wheel sinks to its axle.
     """
     settings = settings.check()
-    rover = settings.rover()
+    rover, distance = settings.rover(), settings.distance
     # Streams of their own: more outliers do not change the ground, nor another soil the noise.
-    effects = draw_effects(
-        settings.hidden,
-        np.random.default_rng([settings.seed, 10]),
-        settings.strength,
-        settings.form,
-    )
-    stretches = settings.stretches or draw_stretches(
-        settings.terrain, settings.distance, np.random.default_rng([settings.seed, 11])
-    )
-    ground = replace(
-        draw_ground(settings.distance, np.random.default_rng([settings.seed, 12])),
-        finish=draw_finish(
-            settings.finish, settings.distance, np.random.default_rng([settings.seed, 13])
-        ),
-    )
-    truth = ride(
-        rover, ground, stretches, effects, travel(ground, settings.distance, settings.speed)
-    )
-    sensors = Sensors(
-        truth,
-        rover,
-        settings.seed,
-        noise=settings.noise,
-        outliers=settings.outliers,
-        dropouts=settings.dropouts,
-    )
+    streams = [np.random.default_rng([settings.seed, purpose]) for purpose in (10, 11, 12, 13)]
+    effects = draw_effects(settings.hidden, streams[0], settings.strength, settings.form)
+    stretches = settings.stretches or draw_stretches(settings.terrain, distance, streams[1])
+    finish = draw_finish(settings.finish, distance, streams[3])
+    ground = replace(draw_ground(distance, streams[2]), finish=finish)
+    truth = ride(rover, ground, stretches, effects, travel(ground, distance, settings.speed))
+    sensors = Sensors(truth, rover, settings)
     names = [wheel.name for wheel in rover.wheels]
     return Drive(
         settings=settings,

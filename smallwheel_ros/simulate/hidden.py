@@ -1,5 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings that rigs and drives have alike: above all the hidden effects, and how they are drawn.
+"""Effects that the truth can have in it and the user does not know of, and how they are asked for.
+
+Each acts on the stress at the points of the contact, and has a form of its own, other than the
+published forms which the library fits: a tool that finds the effect only where it knows the exact
+formula has found nothing. The form ``published`` is one from the literature instead, to see what
+a fit reaches where its form is right.
+
+An effect is a row of `EFFECTS`: for each form its formula, its typical size, and a function for each
+stage of the truth in which it acts (`truth.Shape`). In the formulas A is the amplitude, i slip, and s
+the share of the contact's length that the soil at a point has passed (0 at the entry, 1 at the lowest
+point). With slip i it was carried i s of that length by the rim: Wong and Reece's (1967) shear
+displacement less its part at no slip, over the length of the contact.
 
 A name may carry the size that the effect has, in SI units of its formula: `load_offset=-4`. Then
 nothing of it is drawn, and `strength` has no say in it.
@@ -9,7 +20,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -17,15 +28,267 @@ import click
 import numpy as np
 
 from smallwheel_ros.common.options import Option, options_of
-from smallwheel_ros.simulate.hidden_effects import FORMS, LAWS, Form, HiddenEffect
-from smallwheel_ros.simulate.truth import SimulationError, check_range
+from smallwheel_ros.simulate.truth import (
+    FORMS,
+    Array,
+    Circumstances,
+    Contact,
+    Form,
+    HiddenEffect,
+    Law,
+    Shape,
+    SimulationError,
+    TruthSoil,
+    check_range,
+)
 
-EFFECTS = {name: law for name, law in LAWS.items() if name != "column"}
-MOISTURE = "moisture"  # a column like any other, only better known
+# --- What is longer than its formula
+
+
+def _driven(at: Circumstances) -> Array:
+    return np.maximum(at.slip, 0.0)
+
+
+def _braked(at: Circumstances) -> Array:
+    return np.maximum(-at.slip, 0.0)
+
+
+def _carried(contact: Contact, slip: Array) -> Array:
+    """How far the rim has carried soil along, over the length of the contact."""
+    return slip[:, None] * contact.passed
+
+
+def _wall(a: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
+    """Coulomb's passive pressure on a wall with failing wedges at its sides."""
+    phi = soil.friction_angle
+    friction = phi / 2
+    root = np.sqrt(np.sin(phi + friction) * np.sin(phi) / np.cos(friction))
+    passive = np.cos(phi) ** 2 / (np.cos(friction) * (1.0 - root) ** 2)
+    sides = soil.unit_weight * depth**3 * passive * np.tan(phi) / 3
+    return np.asarray(a * (_pushed(passive, depth, soil, at) + sides))
+
+
+def _plane_wall(a: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
+    """Rankine's."""
+    passive = np.tan(np.pi / 4 + soil.friction_angle / 2) ** 2
+    return a * _pushed(passive, depth, soil, at)
+
+
+def _pushed(passive: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
+    weight = soil.unit_weight * depth**2 * passive / 2
+    cohesion = 2.0 * soil.cohesion * depth * np.sqrt(passive)
+    return np.asarray(at.width * (weight + cohesion))
+
+
+def _loose(a: float, contact: Contact, *_: object) -> Array:
+    rut = contact.rut[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        loose = np.where(rut > 0, np.exp(-((contact.depth / rut) ** 4)), 0.0)
+    return np.asarray(1.0 - min(a, 0.95) * loose)
+
+
+def _pressed_faster(a: float, contact: Contact, at: Circumstances, *_: object) -> Array:
+    x = at.speed[:, None] * np.sin(contact.angle) / 0.02
+    return np.asarray(1.0 + a * x / (1.0 + x))
+
+
+def _confined(a: float, contact: Contact, at: Circumstances, *_: object) -> Array:
+    confined = 1.0 - 0.1 * (contact.angle / np.maximum(contact.entry, 1e-12)[:, None]) ** 2
+    return np.asarray(1.0 + a * (at.load / (at.load + 60.0))[:, None] * confined)
+
+
+def _held_at_edges(a: float, contact: Contact, at: Circumstances, *_: object) -> Array:
+    """Share A exp(-y / l) at a distance y from the nearer edge, integrated over the width."""
+    x = at.width[:, None] / (2.0 * (0.02 + contact.depth))
+    return np.asarray(1.0 - a * np.expm1(-x) / x)
+
+
+def _lower_layer(
+    a: float, contact: Contact, _: Circumstances, soil: TruthSoil, level: float
+) -> Array:
+    x = np.maximum(contact.depth, 1e-9) / level
+    below = 0.1 * np.logaddexp(0.0, (x - 1.0) / 0.1)
+    return np.asarray(1.0 + a * below / x**soil.n)
+
+
+def _rigid_base(a: float, contact: Contact, *_: object, level: float) -> Array:
+    x = np.clip(contact.depth / (2.0 * level), 1e-9, 1.0 - 1e-9)
+    return np.asarray(np.power(-np.log1p(-x) / x, a))
+
+
+def _dug_away(a: float, contact: Contact, at: Circumstances) -> Array:
+    carried = _carried(contact, _driven(at))
+    return np.asarray(-a * at.grouser_height[:, None] * np.expm1(-carried / 0.15))
+
+
+def _in_column(at: Circumstances, column: str, centre: float, half_range: float) -> Array:
+    """Where a column's value is in its range, from -1 to 1."""
+    return (at.covariates[column] - centre) / half_range
+
+
+def _unrecorded(a: float, at: Circumstances) -> Array | float:
+    return 1.0 if at.hidden is None else np.asarray(np.exp(a * at.hidden))
+
+
+# --- The effects
+
+
+def _fault(
+    formula: str, typical: float, channel: str, does: Callable[..., Any], **rest: Any
+) -> Law:
+    """Return a fault of an instrument; there is one sensible form, which the library fits too."""
+    shape = Shape(f"measured {formula}", typical, f"shown_{channel}", does)
+    return Law(shape, shape, kind="instrument", **{"in_drives": False, **rest})
+
+
+def _offset(a: float, shown: Array, _: Circumstances) -> Array:
+    return shown + a
+
+
+def _gain(a: float, shown: Array, _: Circumstances) -> Array:
+    return shown * (1.0 + a)
+
+
+_UNRECORDED = Shape("k exp(A u)", 0.4, "modulus", _unrecorded)
+
+# fmt: off
+EFFECTS: dict[str, Law] = {
+    # Digging in when driven: 2 to 3 times the sinkage at slip 0.6. The soil that the rim has carried
+    # along holds less; the front, where it has not moved yet, holds as before. The stress moves
+    # forward with slip, as Wong and Reece (1967) measured, the wheel sinks until it carries the load
+    # again, and the front has more soil to push down.
+    "slip_sinkage": Law(
+        Shape("stress / (1 + (A i s)^1.7), i > 0", 5.5, "stress",
+              lambda a, contact, at, _: 1.0 / (1.0 + (a * _carried(contact, _driven(at))) ** 1.7)),
+        Shape("z = z0 exp(A i), i > 0", 1.5, "sinkage",
+              lambda a, z, at: z * np.exp(a * _driven(at))),
+    ),
+    # Ploughing in when braked: soil dragged along with the rim holds less.
+    "skid_sinkage": Law(
+        Shape("stress exp(-A (|i| s)^1.3), i < 0", 6.0, "stress",
+              lambda a, contact, at, _: np.exp(-a * _carried(contact, _braked(at)) ** 1.3)),
+        Shape("z = z0 exp(A |i|), i < 0", 1.5, "sinkage",
+              lambda a, z, at: z * np.exp(a * _braked(at))),
+    ),
+    # Ploughing sideways: soil that the rim has pushed aside holds less.
+    "slip_angle_sinkage": Law(
+        Shape("stress / (1 + A s tan(beta)^2)", 4.0, "stress",
+              lambda a, contact, at, _:
+                  1.0 / (1.0 + a * _carried(contact, np.tan(at.slip_angle) ** 2))),
+        Shape("z = z0 (1 + A (1 - cos beta))", 4.0, "sinkage",
+              lambda a, z, at: z * (1.0 + a * (1.0 - np.cos(at.slip_angle)))),
+        needs=("slip_angle",), in_drives=False,
+    ),
+    # Soil pushed ahead of the wheel: 20 to 60 % more resistance; sinkage does not show it.
+    "bulldozing": Law(
+        Shape("R = A (b (g z^2 K / 2 + 2 c z sqrt(K)) + g z^3 K tan(phi) / 3), K Coulomb's passive"
+              " coefficient with wall friction phi/2: a wall with failing wedges at its sides",
+              1.0, "resistance", _wall),
+        Shape("R = A b (g z^2 K / 2 + 2 c z sqrt(K)), K Rankine's passive coefficient",
+              1.4, "resistance", _plane_wall),
+    ),
+    # Soil is stiffer where it is pressed faster: 15 to 20 % of sinkage over 0.01 to 0.5 m/s. A point
+    # of the rim goes down at v sin(theta): fastest at the entry, not at all at the bottom.
+    "penetration_rate": Law(
+        Shape("stress (1 + A x / (1 + x)), x = v sin(theta) / 0.02 m/s", 0.45, "stress",
+              _pressed_faster),
+        Shape("k (v / 0.1 m/s)^A", 0.06, "modulus",
+              lambda a, at: np.power(np.maximum(at.speed, 1e-3) / 0.1, a)),
+        on_stiffness=True,
+    ),
+    # Soil is stiffer under a heavier wheel, a little more so right under its axle. Only a little:
+    # confinement of the axle alone would change the shape of the stress more than its size, and be
+    # another effect than one of the load.
+    "load_dependent_modulus": Law(
+        Shape("stress (1 + A W / (W + 60 N) (1 - 0.1 (theta / theta0)^2))", 2.0, "stress",
+              _confined),
+        Shape("k (W / 60 N)^A", 0.25, "modulus", lambda a, at: np.power(at.load / 60.0, a)),
+        on_stiffness=True,
+    ),
+    # Soil is stiffer under a narrower wheel: its edges shear soil that holds on beside it; the zone at
+    # the edges is wider where the wheel is deeper.
+    "width_dependent_modulus": Law(
+        Shape("stress (1 + A (2 l / b) (1 - exp(-b / (2 l)))), l = 20 mm + z", 3.0, "stress",
+              _held_at_edges),
+        Shape("k (1 + A 0.1 m / b): Bekker's kc/b + kphi", 0.3, "modulus",
+              lambda a, at: 1.0 + a * 0.1 / at.width),
+        on_stiffness=True,
+    ),
+    # The rut deepens with each pass, from the untouched surface: 1.5 times at the fifth. Loose soil
+    # that slid back into the rut holds less than it did; below the rut the soil is as it was. Each pass
+    # therefore finds its depth a little below the one before, ever less so.
+    "multipass": Law(
+        Shape("stress (1 - A exp(-(z / rut)^4)), rut the depth after the pass before", 0.66,
+              "stress", _loose),
+        Shape("z = z1 N^A", 0.25, "sinkage", lambda a, z, at: z * np.power(at.pass_number, a)),
+        in_ruts=True,
+    ),
+    # A hard layer below; `level` (m) is where it makes itself felt.
+    "hardpan": Law(
+        Shape("p = p0(z) + A p0(level) ln(1 + exp((z - level) / d)) d / level, d = level / 10:"
+              " two layers, the lower one a bed of springs", 8.0, "stress", _lower_layer),
+        Shape("p = k z^n D^m (-ln(1 - x) / x)^A, x = z / (2 level) (Preston and Thomas)",
+              1.0, "stress", _rigid_base),
+        numbers={"level": (0.014, 0.024)},
+    ),
+    # Grousers dig when they slip: they carry away soil that the rim would have pressed on.
+    "grouser": Law(
+        Shape("stress at z - A h (1 - exp(-i s / 0.15)), i > 0", 0.8, "carried_away", _dug_away),
+        Shape("z = z0 + A h i, i > 0", 1.3, "sinkage",
+              lambda a, z, at: z + a * at.grouser_height * _driven(at)),
+        needs=("grouser_height",), in_drives=False,
+    ),
+    # The rut, which is measured, is shallower than the wheel was. The soil that rises behind the lowest
+    # point carries a share of the load and pushes the wheel on.
+    "elastic_rebound": Law(
+        Shape("rut = z - A p / (1 + p / softening), p the pressure at z; it unloads as x^1.5, x"
+              " the share of the rebound that is still to come", 8e-8, "rebound",
+              lambda a, p, softening: (a * p / (1.0 + p / softening), 1.5)),
+        Shape("rut = z - A p; it unloads as x", 7e-8, "rebound", lambda a, p, **_: (a * p, 1.0)),
+        numbers={"softening": 60e3},
+    ),
+    # k follows something that nobody recorded, one value u a run, even between -1 and 1.
+    "unrecorded": Law(_UNRECORDED, _UNRECORDED),
+    # The zero of the sinkage sensor is off by 2 to 3 mm, always the same way.
+    "sinkage_offset": _fault("z = z + A, m", 0.0025, "sinkage", _offset, in_drives=True),
+    # Scales are off by 10 %, zeros of the load cell by 4 N and of the sensor of resistance by 2 N.
+    "sinkage_gain": _fault("z = z (1 + A)", 0.10, "sinkage", _gain, in_drives=True,
+                           either_sign=True),
+    "load_offset": _fault("W = W + A, N", 4.0, "load", _offset, either_sign=True),
+    "load_gain": _fault("W = W (1 + A)", 0.10, "load", _gain, either_sign=True),
+    "resistance_offset": _fault("R = R + A, N", 2.0, "resistance", _offset, either_sign=True),
+    "resistance_gain": _fault("R = R (1 + A)", 0.10, "resistance", _gain, either_sign=True),
+    # The rig itself resists: 6 % of the load.
+    "rig_friction": _fault("R = R + A W", 0.06, "resistance",
+                           lambda a, shown, at: shown + a * at.load),
+    # The measured resistance grows with slip, the sinkage does not: by half at slip 1.
+    "slip_resistance": Law(
+        Shape("measured R = R (1 + A (1 - exp(-2 i)) / (1 - exp(-2))), i > 0", 0.5,
+              "shown_resistance", lambda a, shown, at:
+                  shown * (1.0 + a * (np.expm1(-2.0 * _driven(at)) / np.expm1(-2.0)))),
+        Shape("measured R = R (1 + A i), i > 0", 0.5, "shown_resistance",
+              lambda a, shown, at: shown * (1.0 + a * _driven(at))),
+        kind="instrument", in_drives=False,
+    ),
+}
+# k follows something else that is recorded: its column is `column`, its middle `centre`.
+_OF_COLUMN = Law(
+    Shape("k (1 + A tanh((w - centre) / half_range))", 0.4, "modulus",
+          lambda a, at, **of: 1.0 + a * np.tanh(_in_column(at, **of))),
+    Shape("k exp(A (w - centre) / half_range)", 0.4, "modulus",
+          lambda a, at, **of: np.exp(a * _in_column(at, **of))),
+    on_stiffness=True,
+)
+# fmt: on
+
+
+# --- Settings that rigs and drives have alike: above all the hidden effects
+
+_MOISTURE = "moisture"  # a column like any other, only better known
 _COLUMN = "column:"
 # Unit in the header, low, high. Others are pure numbers between 0.5 and 1.5.
 KNOWN_COLUMNS: dict[str, tuple[str, float, float]] = {
-    MOISTURE: ("", 0.02, 0.14),
+    _MOISTURE: ("", 0.02, 0.14),
     "density": ("kg/m^3", 1400.0, 1700.0),
     "temperature": ("K", 268.0, 308.0),
 }
@@ -39,7 +302,7 @@ _CONTRACT_COLUMNS = frozenset([
 
 def hidden_names() -> tuple[str, ...]:
     """Everything that `--hidden` takes."""
-    return ("none", *EFFECTS, MOISTURE, f"{_COLUMN}NAME")
+    return ("none", *EFFECTS, _MOISTURE, f"{_COLUMN}NAME")
 
 
 Seed = Annotated[int, Option("Same seed, same data.", (0, 2**63 - 1))]
@@ -59,16 +322,16 @@ FormOfHidden = Annotated[
         words={"type": click.Choice(FORMS)},
     ),
 ]
-
-
 FRACTION = {"metavar": "FRACTION"}  # of options that are a share
 
 
 def check_ranges(settings: Any) -> None:
-    """Raise `SimulationError` for the first setting that is outside its range."""
+    """Raise `SimulationError` for the first setting that is outside its range, or an unknown form."""
     for name, option in options_of(type(settings)).items():
         if option.within:
             check_range(name.replace("_", " "), getattr(settings, name), *option.within)
+    if settings.form not in FORMS:
+        raise SimulationError(f"form {settings.form!r} is unknown: expected {' or '.join(FORMS)}")
 
 
 def column_unit(column: str) -> str:
@@ -76,7 +339,7 @@ def column_unit(column: str) -> str:
     return KNOWN_COLUMNS.get(column, ("",))[0]
 
 
-def split_size(text: str) -> tuple[str, float | None]:
+def _split_size(text: str) -> tuple[str, float | None]:
     """Name and size of `NAME=SIZE`; the size is None where none is given.
 
     Raises
@@ -102,21 +365,21 @@ def split_size(text: str) -> tuple[str, float | None]:
 
 def hidden_column(text: str) -> str | None:
     """Name of the extra column that drives an effect, None when it needs no column of its own."""
-    name, _ = split_size(text)
-    if name == MOISTURE:
-        return MOISTURE
+    name, _ = _split_size(text)
+    if name == _MOISTURE:
+        return name
     return name[len(_COLUMN) :] if name.startswith(_COLUMN) else None
 
 
 def in_drives(text: str) -> bool:
     """Whether a drive can have this effect: its driver and its instrument are there."""
-    name, _ = split_size(text)
-    return hidden_column(text) is None and LAWS[name].in_drives
+    name, _ = _split_size(text)
+    return hidden_column(text) is None and EFFECTS[name].in_drives
 
 
 def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
     """Return the effects without `none`; raise `SimulationError` for unknown ones."""
-    names = [split_size(text)[0] for text in texts]
+    names = [_split_size(text)[0] for text in texts]
     for name in names:
         known = name == "none" or name in EFFECTS
         column = hidden_column(name)
@@ -138,34 +401,29 @@ def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
     return tuple(text for text in texts if text != "none")
 
 
-def check_form(form: str) -> None:
-    """Raise `SimulationError` unless the form of the hidden effects exists."""
-    if form not in FORMS:
-        raise SimulationError(f"form {form!r} is unknown: expected {' or '.join(FORMS)}")
-
-
 def draw_effects(
     hidden: Sequence[str], rng: np.random.Generator, strength: float, form: Form
 ) -> tuple[HiddenEffect, ...]:
     """Draw the numbers of the named effects, in that order."""
     drawn = []
     for text in check_hidden(hidden):
-        name, size = split_size(text)
+        name, size = _split_size(text)
         column = hidden_column(name)
         if column is None:
-            effect = _drawn(name, rng, strength, form)
+            effect = _drawn(name, EFFECTS[name], rng, strength, form)
         else:
             _, low, high = KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
             middle, half = (low + high) / 2, (high - low) / 2
             numbers = {"column": column, "centre": middle, "half_range": half}
-            effect = replace(_drawn("column", rng, strength, form), numbers=numbers)
+            effect = replace(_drawn("column", _OF_COLUMN, rng, strength, form), numbers=numbers)
         drawn.append(effect if size is None else replace(effect, amplitude=size))
     return tuple(drawn)
 
 
-def _drawn(name: str, rng: np.random.Generator, strength: float, form: Form) -> HiddenEffect:
+def _drawn(
+    name: str, law: Law, rng: np.random.Generator, strength: float, form: Form
+) -> HiddenEffect:
     """Draw an effect of about the typical size (within 15 %), or of that size and its numbers."""
-    law = LAWS[name]
     amplitude = strength * law.forms[form].typical
     between = {key: at for key, at in law.numbers.items() if isinstance(at, tuple)}
     if law.either_sign and rng.uniform() >= 0.5:
@@ -173,4 +431,4 @@ def _drawn(name: str, rng: np.random.Generator, strength: float, form: Form) -> 
     if not between:
         amplitude *= rng.uniform(0.85, 1.15)
     numbers = {key: rng.uniform(*ends) for key, ends in between.items()}
-    return HiddenEffect(name, form, amplitude, {**law.numbers, **numbers})
+    return HiddenEffect(name, law, form, amplitude, {**law.numbers, **numbers})

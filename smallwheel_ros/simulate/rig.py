@@ -6,14 +6,17 @@ Units in the tables' headers are mixed on purpose, as people's tables are.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from smallwheel_ros.common.files import write_whole
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
     FRACTION,
@@ -21,30 +24,24 @@ from smallwheel_ros.simulate.hidden import (
     Hidden,
     Seed,
     Strength,
-    check_form,
     check_hidden,
     check_ranges,
     column_unit,
     draw_effects,
+    hidden_column,
 )
-from smallwheel_ros.simulate.hidden_effects import HiddenEffect
-from smallwheel_ros.simulate.response import shown_by_instrument, wheel_response
-from smallwheel_ros.simulate.rig_design import (
-    CONTINUOUS,
-    RigDesign,
-    RunSettings,
-    check_tie,
-    draw_design,
-    draw_runs,
-    typical_run,
-)
+from smallwheel_ros.simulate.terrain import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
+    HiddenEffect,
     SimulationError,
     TruthSoil,
+    WheelsOnSoil,
     check_range,
+    shown_by_instrument,
 )
 
+SUFFIXES = (".csv", ".parquet")
 CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
 _UNITS = {"sinkage": (1e3, "mm"), "torque": (1.0, "N m")}  # the others in N
 _TYPICAL_NOISE = 0.03
@@ -53,6 +50,31 @@ _LOAD_CONTROL, _SLIP_CONTROL, _SPEED_CONTROL = 0.01, 0.004, 0.01
 # At typical noise: errors of the sensors of the settings, and absolute noise of the channels.
 _LOAD_ERROR, _SLIP_ERROR, _SPEED_ERROR = 0.005, 0.004, 0.005
 _ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3, "torque": 0.03}
+# Low, high, SI and radians. What is drawn between them: evenly, or (speed) evenly in its logarithm.
+RANGES: dict[str, tuple[float, float]] = {
+    "load": (20.0, 150.0),
+    "slip": (0.0, 0.6),
+    "speed": (0.01, 0.5),
+    "slip_angle": (0.0, np.radians(40.0)),
+    "grouser_height": (0.0, 0.015),
+}
+CONTINUOUS = ("load", "slip", "speed")
+PASSES = (1, 2, 3, 4, 5)
+_HEADERS = {
+    "load": ("load [N]", 1.0),
+    "diameter": ("diameter [mm]", 1e3),
+    "width": ("width [mm]", 1e3),
+    "slip": ("slip", 1.0),
+    "slip_angle": ("slip_angle [deg]", 180.0 / np.pi),
+    "grouser_height": ("grouser_height [mm]", 1e3),
+    "speed": ("speed [mm/s]", 1e3),
+}
+# A rig's wheels stay visible: truth sinkages outside these limits are not measured.
+_LEAST_SINKAGE, _DEEPEST = 1e-3, 0.3
+_ATTEMPTS = 2000
+_TIED_SPREAD = 0.035  # of the range: correlation 0.99
+
+RunSettings = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -101,7 +123,6 @@ class RigSettings:
             Naming the setting, what it was, and what was expected.
         """
         check_ranges(self)
-        check_form(self.form)
         wrong = [name for name in self.channels if name not in CHANNELS]
         if wrong or not self.channels or len(set(self.channels)) < len(self.channels):
             raise SimulationError(
@@ -109,8 +130,158 @@ class RigSettings:
                 f" {', '.join(CHANNELS)}, each once"
             )
         hidden = check_hidden(self.hidden)
-        check_tie(self.tie, hidden)
+        _check_tie(self.tie, hidden)
         return replace(self, hidden=hidden)
+
+
+def _check_tie(tie: Sequence[str], hidden: Sequence[str]) -> None:
+    """Raise `SimulationError` unless the two tied settings can be driven together."""
+    if not tie:
+        return
+    extra = [column for name in hidden if (column := hidden_column(name)) is not None]
+    possible = [*CONTINUOUS, *extra]
+    for name in tie:
+        if name not in possible:
+            close = difflib.get_close_matches(name, possible, n=1)
+            hint = f"did you mean {close[0]!r}? " if close else ""
+            raise SimulationError(
+                f"tied setting {name!r} cannot be tied; {hint}It can be: {', '.join(possible)}"
+            )
+    if len(tie) != 2 or tie[0] == tie[1]:
+        raise SimulationError(f"tie is {','.join(tie)}: expected two different settings")
+
+
+# --- Which wheels, soil and settings a rig has
+
+
+@dataclass(frozen=True)
+class RigDesign:
+    """The rig: wheel sizes (m), soil, ranges of the settings, extra columns."""
+
+    soil: TruthSoil
+    diameters: tuple[float, ...]
+    widths: tuple[float, ...]
+    ranges: dict[str, tuple[float, float]]
+    covariates: tuple[str, ...]
+    tie: tuple[str, ...]
+
+    @property
+    def columns(self) -> tuple[tuple[str, str, float], ...]:
+        """Settings in the order of the table: name, header, factor from SI."""
+        there = {"diameter", "width", *self.ranges}
+        return tuple((name, *_HEADERS[name]) for name in _HEADERS if name in there)
+
+
+def draw_design(
+    effects: Sequence[HiddenEffect], tie: Sequence[str], rng: np.random.Generator
+) -> RigDesign:
+    """Draw wheels and soil: four diameters, four widths, a sand or loam that carries them."""
+    diameters = np.array([0.13, 0.2, 0.3, 0.45]) * rng.uniform(0.9, 1.1, 4)
+    widths = np.array([0.04, 0.07, 0.11, 0.17]) * rng.uniform(0.9, 1.1, 4)
+    ranges = {name: RANGES[name] for name in CONTINUOUS}
+    for effect in effects:
+        ranges |= {name: RANGES[name] for name in effect.law.needs}
+        if effect.name == "skid_sinkage":
+            ranges["slip"] = (-0.6, 0.6)
+    columns = {}
+    for numbers in (effect.numbers for effect in effects if effect.name == "column"):
+        middle, half = numbers["centre"], numbers["half_range"]
+        columns[numbers["column"]] = (middle - half, middle + half)
+    soil = soil_of_pressure(
+        "rig_soil",
+        np.exp(rng.uniform(np.log(12e3), np.log(32e3))),
+        rng.uniform(0.5, 1.1),
+        rng.uniform(-0.3, 0.5),
+        cohesion=rng.uniform(200.0, 1200.0),
+        friction_angle=np.radians(rng.uniform(28.0, 38.0)),
+        shear_deformation=rng.uniform(0.010, 0.022),
+        unit_weight=rng.uniform(14e3, 17e3),
+    )
+    design = RigDesign(
+        soil=soil,
+        diameters=tuple(round(float(d) / 0.005) * 5 / 1000 for d in diameters),
+        widths=tuple(round(float(b) / 0.005) * 5 / 1000 for b in widths),
+        ranges=ranges | columns,
+        covariates=tuple(columns),
+        tie=tuple(tie),
+    )
+    # Effects on stiffness keep their ratios, but on the whole the soil stays as firm as it was drawn.
+    middle = _circumstances(design, [typical_run(design)])
+    return replace(
+        design, soil=replace(soil, k=soil.k / WheelsOnSoil(soil, effects, middle).firmness())
+    )
+
+
+def typical_run(design: RigDesign) -> RunSettings:
+    """Everything in the middle of its range."""
+    middle = {name: (low + high) / 2 for name, (low, high) in design.ranges.items()}
+    low, high = design.ranges["speed"]
+    return middle | {
+        "diameter": design.diameters[2],
+        "width": design.widths[2],
+        "speed": float(np.sqrt(low * high)),
+        "pass_number": float(PASSES[len(PASSES) // 2]),
+    }
+
+
+def draw_runs(
+    design: RigDesign, effects: Sequence[HiddenEffect], count: int, rng: np.random.Generator
+) -> tuple[RunSettings, ...]:
+    """Draw runs, each setting independent of the others (but for a tie).
+
+    Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn
+    again, as nobody measures there; that leaves slight correlations of load, diameter and width.
+
+    Raises
+    ------
+    SimulationError
+        If hardly any setting is left: the hidden effects are too strong.
+    """
+    runs: list[RunSettings] = []
+    tried = 0
+    while len(runs) < count:
+        if tried > 50 * count + _ATTEMPTS:
+            raise SimulationError(
+                f"only {len(runs)} of {count} runs have a sinkage between"
+                f" {1e3 * _LEAST_SINKAGE:g} mm and {_DEEPEST:g} diameters: take a smaller strength"
+            )
+        drawn = [_draw_run(design, rng) for _ in range(count)]
+        tried += count
+        at = _circumstances(design, drawn)
+        response = WheelsOnSoil(design.soil, effects, at).response()
+        with np.errstate(invalid="ignore"):
+            fine = (response.depth < _DEEPEST * at.diameter) & (response.resistance > 0)
+            fine &= np.minimum(response.depth, response.shown_sinkage) > _LEAST_SINKAGE
+        runs += [run for run, good in zip(drawn, fine, strict=True) if good]
+    return tuple(runs[:count])
+
+
+def _circumstances(design: RigDesign, runs: Sequence[RunSettings]) -> Circumstances:
+    arrays = {name: np.array([run[name] for run in runs]) for name in runs[0]}
+    extra = {name: arrays.pop(name) for name in design.covariates}
+    return Circumstances.of(extra, **arrays)
+
+
+def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
+    share = dict(zip(design.ranges, rng.uniform(size=len(design.ranges)), strict=True))
+    if design.tie:
+        leader, follower = design.tie
+        share[follower] = float(np.clip(share[leader] + rng.normal(0.0, _TIED_SPREAD), 0.0, 1.0))
+    run: RunSettings = {}
+    for name, (low, high) in design.ranges.items():
+        if name == "speed" and name not in design.tie:
+            run[name] = float(low * (high / low) ** share[name])
+        else:
+            run[name] = float(low + (high - low) * share[name])
+    if "grouser_height" in run:  # wheels come with a few kinds of grousers
+        run["grouser_height"] = 0.005 * round(run["grouser_height"] / 0.005)
+    run["diameter"] = float(rng.choice(design.diameters))
+    run["width"] = float(rng.choice(design.widths))
+    run["pass_number"] = float(rng.choice(PASSES))
+    return run
+
+
+# --- Measurements
 
 
 @dataclass(frozen=True)
@@ -239,7 +410,7 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
     if run["slip"] == 0.0:  # a towed wheel
         real["slip"] = np.zeros(rows)
     at = Circumstances.of(columns, **real, hidden=unrecorded)
-    response = wheel_response(truth.soil, truth.effects, at, scatter)
+    response = WheelsOnSoil(truth.soil, truth.effects, at, scatter).response()
     if not np.all(np.isfinite(response.depth)):
         raise SimulationError(
             f"{_run_name(number)}: the wheel (diameter {run['diameter']:g} m) sinks to its axle"
@@ -291,3 +462,40 @@ def _spoil(
         hit = wild & (victim == i)
         measured[name] = np.where(hit, measured[name] * factor, measured[name])
     measured["sinkage"] = np.clip(measured["sinkage"], 5e-5, 0.49 * diameter)
+
+
+# --- The table's file
+
+
+def write_table(table: pd.DataFrame, path: Path | str) -> None:
+    """Write a table as CSV or Parquet, by its suffix, whole or not at all.
+
+    Raises
+    ------
+    SimulationError, OutputError
+        If the suffix is another one or the file cannot be written.
+    """
+    path = check_suffix(Path(path))
+
+    def write(part: Path) -> None:
+        if path.suffix == ".csv":
+            table.to_csv(part, index=False, lineterminator="\n")
+            return
+        try:
+            table.to_parquet(part, index=False, engine="pyarrow")
+        except ImportError as error:
+            raise SimulationError(
+                f"cannot write {path}: Parquet needs pyarrow; install smallwheel_ros[parquet], or"
+                " write .csv"
+            ) from error
+
+    write_whole(path, write)
+
+
+def check_suffix(path: Path) -> Path:
+    """Return the path; raise `SimulationError` unless it is that of a table."""
+    if path.suffix not in SUFFIXES:
+        raise SimulationError(
+            f"cannot write {path}: the suffix {path.suffix!r} is not {' or '.join(SUFFIXES)}"
+        )
+    return path

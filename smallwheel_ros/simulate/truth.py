@@ -13,28 +13,39 @@ and not a mirror. What truth and model still share are assumptions:
 
 What is not shared is how effects come in. The library lets them act in stages: a factor on k, a
 change of the sinkage after the solve, a term added to the compaction work. Here they change the
-stress at the points of the contact (module `hidden_effects`), by quantities that a point has of its
-own: how far soil was carried along under the wheel, how fast it is pressed, what an earlier pass
-left of it. Sinkage and resistance both come out of the one stress. A library's law of sinkage over
-slip is therefore never exactly right, nor is the resistance that it adds to it.
+stress at the points of the contact (module `hidden`), by quantities that a point has of its own: how
+far soil was carried along under the wheel, how fast it is pressed, what an earlier pass left of it.
+Sinkage and resistance both come out of the one stress. A library's law of sinkage over slip is
+therefore never exactly right, nor is the resistance that it adds to it.
+
+Numerics: Simpson's rule over the arc and bracketing, where the library has a series, Gauss nodes and
+Newton steps. A stress is any function of the points of the contact; forces are its components over
+the arc that is in contact:
+
+    W = b r ∫ σ cosθ dθ      R = b r ∫ σ sinθ dθ      θ from 0, the lowest point, to θ0, the entry
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.simulate.contact import Array, Contact, sinkage_under
 
+Array = NDArray[np.float64]
 Places = NDArray[np.intp]  # indices
 # Pressure (Pa) at a depth (m); both of shape (rows, nodes).
 PressureLaw = Callable[[Array], Array]
+
+# 65 points on the stretched arc: within 4e-6 of adaptive quadrature for n 0.2 to 2.2.
+_NODES = 65
+_ITERATIONS = 60
 
 
 class SimulationError(SmallwheelError):
@@ -48,6 +59,122 @@ def check_range(name: str, value: float, low: float, high: float, unit: str = ""
         raise SimulationError(
             f"{name} is {value}: expected a number from {low:g} to {high:g}{unit}"
         )
+
+
+# --- The contact of a rigid wheel with soil
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Points of the contact between wheels and soil, from the entry to the lowest point.
+
+    angle (rad, from the lowest point), depth (m, below the untouched surface) and weight (rad, of
+    the quadrature) have the shape (rows, nodes); the rest (rows,). rut: depth (m) of the rut that
+    earlier passes left, 0 on fresh soil.
+    """
+
+    diameter: Array
+    sinkage: Array
+    entry: Array
+    angle: Array
+    depth: Array
+    weight: Array
+    rut: Array
+
+    @classmethod
+    def at(cls, diameter: Array, sinkage: Array, rut: Array | None = None) -> Contact:
+        """Lay the points; z^n has an infinite slope or curvature where the wheel enters.
+
+        With theta = theta_0 (1 - u^3) the integrand goes to zero like u^(3n+2) there, which suits
+        Simpson's rule for every n that soils have.
+        """
+        u = np.linspace(0.0, 1.0, _NODES)
+        simpson = np.full(_NODES, 2.0)
+        simpson[1::2] = 4.0
+        simpson[[0, -1]] = 1.0
+        simpson /= 3.0 * (_NODES - 1)
+        radius = diameter / 2
+        entry = np.arccos(np.clip(1.0 - sinkage / radius, -1.0, 1.0))
+        angle = entry[:, None] * (1.0 - u**3)
+        # cos(angle) - cos(entry) without the cancellation near the entry
+        half_sum, half_difference = (entry[:, None] + angle) / 2, (entry[:, None] - angle) / 2
+        depth = 2.0 * radius[:, None] * np.sin(half_sum) * np.sin(half_difference)
+        weight = entry[:, None] * 3.0 * u**2 * simpson
+        fresh = np.zeros(sinkage.shape) if rut is None else rut
+        return cls(diameter, sinkage, entry, angle, depth, weight, fresh)
+
+    @property
+    def passed(self) -> Array:
+        """Share of the contact's length that soil at a point has under it: 0 at entry, 1 lowest."""
+        length = np.maximum(np.sin(self.entry), 1e-12)[:, None]
+        share: Array = 1.0 - np.sin(self.angle) / length
+        return share
+
+    def upward(self, stress: Array, width: Array) -> Array:
+        """Vertical component (N) of a stress (Pa) on these points."""
+        return self._sum(stress * np.cos(self.angle), width)
+
+    def backward(self, stress: Array, width: Array) -> Array:
+        """Horizontal component (N) of a stress (Pa) on these points."""
+        return self._sum(stress * np.sin(self.angle), width)
+
+    def along(self, stress: Array, width: Array) -> Array:
+        """Sum (N) along the arc of a stress (Pa) on these points: its torque over the radius."""
+        return self._sum(stress, width)
+
+    def _sum(self, stress: Array, width: Array) -> Array:
+        force: Array = width * self.diameter / 2 * np.sum(stress * self.weight, axis=1)
+        return force
+
+
+def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array]) -> Array:
+    """Sinkage (m) at which `carried`, N at a sinkage, is the load; NaN where that is the axle.
+
+    Solved for ln(load) over ln(sinkage), which is nearly a straight line.
+    """
+
+    def excess(log_sinkage: Array) -> Array:
+        # Where every bit of soil is dug away nothing is carried, which has no logarithm.
+        share = carried(np.exp(log_sinkage)) / load
+        return np.asarray(np.log(np.maximum(share, 1e-12)))
+
+    axle = np.log(diameter / 2)
+    root = bracketed_root(excess, np.log(diameter / 2 * 1e-7), axle, 1e-10)
+    sinkage: Array = np.where(root < axle, np.exp(root), np.nan)
+    return sinkage
+
+
+def bracketed_root(
+    function: Callable[[Array], Array], low: Array, high: Array, tolerance: float
+) -> Array:
+    """Where rising functions are zero, one for each element, by regula falsi (Illinois rule).
+
+    Never leaves the bracket; gives its nearer end where a function has no zero in it.
+    """
+    at_low, at_high = function(low), function(high)
+    below, above = at_high <= 0, at_low >= 0
+    first, last = low, high
+    side = np.zeros(low.shape)
+    middle = high
+    for _ in range(_ITERATIONS):
+        previous = middle
+        with np.errstate(invalid="ignore", divide="ignore"):
+            middle = high - at_high * (high - low) / (at_high - at_low)
+        middle = np.where(np.isfinite(middle), np.clip(middle, low, high), (low + high) / 2)
+        value = function(middle)
+        up = value > 0
+        # The end that stayed twice counts half, so that it moves at last.
+        at_low = np.where(up & (side == 1), at_low / 2, at_low)
+        at_high = np.where(~up & (side == -1), at_high / 2, at_high)
+        high, at_high = np.where(up, middle, high), np.where(up, value, at_high)
+        low, at_low = np.where(up, low, middle), np.where(up, at_low, value)
+        side = np.where(up, 1.0, -1.0)
+        if np.all((np.abs(middle - previous) < tolerance) | below | above):
+            break
+    return np.where(below, last, np.where(above, first, middle))
+
+
+# --- Soil, circumstances, and the wheel without effects
 
 
 @dataclass(frozen=True)
@@ -110,21 +237,20 @@ class Circumstances:
             hidden=None if hidden is None else filled(hidden),
         )
 
-    def with_slip(self, slip: Array) -> Circumstances:
-        """Return the same with another slip."""
-        return replace(self, slip=slip)
+    def rows(self, rows: Places) -> Circumstances:
+        """Return some of the rows."""
+        arrays: dict[str, Any] = {
+            name: values[rows]
+            for name, values in vars(self).items()
+            if isinstance(values, np.ndarray)
+        }
+        return replace(self, **arrays)
 
 
 def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
     """Load (N) that a soil carries at a sinkage (m) where depth alone decides about pressure."""
     contact = Contact.at(diameter, sinkage)
     return contact.upward(law(contact.depth), width)
-
-
-def motion_resistance(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
-    """Horizontal component (N) of the pressure on the front of the wheel at a sinkage (m)."""
-    contact = Contact.at(diameter, sinkage)
-    return contact.backward(law(contact.depth), width)
 
 
 def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
@@ -148,3 +274,217 @@ def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
     pressure = stress * (at.load / contact.upward(stress, at.width))[:, None]
     shear: Array = (soil.cohesion + pressure * np.tan(soil.friction_angle)) * mobilised
     return shear
+
+
+# --- Effects that the user does not know of
+
+
+Form = Literal["own", "published"]
+FORMS: tuple[Form, ...] = ("own", "published")
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One form of an effect: its formula, its amplitude at strength 1, and what it does in one stage.
+
+    That stage of the truth calls it with the effect's amplitude, its own arguments, and the effect's
+    other numbers by name:
+
+    | stage | arguments | gives |
+    | --- | --- | --- |
+    | `modulus` | circumstances | factor on k for the whole contact, by row |
+    | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
+    | `carried_away` | contact, circumstances | thickness (m) of soil at each point that is gone |
+    | `sinkage` | sinkage (m), circumstances | depth (m) where the balance of load gives `sinkage` |
+    | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the front's stress |
+    | `rebound` | pressure (Pa) under the wheel | how far the soil comes up behind it (m); it unloads as |
+    | | | the share of that which is still to come, to this exponent |
+    | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | what an instrument |
+    | | | without noise shows of it |
+    """
+
+    formula: str
+    typical: float
+    stage: str
+    does: Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Law:
+    """One effect: its two forms, and what else is to be known of it."""
+
+    own: Shape
+    published: Shape
+    needs: tuple[str, ...] = ()  # columns that a table has only for this effect
+    kind: Literal["soil", "instrument"] = "soil"  # who does it, the instrument only shows it
+    on_stiffness: bool = False  # changes how firm the soil is for any wheel
+    in_ruts: bool = False  # depends on the rut that earlier passes left
+    in_drives: bool = True  # False where a drive's bag has no sensor for the driver or the fault
+    either_sign: bool = False  # where no size is given the sign is drawn as well
+    # What it has besides its amplitude: a number, or two between which one is drawn; then the
+    # amplitude is the typical one.
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def forms(self) -> dict[Form, Shape]:
+        """Its forms by name."""
+        return {"own": self.own, "published": self.published}
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """One effect in the truth. numbers: besides the amplitude, as its formula names them."""
+
+    name: str
+    law: Law
+    form: Form
+    amplitude: float
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+
+    def describe(self) -> dict[str, Any]:
+        """Name, formula and numbers, for the answer."""
+        told = {"effect": self.name, "formula": self.law.forms[self.form].formula}
+        return {**told, "form": self.form, "amplitude": self.amplitude, **self.numbers}
+
+
+def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
+    """Give what effects do in a stage, in their order."""
+    for effect in effects:
+        form = effect.law.forms[effect.form]
+        if form.stage == stage:
+            yield partial(form.does, effect.amplitude, **effect.numbers)
+
+
+def shown_by_instrument(
+    effects: Sequence[HiddenEffect], channel: str, value: Array, at: Circumstances
+) -> Array:
+    """Let the faults of instruments have their say about `sinkage`, `resistance` or `load`."""
+    for shows in acting(effects, f"shown_{channel}"):
+        value = shows(value, at)
+    return value
+
+
+# --- The wheel with effects
+
+
+class Response(NamedTuple):
+    """True values, each of shape (rows,); NaN in all of them where a wheel sinks to its axle.
+
+    What is `shown` is what an instrument without noise shows: it differs by the instrument's fault
+    and, for sinkage, by soil that comes up again behind the wheel.
+    """
+
+    depth: Array  # m, lowest point of the wheel below the untouched surface
+    shown_sinkage: Array  # m
+    resistance: Array  # N
+    shown_resistance: Array  # N
+    thrust: Array  # N
+    torque: Array  # N m, that drives the wheel
+
+    @property
+    def drawbar_pull(self) -> Array:
+        """Thrust less resistance, N."""
+        return self.thrust - self.resistance
+
+
+@dataclass(frozen=True)
+class WheelsOnSoil:
+    """Wheels on a soil with effects. scatter: factor on k, by row or for all."""
+
+    soil: TruthSoil
+    effects: Sequence[HiddenEffect]
+    at: Circumstances
+    scatter: Array | float = 1.0
+
+    def stress(self, contact: Contact) -> Array:
+        """Normal stress (Pa) at the points of the contact, shape (rows, nodes)."""
+        soil, at = self.soil, self.at
+        modulus = soil.k * at.diameter**soil.m * self.scatter
+        pressed = contact.depth
+        for firmer in acting(self.effects, "modulus"):
+            modulus = modulus * firmer(at)
+        for carried_away in acting(self.effects, "carried_away"):
+            pressed = pressed - carried_away(contact, at)
+        pressure = modulus[:, None] * np.maximum(pressed, 0.0) ** soil.n
+        for more in acting(self.effects, "stress"):
+            pressure = pressure * more(contact, at, soil)
+        return pressure
+
+    def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
+        """Load that is carried and horizontal force on the wheel, both N, at a sinkage (m)."""
+        diameter, width = self.at.diameter, self.at.width
+        contact = Contact.at(diameter, sinkage, rut)
+        stress = self.stress(contact)
+        load, resistance = contact.upward(stress, width), contact.backward(stress, width)
+        for rebound in acting(self.effects, "rebound"):
+            rise, exponent = rebound(stress[:, -1])
+            # Behind the lowest point the wheel unloads the soil, which pushes it up and on.
+            rear = Contact.at(diameter, np.clip(rise, 1e-12, sinkage))
+            left = stress[:, -1:] * (rear.depth / rear.sinkage[:, None]) ** exponent
+            load = load + np.where(rise > 0, rear.upward(left, width), 0.0)
+            resistance = resistance - np.where(rise > 0, rear.backward(left, width), 0.0)
+        return load, resistance
+
+    def depth(self, rut: Array) -> Array:
+        """Sinkage (m) under the load; NaN where the wheel sinks to its axle."""
+        at = self.at
+        return sinkage_under(at.load, at.diameter, lambda z: self.forces(z, rut)[0])
+
+    def rut(self) -> Array:
+        """Depth (m) of the rut that earlier passes of the same wheel under the same load left."""
+        rut = np.zeros(self.at.load.shape)
+        if not any(effect.law.in_ruts for effect in self.effects):
+            return rut
+        passes = self.at.pass_number
+        for earlier in range(1, int(np.max(passes))):
+            rut = np.where(passes > earlier, self.depth(rut), rut)
+        return rut
+
+    def traction(self, depth: Array, rut: Array | None = None) -> tuple[Array, Array]:
+        """Thrust (N) and driving torque (N m) of the shear stress at a depth (m)."""
+        diameter, width = self.at.diameter, self.at.width
+        contact = Contact.at(diameter, depth, rut)
+        shear = shear_stress(self.stress(contact), contact, self.soil, self.at)
+        return contact.upward(shear, width), diameter / 2 * contact.along(shear, width)
+
+    def response(self) -> Response:
+        """Compute the truth for each row.
+
+        Sinkage is where the stress over the contact carries the load, resistance the horizontal
+        component of the same stress. Bulldozing comes on top, at the final depth. Effects of the form
+        `published` that deepen the rut do so after that balance, as their authors have it; resistance
+        is then that of the undisturbed soil down to the greater depth.
+        """
+        at = self.at
+        rut = self.rut()
+        depth = self.depth(rut)
+        for deeper in acting(self.effects, "sinkage"):
+            depth = deeper(depth, at)
+        depth = np.where(depth < at.diameter / 2, depth, np.nan)
+        _, resistance = self.forces(depth, rut)
+        thrust, torque = self.traction(depth, rut)
+        for pushed in acting(self.effects, "resistance"):
+            resistance = resistance + pushed(depth, self.soil, at)
+        rut_behind = depth
+        lowest = self.stress(Contact.at(at.diameter, depth, rut))[:, -1]
+        for rebound in acting(self.effects, "rebound"):
+            rut_behind = rut_behind - rebound(lowest)[0]
+        return Response(
+            depth=depth,
+            shown_sinkage=shown_by_instrument(self.effects, "sinkage", rut_behind, at),
+            resistance=resistance,
+            shown_resistance=shown_by_instrument(self.effects, "resistance", resistance, at),
+            thrust=thrust,
+            torque=torque,
+        )
+
+    def firmness(self) -> float:
+        """How much firmer the effects on stiffness make the soil: as a factor on the load it carries.
+
+        Taken at the sinkage without them, averaged over the rows.
+        """
+        fresh = np.zeros(self.at.load.shape)
+        depth = replace(self, effects=()).depth(fresh)
+        firmer = [effect for effect in self.effects if effect.law.on_stiffness]
+        carried, _ = replace(self, effects=firmer).forces(depth, fresh)
+        return float(np.mean(carried / self.at.load))

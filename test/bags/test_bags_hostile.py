@@ -29,8 +29,7 @@ from smallwheel_ros.bags import (
 from smallwheel_ros.bags.storage import LARGEST, zstd
 from smallwheel_ros.bags.types import DefinitionError, Definitions, message_definitions
 from smallwheel_ros.cli import main
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
 TOPIC = "/left/sinkage"

@@ -11,13 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
-from smallwheel_ros.costmap.cost import CostRules
-from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.crossed_ground import CrossedGround
-from smallwheel_ros.costmap.grid import CostMapError, Grid, grid_of
-from smallwheel_ros.costmap.layers import lay_over, spread, union
-from smallwheel_ros.costmap.terrain_classes import TerrainClasses
-from smallwheel_ros.costmap.vehicle import HERE, Line, Pose
+from smallwheel_ros.costmap.cost_map import CostMap, CostRules, CostSettings, TerrainClasses
+from smallwheel_ros.costmap.crossed_ground import CrossedGround, Line
+from smallwheel_ros.costmap.grid import (
+    HERE,
+    CostMapError,
+    Grid,
+    Pose,
+    grid_of,
+    lay_over,
+    spread,
+    union,
+)
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 RULES = CostRules()
@@ -197,6 +202,12 @@ class TestCrossedGround:
         cross(ground, "a", (0.05, 0.05), 40, stuck=True)
         cross(ground, "a", (0.05, 0.05), 40)
         assert self.at(ground, 0.05, 0.05) == 100
+
+    def test_looking_at_the_grid_changes_nothing_beside_the_vehicle_either(self) -> None:
+        ground = CrossedGround(20.0, 0.1)
+        for cost in (85, 40):
+            cross(ground, "a", (0.05, 0.05), cost, own=(0.35, 0.25))  # a wheel that stands out
+            assert self.at(ground, 0.05, 0.3) == cost
 
     def test_where_it_was_stuck_only_a_wheel_that_rolls_there_tells_otherwise(self) -> None:
         ground = CrossedGround(20.0, 0.1, length=1.0)

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from smallwheel_ros.costmap.grid import CostMapError, Grid
-from smallwheel_ros.costmap.map_file import read_map, write_map
+from smallwheel_ros.costmap.grid import CostMapError, Grid, read_map, write_map
 
 
 @given(

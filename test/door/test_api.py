@@ -26,9 +26,14 @@ from smallwheel_ros import api
 from smallwheel_ros.cli import main
 from smallwheel_ros.commands.from_signature import described
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import (
+    DriveSettings,
+    RigSettings,
+    simulate_drive,
+    simulate_rig,
+    write_drive_bag,
+    write_table,
+)
 
 OWN = """
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.missing_effect import MissingEffectWatch, SegmentChanges, robust_fit
 from smallwheel_ros.estimator.soil_estimator import MissingEffect, SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]
 

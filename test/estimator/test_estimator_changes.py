@@ -21,7 +21,7 @@ from smallwheel_ros.estimator.soil_estimator import (
 )
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate import Drive, DriveSettings, simulate_drive
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
 BORDER = 8.0  # m

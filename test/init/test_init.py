@@ -15,11 +15,9 @@ from click.testing import CliRunner, Result
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
-from smallwheel_ros.init.names import usual_names, wheels_named_by
-from smallwheel_ros.init.rover import FILL_IN
+from smallwheel_ros.init.rover import FILL_IN, usual_names, wheels_named_by
 from smallwheel_ros.onboard.parameters import ParametersError, read_parameters, settings_from
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 PLACES = {"front_left": (0.35, 0.28), "front_right": (0.35, -0.28),
           "rear_left": (-0.35, 0.28), "rear_right": (-0.35, -0.28)}  # fmt: skip

@@ -16,9 +16,13 @@ from click.testing import CliRunner
 from smallwheel_ros.cli import main
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.ros import NodeProcess
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.rig import RigSettings, simulate_rig
+from smallwheel_ros.simulate import (
+    DriveSettings,
+    RigSettings,
+    simulate_drive,
+    simulate_rig,
+    write_drive_bag,
+)
 
 # Wheels that dig in as they slip, by the truth's own physics: stress under the rim that slip weakens.
 HIDDEN = ("slip_sinkage=5.5",)

@@ -15,7 +15,7 @@ from smallwheel_ros.onboard.settings import DiggingInRules
 from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import DiggingInAlarm
 from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 WHEEL = Wheel("front", 0.25, 0.1)
 

@@ -25,7 +25,7 @@ from smallwheel_ros.onboard.problems import FilterHealth
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
+from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 NOTHING = Quantity(0.0, 0.0)
 

@@ -14,7 +14,7 @@ from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
 from smallwheel_ros.onboard.streams import SECOND, nanoseconds
-from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate import Drive, DriveSettings, simulate_drive
 
 T = 1_700_000_000 * SECOND
 

@@ -23,8 +23,7 @@ from smallwheel_ros.onboard.robot_description import (
 )
 from smallwheel_ros.replay.replay import replay as replay_bag
 from smallwheel_ros.replay.spec import ReplaySpec, read_remaps
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 QUARTER = math.pi / 2
 CYLINDER = '<geometry><cylinder radius="0.125" length="0.1"/></geometry>'

@@ -21,8 +21,7 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 PRIOR = SoilPrior.from_soil(soil("dry_sand"))
 ONE = changed(READING, wheel="w", diameter=0.25, distance=0.0, slip=0.1, speed=0.2)

@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
-from smallwheel_ros.costmap.map_file import read_map
+from smallwheel_ros.costmap.grid import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
@@ -29,8 +29,7 @@ from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.report import read_courses, replay_page, with_gaps
 from smallwheel_ros.replay.spec import ReplayError, ReplaySpec, read_remaps
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 _kinds = importlib.util.spec_from_file_location(
     "bag_kinds", Path(__file__).parents[1] / "bag_kinds.py"

@@ -21,10 +21,9 @@ from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
-from smallwheel_ros.costmap.map_file import read_map
+from smallwheel_ros.costmap.grid import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]
 MOBILITY = "/mobility_estimator/mobility"

@@ -13,8 +13,7 @@ from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 RADIUS = 0.125  # m, of the wheels of config/without_soil_sensors.yaml
 

@@ -10,7 +10,7 @@ import pytest
 
 import smallwheel_ros as sw
 from smallwheel_ros.measurements.columns import CHANNELS
-from smallwheel_ros.simulate.rig import RigSettings, simulate_rig
+from smallwheel_ros.simulate import RigSettings, simulate_rig
 
 LARGEST = 400_000  # bytes
 

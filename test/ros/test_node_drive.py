@@ -25,8 +25,7 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.ros import NodeProcess
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 pytestmark = pytest.mark.dds
 

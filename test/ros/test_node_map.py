@@ -137,7 +137,7 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from smallwheel_ros.costmap.cost_map import CostSettings
-    from smallwheel_ros.costmap.vehicle import Pose
+    from smallwheel_ros.costmap.grid import Pose
     from smallwheel_ros.physics.wheel import Wheel
     from smallwheel_ros.ros import outputs
 

@@ -11,8 +11,7 @@ from bag_kinds import beginning
 
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.ros import NodeProcess
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 pytestmark = pytest.mark.dds
 

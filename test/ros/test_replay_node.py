@@ -21,8 +21,7 @@ from smallwheel_ros.bags import BagMessage, BagReader, BagWriter
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.ros import NodeProcess
-from smallwheel_ros.simulate.drive import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
 pytestmark = pytest.mark.dds

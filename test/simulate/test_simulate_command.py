@@ -77,7 +77,7 @@ def test_drive_writes_bag_and_answer_apart(tmp_path, storage):
         (["rig", "-o", "x.xlsx"], ".csv or .parquet"),
         (["rig", "-o", "missing/x.csv"], "folder missing does not exist"),
         (["rig", "-o", "x.csv", "--answer", "missing/a.json"], "folder missing does not exist"),
-        (["rig", "-o", "x.csv", "--answer", "x.csv"], "give each its own"),
+        (["rig", "-o", "x.csv", "--answer", "x.csv"], "two outputs name the same file"),
         (["rig", "-o", "x.csv", "--json", "missing/a.json"], "folder missing does not exist"),
         (["rig"], "--output"),
         (["drive", "-o", "missing/bag"], "folder missing does not exist"),

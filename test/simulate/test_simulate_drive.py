@@ -13,9 +13,16 @@ from smallwheel_ros.simulate import (
     simulate_drive,
     write_drive_bag,
 )
-from smallwheel_ros.simulate.rover import GRAVITY, ROVERS, Rover, RoverWheel, wheel_loads
 from smallwheel_ros.simulate.sensors import EPOCH
-from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.terrain import (
+    GRAVITY,
+    ROVERS,
+    Rover,
+    RoverWheel,
+    Stretch,
+    soil_of_pressure,
+    wheel_loads,
+)
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
 

@@ -2,13 +2,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.simulate.contact import Contact, bracketed_root
 from smallwheel_ros.simulate.hidden import (
     EFFECTS,
     check_hidden,
@@ -16,14 +16,16 @@ from smallwheel_ros.simulate.hidden import (
     hidden_column,
     hidden_names,
 )
-from smallwheel_ros.simulate.response import shown_by_instrument, wheel_response
 from smallwheel_ros.simulate.terrain import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
+    Contact,
     SimulationError,
     TruthSoil,
-    motion_resistance,
+    WheelsOnSoil,
+    bracketed_root,
     shear_stress,
+    shown_by_instrument,
     static_sinkage,
     supported_load,
 )
@@ -56,9 +58,9 @@ def test_contact_integral_against_adaptive_quadrature(n, ratio):
     assert load[0] == pytest.approx(quad_load(k, n, m, diameter, width, sinkage[0]), rel=4e-6)
     # The horizontal force is the work of compaction, whatever the shape of the contact.
     work = width * k * diameter**m * sinkage[0] ** (n + 1) / (n + 1)
-    assert motion_resistance(law, diameter * one, width * one, sinkage)[0] == pytest.approx(
-        work, rel=6e-6
-    )
+    contact = Contact.at(diameter * one, sinkage)
+    back = contact.backward(law(contact.depth), width * one)
+    assert back[0] == pytest.approx(work, rel=6e-6)
     back = static_sinkage(law, load, diameter * one, width * one)
     assert back[0] == pytest.approx(sinkage[0], rel=1e-8)
 
@@ -81,23 +83,23 @@ def test_sinkage_against_quadrature_and_brentq():
             diameter / 2,
             rtol=1e-11,
         )
-        assert wheel_response(soil, (), at).depth[0] == pytest.approx(expected, rel=1e-5)
+        assert WheelsOnSoil(soil, (), at).response().depth[0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_too_soft_soil_is_nan_and_does_not_spoil_its_neighbour():
     at = Circumstances.of(load=[50.0, 1e6], diameter=0.2, width=0.1)
-    response = wheel_response(SOIL, (), at)
+    response = WheelsOnSoil(SOIL, (), at).response()
     assert np.isfinite(response.depth[0])
     assert np.isnan(response.depth[1])
     assert np.isnan(response.resistance[1])
-    alone = wheel_response(SOIL, (), Circumstances.of(load=50.0, diameter=0.2, width=0.1))
+    alone = WheelsOnSoil(SOIL, (), Circumstances.of(load=50.0, diameter=0.2, width=0.1)).response()
     assert response.depth[0] == pytest.approx(alone.depth[0], rel=1e-9)
 
 
 def test_thrust_grows_with_slip_towards_coulomb():
     slip = np.array([-0.5, -0.1, 0.0, 0.05, 0.2, 0.6, 0.99])
     at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, slip=slip)
-    response = wheel_response(SOIL, (), at)
+    response = WheelsOnSoil(SOIL, (), at).response()
     assert np.all(np.diff(response.thrust) > 0)
     assert response.thrust[2] == 0.0
     area = 0.1 * np.sqrt(response.depth[0] * (0.25 - response.depth[0]))
@@ -105,7 +107,7 @@ def test_thrust_grows_with_slip_towards_coulomb():
     assert 0.6 * limit < response.thrust[-1] < limit
     # With no end of shear deformation left, the whole strength is there.
     stiff = TruthSoil("stiff", SOIL.k, SOIL.n, SOIL.m, shear_deformation=1e-7)
-    assert wheel_response(stiff, (), at).thrust[-1] == pytest.approx(limit, rel=1e-3)
+    assert WheelsOnSoil(stiff, (), at).response().thrust[-1] == pytest.approx(limit, rel=1e-3)
     assert np.all(response.drawbar_pull == response.thrust - response.resistance)
 
 
@@ -113,7 +115,7 @@ def test_torque_is_the_shear_along_the_arc_times_the_radius():
     """The power at the axle is that of the rim: T = b r^2 times the integral of shear."""
     slip = np.array([-0.4, 0.0, 0.1, 0.3, 0.8])
     at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, slip=slip)
-    found = wheel_response(SOIL, (), at)
+    found = WheelsOnSoil(SOIL, (), at).response()
     contact = Contact.at(at.diameter, found.depth)
     pressure = SOIL.k * 0.25**SOIL.m * contact.depth**SOIL.n
     shear = shear_stress(pressure, contact, SOIL, at)
@@ -146,7 +148,10 @@ def test_strength_zero_is_no_effect(name, form):
         hidden=0.7,
     )
     (effect,) = draw_effects([name], np.random.default_rng(2), 0.0, form)
-    plain, with_it = wheel_response(SOIL, (), at), wheel_response(SOIL, (effect,), at)
+    plain, with_it = (
+        WheelsOnSoil(SOIL, (), at).response(),
+        WheelsOnSoil(SOIL, (effect,), at).response(),
+    )
     assert with_it.shown_sinkage == pytest.approx(plain.shown_sinkage, rel=1e-9)
     assert with_it.resistance == pytest.approx(plain.resistance, rel=1e-9)
 
@@ -154,11 +159,11 @@ def test_strength_zero_is_no_effect(name, form):
 def ratios(name, form, **settings):
     """Sinkage shown and resistance with the effect over those without, shape (rows, 20 draws)."""
     at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, **settings)
-    plain = wheel_response(SOIL, (), at)
+    plain = WheelsOnSoil(SOIL, (), at).response()
     out = []
     for seed in range(20):
         effects = draw_effects([name], np.random.default_rng(seed), 1.0, form)
-        there = wheel_response(SOIL, effects, at)
+        there = WheelsOnSoil(SOIL, effects, at).response()
         shown = there.shown_sinkage / plain.shown_sinkage
         out.append([shown, there.resistance / plain.resistance])
     return np.moveaxis(np.array(out), 0, -1)
@@ -192,12 +197,12 @@ def test_sizes_are_those_of_real_wheels(form):
 def test_modulus_effects_are_those_of_real_wheels(name, driver, form):
     settings = {"load": 60.0, "width": 0.1, "diameter": 0.3} | {name: driver}
     at = Circumstances.of(**settings)
-    plain = wheel_response(SOIL, (), at).depth
+    plain = WheelsOnSoil(SOIL, (), at).response().depth
     for seed in range(10):
         effects = draw_effects(
             [f"{name}_dependent_modulus"], np.random.default_rng(seed), 1.0, form
         )
-        low, high = (wheel_response(SOIL, effects, at).depth / plain) ** -(SOIL.n + 0.5)
+        low, high = (WheelsOnSoil(SOIL, effects, at).response().depth / plain) ** -(SOIL.n + 0.5)
         exponent = np.log(high / low) / abs(np.log(driver[1] / driver[0]))
         assert 0.15 < exponent < 0.45
 
@@ -237,7 +242,7 @@ def test_each_effect_moves_its_channels_in_its_direction(text):
     settings, deeper, harder = DIRECTIONS[text]
     at = Circumstances.of(**({"load": 60.0, "diameter": 0.25, "width": 0.1} | settings))
     effects = draw_effects([text], np.random.default_rng(5), 1.0, "own")
-    plain, there = wheel_response(SOIL, (), at), wheel_response(SOIL, effects, at)
+    plain, there = WheelsOnSoil(SOIL, (), at).response(), WheelsOnSoil(SOIL, effects, at).response()
 
     def direction(after, before):
         return int(np.sign(np.where(np.abs(after / before - 1) < 1e-3, 0.0, after - before))[0])
@@ -267,7 +272,7 @@ def test_each_effect_moves_its_channels_in_its_direction(text):
 def test_without_its_driver_an_effect_is_not_there(name, settings):
     at = Circumstances.of(**({"load": 60.0, "diameter": 0.25, "width": 0.1} | settings))
     effects = draw_effects([name], np.random.default_rng(5), 1.0, "own")
-    plain, there = wheel_response(SOIL, (), at), wheel_response(SOIL, effects, at)
+    plain, there = WheelsOnSoil(SOIL, (), at).response(), WheelsOnSoil(SOIL, effects, at).response()
     assert there.shown_sinkage == pytest.approx(plain.shown_sinkage, rel=1e-3)
     assert there.shown_resistance == pytest.approx(plain.shown_resistance, rel=1e-3)
 
@@ -306,7 +311,7 @@ def test_effects_inside_the_contact_against_adaptive_quadrature(name, share):
     """Both channels are components of one stress over the arc."""
     (effect,) = draw_effects([name], np.random.default_rng(3), 1.0, "own")
     at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, slip=0.5, speed=0.3)
-    there = wheel_response(SOIL, (effect,), at)
+    there = WheelsOnSoil(SOIL, (effect,), at).response()
     entry = np.arccos(1 - there.depth[0] / 0.125)
 
     def force(component):
@@ -324,11 +329,11 @@ def test_effects_inside_the_contact_against_adaptive_quadrature(name, share):
 def test_slip_moves_the_stress_forward():
     """More resistance than the same sinkage gain by a softer soil: Wong and Reece's peak."""
     (effect,) = draw_effects(["slip_sinkage"], np.random.default_rng(0), 1.0, "own")
-    slipping = NORMAL.with_slip(np.full(2, 0.5))
-    there = wheel_response(SOIL, (effect,), slipping)
-    plain = wheel_response(SOIL, (), slipping)
+    slipping = replace(NORMAL, slip=np.full(2, 0.5))
+    there = WheelsOnSoil(SOIL, (effect,), slipping).response()
+    plain = WheelsOnSoil(SOIL, (), slipping).response()
     softer = (plain.depth / there.depth) ** (SOIL.n + 0.5)
-    soft = wheel_response(SOIL, (), slipping, scatter=softer)
+    soft = WheelsOnSoil(SOIL, (), slipping, scatter=softer).response()
     assert soft.depth == pytest.approx(there.depth, rel=0.1)
     assert np.all(there.resistance / there.depth**0.5 > 1.2 * soft.resistance / soft.depth**0.5)
 
@@ -336,18 +341,21 @@ def test_slip_moves_the_stress_forward():
 def test_later_passes_go_down_to_a_limit():
     at = Circumstances.of(load=60.0, diameter=0.25, width=0.1, pass_number=[1.0, 2.0, 30.0, 40.0])
     effects = draw_effects(["multipass"], np.random.default_rng(0), 1.0, "own")
-    depth = wheel_response(SOIL, effects, at).depth
+    depth = WheelsOnSoil(SOIL, effects, at).response().depth
     assert depth[1] > 1.1 * depth[0]
     assert depth[3] == pytest.approx(depth[2], rel=1e-6)
     # In the limit all of the contact is in loose soil, at most as deep as in one so soft throughout.
-    soft = wheel_response(SOIL, (), at, scatter=1.0 - effects[0].amplitude).depth
+    soft = WheelsOnSoil(SOIL, (), at, scatter=1.0 - effects[0].amplitude).response().depth
     assert np.all(depth < soft)
 
 
 def test_stiff_layer_stops_the_wheel():
     at = Circumstances.of(load=[20.0, 150.0, 400.0], diameter=0.25, width=0.05)
     (effect,) = draw_effects(["hardpan"], np.random.default_rng(0), 10.0, "own")
-    plain, there = wheel_response(SOIL, (), at).depth, wheel_response(SOIL, (effect,), at).depth
+    plain, there = (
+        WheelsOnSoil(SOIL, (), at).response().depth,
+        WheelsOnSoil(SOIL, (effect,), at).response().depth,
+    )
     assert there[0] == pytest.approx(plain[0], rel=0.02)
     assert there[2] < 1.7 * effect.numbers["level"] < plain[2]
 
@@ -355,7 +363,7 @@ def test_stiff_layer_stops_the_wheel():
 def test_offset_is_two_to_three_millimetres_of_the_reading_only():
     for seed in range(20):
         (effect,) = draw_effects(["sinkage_offset"], np.random.default_rng(seed), 1.0, "own")
-        response = wheel_response(SOIL, (effect,), NORMAL)
+        response = WheelsOnSoil(SOIL, (effect,), NORMAL).response()
         assert np.all((response.shown_sinkage - response.depth) >= 0.002)
         assert np.all((response.shown_sinkage - response.depth) <= 0.003)
 
@@ -398,7 +406,10 @@ def test_faults_without_a_size_have_either_sign(name):
 
 def test_rut_is_shallower_than_the_wheel_was():
     effects = draw_effects(["elastic_rebound"], np.random.default_rng(0), 1.0, "own")
-    there, plain = wheel_response(SOIL, effects, NORMAL), wheel_response(SOIL, (), NORMAL)
+    there, plain = (
+        WheelsOnSoil(SOIL, effects, NORMAL).response(),
+        WheelsOnSoil(SOIL, (), NORMAL).response(),
+    )
     assert np.all(there.shown_sinkage < there.depth)
     assert np.all(there.depth < plain.depth)  # the rising soil carries its share
     assert np.all((there.resistance > 0) & (there.resistance < plain.resistance))
@@ -406,7 +417,7 @@ def test_rut_is_shallower_than_the_wheel_was():
 
 def test_linear_rebound_gives_back_half_of_pressure_times_rise():
     effects = draw_effects(["elastic_rebound=3e-8"], np.random.default_rng(0), 1.0, "published")
-    there = wheel_response(SOIL, effects, NORMAL)
+    there = WheelsOnSoil(SOIL, effects, NORMAL).response()
     pressure = SOIL.k * NORMAL.diameter**SOIL.m * there.depth**SOIL.n
     work = pressure * there.depth / (SOIL.n + 1) - pressure * (3e-8 * pressure) / 2
     assert there.resistance == pytest.approx(NORMAL.width * work, rel=1e-5)
