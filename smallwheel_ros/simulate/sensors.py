@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from smallwheel_ros.bags import BagWriter, Message, header
-from smallwheel_ros.bags.bag import Storage
+from smallwheel_ros.bags import BagWriter, Message, Storage, header
 from smallwheel_ros.simulate.terrain import GRAVITY, STANDS, Rover
 from smallwheel_ros.simulate.truth import Array
 
