@@ -110,7 +110,7 @@ class _Judge:
             sums[name] = sums.get(name, 0) + more  # type: ignore[operator]
 
     def result(self, result: Result) -> None:
-        drive, i, j = self.drive, self.place(result.instant.stamp), self.order[result.wheel]
+        drive, i, j = self.drive, self.place(result.reading.stamp), self.order[result.wheel]
         self.newest[result.wheel] = result
         forces = result.forces
         if drive.path[i] < SETTLE:
@@ -129,9 +129,9 @@ class _Judge:
             pull = forces.drawbar_pull
             self.add("pull", pull.value, pull.standard_deviation, float(drive.pull[i, j]))
         margins = [
-            (r.forces.margin, r.instant.load.value)
+            (r.forces.margin, r.reading.load.value)
             for r in self.newest.values()
-            if r.forces is not None and r.forces.margin is not None and r.instant.load is not None
+            if r.forces is not None and r.forces.margin is not None and r.reading.load is not None
         ]
         if len(margins) == len(self.order):
             whole = sum(load for _, load in margins)

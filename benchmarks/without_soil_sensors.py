@@ -177,9 +177,9 @@ def _path(drive: SlipDrive, time: float) -> float:
 
 def _judge(drive: SlipDrive, result: Result, newest: dict[str, Result], score: SlipScore) -> None:
     """Compare with the truth of that instant."""
-    i = bisect_right(drive.time, (result.instant.stamp - EPOCH) / 1e9) - 1
+    i = bisect_right(drive.time, (result.reading.stamp - EPOCH) / 1e9) - 1
     j = [w.name for w in drive.rover.wheels].index(result.wheel)
-    slip, true = result.instant.slip, float(drive.slip[i, j])
+    slip, true = result.reading.slip, float(drive.slip[i, j])
     if slip is not None and not math.isnan(true):
         score.add("slip", slip.value, slip.standard_deviation, true)
     if drive.path[i] < SETTLE:
@@ -189,7 +189,7 @@ def _judge(drive: SlipDrive, result: Result, newest: dict[str, Result], score: S
         score.add("margin", margin.value, margin.standard_deviation, float(drive.held[i]))
     forces = [r.forces.thrust for r in newest.values() if r.forces and r.forces.thrust]
     if j == 0 and len(forces) == len(drive.rover.wheels) and not math.isnan(true):
-        load = sum(r.instant.load.value for r in newest.values() if r.instant.load is not None)
+        load = sum(r.reading.load.value for r in newest.values() if r.reading.load is not None)
         value = sum(force.value for force in forces) / load
         deviation = sum(force.standard_deviation for force in forces) / load
         score.add("used grip", value, deviation, float(drive.used[i]))

@@ -45,11 +45,11 @@ def vehicle_margin(newest: Iterable[Result]) -> Quantity | None:
     None where no wheel has a margin.
     """
     wheels = [
-        (result.instant.load.value, result.forces.margin)
+        (result.reading.load.value, result.forces.margin)
         for result in newest
         if result.forces is not None
         and result.forces.margin is not None
-        and result.instant.load is not None
+        and result.reading.load is not None
     ]
     return mean_margin(wheels) if wheels else None
 
@@ -60,19 +60,19 @@ class Spinning:
     def __init__(self) -> None:
         self._seen: dict[str, deque[tuple[int, float, float]]] = {}
 
-    def add(self, instant: Reading) -> bool:
-        """Take an instant of a wheel; return whether it spins, as does most of the vehicle."""
-        seen = self._seen.setdefault(instant.wheel.name, deque())
-        if instant.speed is None or instant.rim_speed is None or instant.stands:
+    def add(self, reading: Reading) -> bool:
+        """Take a reading of a wheel; return whether it spins, as does most of the vehicle."""
+        seen = self._seen.setdefault(reading.wheel.name, deque())
+        if reading.speed is None or reading.rim_speed is None or reading.stands:
             seen.clear()
             return False
-        if seen and not 0 <= instant.stamp - seen[-1][0] <= SECOND:
+        if seen and not 0 <= reading.stamp - seen[-1][0] <= SECOND:
             seen.clear()
-        seen.append((instant.stamp, instant.speed, instant.rim_speed))
-        while len(seen) > 1 and instant.stamp - seen[1][0] >= SECOND:
+        seen.append((reading.stamp, reading.speed, reading.rim_speed))
+        while len(seen) > 1 and reading.stamp - seen[1][0] >= SECOND:
             seen.popleft()
-        spinning = [self._spins(wheel, instant.stamp) for wheel in self._seen]
-        return self._spins(instant.wheel.name, instant.stamp) and 2 * sum(spinning) > len(spinning)
+        spinning = [self._spins(wheel, reading.stamp) for wheel in self._seen]
+        return self._spins(reading.wheel.name, reading.stamp) and 2 * sum(spinning) > len(spinning)
 
     def _spins(self, wheel: str, now: int) -> bool:
         seen = self._seen[wheel]
@@ -105,26 +105,26 @@ class GroundMapper:
         Nothing is known where the soil has not been measured yet or the measured sinkage did not
         fit; a wheel that is sunk to its axle, digs itself in or spins on the spot is stuck there.
         """
-        instant = result.instant
+        reading = result.reading
         self._newest[result.wheel] = result
-        spins = self._spinning.add(instant)
-        since = instant.stamp - STALE
+        spins = self._spinning.add(reading)
+        since = reading.stamp - STALE
         margin = vehicle_margin(
             other
             for name, other in self._newest.items()
-            if other.instant.stamp >= since and name not in result.elsewhere
+            if other.reading.stamp >= since and name not in result.elsewhere
         )
         if self.map.prior is None:
             self.map.prior = margin
-        if instant.vehicle is None or instant.heading is None or not frame:
+        if reading.vehicle is None or reading.heading is None or not frame:
             return
         measured = result.soil.accepted > 0
         stuck = result.digging_in or spins or (measured and result.status is Status.SUNK_TO_AXLE)
         if not measured or result.status is Status.REJECTED:
             margin = None
-        pose = Pose(*instant.vehicle, instant.heading)
+        pose = Pose(*reading.vehicle, reading.heading)
         slope = result.slope if self.map.settings.slope == "measured" else 0.0
-        self.map.add(instant.wheel, frame, pose, instant.distance, margin, stuck=stuck, slope=slope)
+        self.map.add(reading.wheel, frame, pose, reading.distance, margin, stuck=stuck, slope=slope)
 
 
 # Some hundreds of metres, over which few odometries keep to half a wheel's width.
@@ -142,7 +142,7 @@ class _Point(NamedTuple):
 
 
 class PassCounter:
-    """Takes instants in the order of their stamps, and gives pass numbers."""
+    """Takes readings in the order of their stamps, and gives pass numbers."""
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
         rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
@@ -161,9 +161,9 @@ class PassCounter:
         self._begin: float | None = None
         self._travel = 0.0
 
-    def number(self, instant: Reading) -> int | None:
-        """Return the pass number of the wheel at an instant; None: not known."""
-        wheel, place, travel = instant.wheel.name, instant.place, instant.distance
+    def number(self, reading: Reading) -> int | None:
+        """Return the pass number of the wheel at a reading; None: not known."""
+        wheel, place, travel = reading.wheel.name, reading.place, reading.distance
         width = self._widths.get(wheel)
         if place is None or width is None:
             return None
@@ -179,7 +179,7 @@ class PassCounter:
             return last[1]
         point = _Point(*place, wheel, travel)
         number = self._crossings(point, width)
-        if travel - self._begin <= self._followed(wheel, instant.speed or 0.0) + self._side:
+        if travel - self._begin <= self._followed(wheel, reading.speed or 0.0) + self._side:
             number = None
         self._last[wheel] = (point, number)
         self._add(point)

@@ -84,7 +84,7 @@ class _Row:
 
 
 class LoadWatch:
-    """Of a vehicle; feed it every instant in the order of time.
+    """Of a vehicle; feed it every reading in the order of time.
 
     mass: kg, 0: not known. weighing: mean loads (N) by wheel and the weight (N) that they should add up
     to, as soon as there is one.
@@ -101,23 +101,23 @@ class LoadWatch:
         self._rows = 0
         self.weighing: tuple[Mapping[str, float], Quantity] | None = None
 
-    def add(self, instant: Reading) -> bool:
-        """Take an instant; return whether there is a weighing now for the first time."""
-        if instant.load is None or len(self._wheels) < 2:
+    def add(self, reading: Reading) -> bool:
+        """Take a reading; return whether there is a weighing now for the first time."""
+        if reading.load is None or len(self._wheels) < 2:
             return False
         row = self._row
         if row is None:
-            row = self._row = _Row(instant.stamp, instant.distance)
-        name = instant.wheel.name
-        row.loads.setdefault(name, []).append(instant.load.value)
-        if instant.sinkage is not None:
-            row.sinkages.setdefault(name, []).append(instant.sinkage.value)
-        if instant.slope_force is not None:
-            way = 1.0 if instant.forward else -1.0
-            gained = instant.gained_force or 0.0
-            behind = way * (instant.slope_force + gained) / GRAVITY
-            row.tilts.append((behind, (instant.across_force or 0.0) / GRAVITY))
-        seconds, metres = (instant.stamp - row.begin) / SECOND, instant.distance - row.way
+            row = self._row = _Row(reading.stamp, reading.distance)
+        name = reading.wheel.name
+        row.loads.setdefault(name, []).append(reading.load.value)
+        if reading.sinkage is not None:
+            row.sinkages.setdefault(name, []).append(reading.sinkage.value)
+        if reading.slope_force is not None:
+            way = 1.0 if reading.forward else -1.0
+            gained = reading.gained_force or 0.0
+            behind = way * (reading.slope_force + gained) / GRAVITY
+            row.tilts.append((behind, (reading.across_force or 0.0) / GRAVITY))
+        seconds, metres = (reading.stamp - row.begin) / SECOND, reading.distance - row.way
         if seconds < _TIME or (metres < _WAY and seconds < _STANDING):
             return False
         if len(row.loads) < len(self._wheels) or min(map(len, row.loads.values())) < _READINGS:
@@ -301,12 +301,12 @@ _SLOPE, _LENGTH = 0.15, 40.0  # tangent, m: hills
 _ZERO, _ZERO_TIME = LEVEL_STD / GRAVITY, 180.0  # tangent, s
 _ROW = math.radians(0.5)
 _ROW_WAY, _ROW_TURN = 0.2, 0.2  # m, rad
-_NEWEST = 16  # instants over which a slope is a mean
+_NEWEST = 16  # readings over which a slope is a mean
 _SURE, _WORTH = 3.0, math.radians(1.5)  # deviations and size of a zero that is said
 
 
 class Level:
-    """Of a vehicle; feed it every instant in the order of time. zero: of the slope force ahead, m/s^2."""
+    """Of a vehicle; feed it every reading in the order of time. zero: of the slope force ahead, m/s^2."""
 
     def __init__(self) -> None:
         self._x: Array = np.zeros(4)
@@ -347,32 +347,32 @@ class Level:
                 )
         return tuple(found)
 
-    def add(self, instant: Reading) -> bool:
-        """Take an instant; return whether the zero is known better now, or less well."""
-        force, heading = instant.slope_force, instant.heading
-        if force is None or instant.across_force is None:
+    def add(self, reading: Reading) -> bool:
+        """Take a reading; return whether the zero is known better now, or less well."""
+        force, heading = reading.slope_force, reading.heading
+        if force is None or reading.across_force is None:
             self._newest.clear()
             return False
-        way = 1.0 if instant.forward else -1.0
-        self._newest.append((way * force / GRAVITY, instant.across_force / GRAVITY))
+        way = 1.0 if reading.forward else -1.0
+        self._newest.append((way * force / GRAVITY, reading.across_force / GRAVITY))
         self._shown.append(self._newest[-1])
         if heading is None:
             self._shown.clear()
             return False
-        time = instant.stamp / SECOND
+        time = reading.stamp / SECOND
         if self._last is None:
-            self._last = time, instant.distance, heading
+            self._last = time, reading.distance, heading
         since, begin, looked = self._last
         turned = abs(math.remainder(heading - looked, math.tau))
-        if instant.distance - begin < _ROW_WAY and turned < _ROW_TURN:
+        if reading.distance - begin < _ROW_WAY and turned < _ROW_TURN:
             del self._shown[:-20]  # who stands shows the same
             return False
-        self._predict(instant.distance - begin, time - since)
+        self._predict(reading.distance - begin, time - since)
         cosine, sine = math.cos(heading), math.sin(heading)
         ahead, across = np.mean(self._shown, axis=0).tolist()
         self._update(np.array([cosine, sine, 1.0, 0.0]), ahead)
         self._update(np.array([-sine, cosine, 0.0, 1.0]), across)
-        self._last, self._shown = (time, instant.distance, heading), []
+        self._last, self._shown = (time, reading.distance, heading), []
         return True
 
     def _predict(self, metres: float, seconds: float) -> None:

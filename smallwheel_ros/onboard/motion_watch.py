@@ -83,7 +83,7 @@ class _Joint:
 
 
 class MotionWatch:
-    """Of a vehicle; feed it every instant and step in the order of time."""
+    """Of a vehicle; feed it every reading and step in the order of time."""
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
         rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
@@ -94,30 +94,30 @@ class MotionWatch:
         self._repeated: int | None = None  # stamp since which the speed repeats
         self._odometry = ""
 
-    def add(self, instant: Reading) -> Reading:
-        """Take an instant; return it without a slip that is none."""
-        name = instant.wheel.name
+    def add(self, reading: Reading) -> Reading:
+        """Take a reading; return it without a slip that is none."""
+        name = reading.wheel.name
         joint = self._joints.get(name)
         if joint is None:
-            return instant
-        self._watch_odometry(instant)
-        if instant.rim_speed is not None:
-            self._rims[name], self._held[name] = instant.rim_speed, instant.rim_held
-        if instant.speed is None or instant.rim_speed is None or instant.stands:
-            joint.last = instant.path
-            return instant
-        self._compare(joint, instant)
+            return reading
+        self._watch_odometry(reading)
+        if reading.rim_speed is not None:
+            self._rims[name], self._held[name] = reading.rim_speed, reading.rim_held
+        if reading.speed is None or reading.rim_speed is None or reading.stands:
+            joint.last = reading.path
+            return reading
+        self._compare(joint, reading)
         # A wheel that turns faster than the others may well dig itself in: its slip is kept.
-        if joint.why and not (instant.slip is not None and joint.off and joint.off[-1] > 0.0):
-            return instant._replace(slip=None)
-        return instant
+        if joint.why and not (reading.slip is not None and joint.off and joint.off[-1] > 0.0):
+            return reading._replace(slip=None)
+        return reading
 
-    def _watch_odometry(self, instant: Reading) -> None:
-        if not instant.speed_repeats:
+    def _watch_odometry(self, reading: Reading) -> None:
+        if not reading.speed_repeats:
             self._repeated, self._odometry = None, ""
             return
-        self._repeated = self._repeated or instant.stamp
-        if instant.stamp - self._repeated >= _REPEATED:
+        self._repeated = self._repeated or reading.stamp
+        if reading.stamp - self._repeated >= _REPEATED:
             self._odometry = (
                 "odometry repeats one and the same message while the vehicle moves (odom, or velocity_topic):"
                 " slip is unknown and no way is counted until it changes; check its driver"
@@ -128,20 +128,20 @@ class MotionWatch:
         others = [abs(rim) for other, rim in self._rims.items() if other != name]
         return median(others) if len(others) >= _OTHERS else None
 
-    def _compare(self, joint: _Joint, instant: Reading) -> None:
+    def _compare(self, joint: _Joint, reading: Reading) -> None:
         """Look at one reading of a joint."""
-        speed, rim = instant.speed or 0.0, instant.rim_speed or 0.0
-        way = max(instant.path - joint.last, 0.0)
-        joint.last = instant.path
+        speed, rim = reading.speed or 0.0, reading.rim_speed or 0.0
+        way = max(reading.path - joint.last, 0.0)
+        joint.last = reading.path
         against = rim * speed < -_RATIO * speed * speed
         joint.against = joint.against + way if against else 0.0
-        name, around = instant.wheel.name, None
+        name, around = reading.wheel.name, None
         if rim in (0.0, joint.held):
             around = self._around(name)
         joint.dead = joint.dead + way if rim == 0.0 and around else 0.0
         if rim != joint.held or joint.others is None:
             joint.held, joint.others = rim, around
-        joint.fixed = instant.rim_held >= _HELD
+        joint.fixed = reading.rim_held >= _HELD
         moving = joint.fixed and all(h < _HELD for n, h in self._held.items() if n != name)
         joint.still = joint.still + way if moving and around is not None else 0.0
         changed = 0.0
@@ -150,8 +150,8 @@ class MotionWatch:
         if joint.against >= _AGAINST:
             joint.why = (
                 f"its joint has turned against the travel for {joint.against:.1f} m: the axis is mirrored, or"
-                f" it is another joint (parameters {instant.wheel.name}.joint_sign,"
-                f" {instant.wheel.name}.joint)"
+                f" it is another joint (parameters {reading.wheel.name}.joint_sign,"
+                f" {reading.wheel.name}.joint)"
             )
         elif joint.dead >= _DEAD:
             joint.why = (
@@ -224,7 +224,7 @@ _SURE = 0.975
 
 
 class OdometryWatch:
-    """Of a vehicle; feed it every instant in the order of time.
+    """Of a vehicle; feed it every reading in the order of time.
 
     Attributes
     ----------
@@ -260,38 +260,38 @@ class OdometryWatch:
             " flow)",
         )
 
-    def add(self, instant: Reading) -> Reading:
-        """Take an instant; return it with a slip that is as sure as it is, or with none."""
-        noise = self._noise.get(instant.wheel.name)
-        if noise is None or instant.speed is None or instant.rim_speed is None:
-            return instant
-        self._travelled(instant, instant.rim_speed, instant.speed)
-        then, deviation = noise.add(instant, instant.rim_speed, instant.speed, self.late)
+    def add(self, reading: Reading) -> Reading:
+        """Take a reading; return it with a slip that is as sure as it is, or with none."""
+        noise = self._noise.get(reading.wheel.name)
+        if noise is None or reading.speed is None or reading.rim_speed is None:
+            return reading
+        self._travelled(reading, reading.rim_speed, reading.speed)
+        then, deviation = noise.add(reading, reading.rim_speed, reading.speed, self.late)
         if not self.shows_slip:
-            return instant._replace(slip=None, rim_speed=None)
-        if instant.stands or instant.slip is None:
-            return instant
-        speed = Quantity(instant.speed, deviation)
-        rim = Quantity(then, math.hypot(instant.rim_std, _SCALE_STD * then))
-        return instant._replace(
+            return reading._replace(slip=None, rim_speed=None)
+        if reading.stands or reading.slip is None:
+            return reading
+        speed = Quantity(reading.speed, deviation)
+        rim = Quantity(then, math.hypot(reading.rim_std, _SCALE_STD * then))
+        return reading._replace(
             slip=wheel_slip(speed, rim, self._standstill),
             rim_speed=then,
             speed_std=speed.standard_deviation,
             rim_std=rim.standard_deviation,
         )
 
-    def _travelled(self, instant: Reading, rim: float, speed: float) -> None:
+    def _travelled(self, reading: Reading, rim: float, speed: float) -> None:
         """Add up the ways of one instant of all wheels."""
-        if self._stamp is not None and instant.stamp != self._stamp:
+        if self._stamp is not None and reading.stamp != self._stamp:
             if len(self._now) == len(self._noise):
-                seconds = min((instant.stamp - self._stamp) / SECOND, _DIFFERENCE)
+                seconds = min((reading.stamp - self._stamp) / SECOND, _DIFFERENCE)
                 rims, speeds = np.mean(list(self._now.values()), axis=0).tolist()
                 self._rim = abs(rims)
                 self._way += abs(rims) * seconds
                 self._apart += math.copysign(1.0, rims) * (rims - speeds) * seconds
             self._now = {}
-        self._stamp = instant.stamp
-        self._now[instant.wheel.name] = rim, speed
+        self._stamp = reading.stamp
+        self._now[reading.wheel.name] = rim, speed
         if self._way >= _STRETCH:
             self._stretches.append((self._way, self._apart, self._rim - self._begin))
             self._way, self._apart, self._begin = 0.0, 0.0, self._rim
@@ -332,27 +332,27 @@ class _Noise:
         self._found: deque[float] = deque(maxlen=_MEMORY)  # sizes of second differences, m/s
 
     def add(
-        self, instant: Reading, rim: float, speed: float, late: Quantity
+        self, reading: Reading, rim: float, speed: float, late: Quantity
     ) -> tuple[float, float]:
-        """Take an instant; return the rim's speed as late as the odometry, and the deviation of both.
+        """Take a reading; return the rim's speed as late as the odometry, and the deviation of both.
 
         In m/s.
         """
         recent, step = self._recent, int(_DIFFERENCE * SECOND)
-        if instant.stands or (recent and instant.stamp - recent[-1][0] > step):
+        if reading.stands or (recent and reading.stamp - recent[-1][0] > step):
             recent.clear()
-        stamps, rims = zip(*((one[0], one[2]) for one in recent), (instant.stamp, rim), strict=True)
-        then = float(np.interp(instant.stamp - late.value * SECOND, stamps, rims))
-        recent.append((instant.stamp, then - speed, rim))
-        while instant.stamp - recent[0][0] > 2 * step + step // 2:
+        stamps, rims = zip(*((one[0], one[2]) for one in recent), (reading.stamp, rim), strict=True)
+        then = float(np.interp(reading.stamp - late.value * SECOND, stamps, rims))
+        recent.append((reading.stamp, then - speed, rim))
+        while reading.stamp - recent[0][0] > 2 * step + step // 2:
             recent.popleft()
         first = recent[0]
-        if instant.stamp - first[0] >= 2 * step:
-            middle = min(recent, key=lambda one: abs(2 * one[0] - first[0] - instant.stamp))
+        if reading.stamp - first[0] >= 2 * step:
+            middle = min(recent, key=lambda one: abs(2 * one[0] - first[0] - reading.stamp))
             self._found.append(abs(first[1] - 2.0 * middle[1] + then - speed))
         old = recent[max(len(recent) - 4, 0)]
-        gaining = (rim - old[2]) / max((instant.stamp - old[0]) / SECOND, 0.1)
-        deviation = instant.speed_std
+        gaining = (rim - old[2]) / max((reading.stamp - old[0]) / SECOND, 0.1)
+        deviation = reading.speed_std
         if len(self._found) >= _ENOUGH:
             deviation = median(self._found) / _NORMAL / math.sqrt(6.0)
         return then, math.hypot(deviation, late.standard_deviation * gaining)

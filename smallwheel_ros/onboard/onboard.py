@@ -345,7 +345,7 @@ class Onboard:
         if digging:
             words.insert(0, "digs itself in: slip and sinkage are up, speed is down")
         return Result(
-            instant=reading,
+            reading=reading,
             status=max((status for status, _ in conditions), default=Status.OK),
             status_text="; ".join(words),
             sinkage_predicted=None if self._law_unknown else predicted,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What came of the instant of one wheel, and what of it is in the messages: node and replay write alike."""
+"""What came of the reading of one wheel, and what of it is in the messages: node and replay write alike."""
 
 from __future__ import annotations
 
@@ -74,14 +74,14 @@ class Result:
         Tangent of the steepest slope of the ground there, whichever way the vehicle looks; 0 where none is
         measured.
     soil
-        After the instant: the one that a wheel came to last; the forces are those on the wheel's own.
+        After the reading: the one that a wheel came to last; the forces are those on the wheel's own.
     rejected
         Measured sinkages that were not used for the soil since the start or the last reset.
     elsewhere
         Wheels that are on another soil than this one, just before or after a border.
     """
 
-    instant: Reading
+    reading: Reading
     status: Status
     status_text: str
     sinkage_predicted: Quantity | None
@@ -96,12 +96,12 @@ class Result:
     @property
     def wheel(self) -> str:
         """Name of the wheel."""
-        return self.instant.wheel.name
+        return self.reading.wheel.name
 
     @property
     def travel(self) -> float:
         """Way of the vehicle (m) up to what the soil rests on; where that is nothing, up to here."""
-        return self.soil.distance if self.soil.accepted else self.instant.distance
+        return self.soil.distance if self.soil.accepted else self.reading.distance
 
 
 def mobility_fields(result: Result) -> dict[str, Any]:
@@ -109,11 +109,11 @@ def mobility_fields(result: Result) -> dict[str, Any]:
 
     The header's stamp is the instant's (ns), its frame_id the wheel's name.
     """
-    instant, forces, risk = result.instant, result.forces, result.risk
+    reading, forces, risk = result.reading, result.forces, result.risk
     quantities: dict[str, Quantity | None] = {
-        "load": instant.load,
-        "slip": instant.slip,
-        "sinkage_measured": instant.sinkage,
+        "load": reading.load,
+        "slip": reading.slip,
+        "sinkage_measured": reading.sinkage,
         "sinkage_predicted": result.sinkage_predicted,
         "mobility_margin": None if forces is None else forces.margin,
         **{name: getattr(forces, name, None) for name in _OF_FORCES},

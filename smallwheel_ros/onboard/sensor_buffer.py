@@ -173,7 +173,7 @@ class SensorBuffer:
             self._travel.move(stamp, *values[:4])
         return fault
 
-    def instant(self, stamp: int, order: int, measured: Sequence[float]) -> Reading:
+    def reading(self, stamp: int, order: int, measured: Sequence[float]) -> Reading:
         """Put together what belongs to a wheel's instant; call it in the order of stamps.
 
         measured: its sinkage (m) and variance (m^2, not known where it is not over 0), if any.

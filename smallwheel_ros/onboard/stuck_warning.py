@@ -91,7 +91,7 @@ class _Step(NamedTuple):
 
 
 class StuckWarning:
-    """Of a vehicle; feed it every instant in the order of time.
+    """Of a vehicle; feed it every reading in the order of time.
 
     Attributes
     ----------
@@ -114,14 +114,14 @@ class StuckWarning:
         self._wheels: dict[str, _Wheel] = {}
         self._steps: deque[_Step] = deque(maxlen=round(_AHEAD / CELL))
 
-    def know(self, instant: Reading, margin: Quantity | None) -> None:
+    def know(self, reading: Reading, margin: Quantity | None) -> None:
         """Take the margin of a wheel."""
-        if instant.load is not None and margin is not None:
-            found = _Wheel(instant.stamp, instant.load.value, margin)
-            self._wheels[instant.wheel.name] = found
+        if reading.load is not None and margin is not None:
+            found = _Wheel(reading.stamp, reading.load.value, margin)
+            self._wheels[reading.wheel.name] = found
 
-    def take(self, step: PathStep, instant: Reading, reference_slip: float) -> None:
-        """A step of the path has ended; instant: the one that ended it."""
+    def take(self, step: PathStep, reading: Reading, reference_slip: float) -> None:
+        """A step of the path has ended; reading: the one that ended it."""
         slips = sorted((mean.slip for mean in step.wheels.values()), key=lambda slip: slip.value)
         # Of wheels half of which stand nobody knows.
         known = 2 * len(slips) >= self._rolling and len(slips) > 0
@@ -134,7 +134,7 @@ class StuckWarning:
             self._steps.clear()  # a line does not go round corners
         deviation = middle.standard_deviation
         self._steps.append(_Step(step.distance, middle.value, deviation, slope))
-        newest = [w for w in self._wheels.values() if instant.stamp - w.stamp <= STALE]
+        newest = [w for w in self._wheels.values() if reading.stamp - w.stamp <= STALE]
         self.risk, steps = None, np.array(self._steps)
         if newest:
             margin = mean_margin([(w.load, w.margin) for w in newest])
@@ -145,7 +145,7 @@ class StuckWarning:
         self.warning = ""
         if not math.isnan(middle.value):
             known_slip = steps[~np.isnan(steps[:, 1])]
-            self.warning = self._words(known_slip, reference_slip, instant.speed)
+            self.warning = self._words(known_slip, reference_slip, reading.speed)
 
     def _words(self, steps: Array, reference_slip: float, speed: float | None) -> str:
         """Return the warning; steps: those with a slip, as rows."""
@@ -204,7 +204,7 @@ _GAINS = 0.1  # m/s^2
 
 
 class SlipWarning:
-    """Of a vehicle; feed it every instant in the order of time. wheels: that roll."""
+    """Of a vehicle; feed it every reading in the order of time. wheels: that roll."""
 
     def __init__(self, wheels: int, reference_slip: float) -> None:
         self._wheels, self._reference = wheels, reference_slip
@@ -213,13 +213,13 @@ class SlipWarning:
         self._readings: deque[tuple[float, Quantity, float]] = deque()
         self.warning = ""
 
-    def add(self, instant: Reading, risk: float | None) -> str:
-        """Take an instant; return the warning in words, empty where there is none."""
-        if self._now and instant.stamp != self._now[0].stamp:
+    def add(self, reading: Reading, risk: float | None) -> str:
+        """Take a reading; return the warning in words, empty where there is none."""
+        if self._now and reading.stamp != self._now[0].stamp:
             self._take()
             self.warning = self._words(risk)
             self._now = []
-        self._now.append(instant)
+        self._now.append(reading)
         return self.warning
 
     def _take(self) -> None:
@@ -293,7 +293,7 @@ class DiggingInAlarm:
     small. All three have to hold at once, for some time; slip alone is a slippery patch, sinkage alone
     a softer soil, and a low speed alone a driver who takes it easy.
 
-    Of one wheel; feed it every instant of that wheel in the order of time.
+    Of one wheel; feed it every reading of that wheel in the order of time.
     """
 
     def __init__(self, rules: DiggingInRules) -> None:
@@ -303,15 +303,15 @@ class DiggingInAlarm:
         self._speed: float | None = None
         self._since: int | None = None
 
-    def update(self, instant: Reading) -> bool:
-        """Take an instant; return whether the wheel digs itself in.
+    def update(self, reading: Reading) -> bool:
+        """Take a reading; return whether the wheel digs itself in.
 
-        An instant without slip, speed or measured sinkage changes nothing: a wheel that was stopped
+        A reading without slip, speed or measured sinkage changes nothing: a wheel that was stopped
         while it dug in still stands in its hole.
         """
-        if instant.slip is None or instant.sinkage is None or instant.speed is None:
+        if reading.slip is None or reading.sinkage is None or reading.speed is None:
             return self.on
-        slip, sinkage, speed = instant.slip.value, instant.sinkage.value, abs(instant.speed)
+        slip, sinkage, speed = reading.slip.value, reading.sinkage.value, abs(reading.speed)
         if slip <= _ORDINARY_SLIP:
             self._sinkage = _averaged(self._sinkage, sinkage)
             self._speed = _averaged(self._speed, speed)
@@ -319,13 +319,13 @@ class DiggingInAlarm:
             return False
         if self._sinkage is None:
             self._sinkage = sinkage
-        if not self._digs(slip, sinkage, instant.sinkage.standard_deviation, speed):
+        if not self._digs(slip, sinkage, reading.sinkage.standard_deviation, speed):
             self._since = None
             # Between ordinary driving and digging an alarm stays as it is.
             return self.on
         if self._since is None:
-            self._since = instant.stamp
-        self.on |= instant.stamp - self._since >= nanoseconds(self.rules.time)
+            self._since = reading.stamp
+        self.on |= reading.stamp - self._since >= nanoseconds(self.rules.time)
         return self.on
 
     def _digs(self, slip: float, sinkage: float, noise: float, speed: float) -> bool:

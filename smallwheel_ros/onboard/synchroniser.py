@@ -46,7 +46,7 @@ _PREDICTION_PERIOD = SECOND // 10
 
 
 class Synchroniser:
-    """Takes readings as they arrive, and gives instants in the order of their stamps.
+    """Takes messages' values as they arrive, and gives readings in the order of their stamps.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Synchroniser:
     problems
         What could not be used.
     received
-        Readings so far, by stream, good and bad.
+        Values so far, by stream, good and bad.
     """
 
     def __init__(self, settings: OnboardSettings, on_time_jump: Callable[[], None]) -> None:
@@ -85,7 +85,7 @@ class Synchroniser:
     def add(
         self, stamp: int, measured: Iterable[Measured], now: int | None = None
     ) -> list[Reading]:
-        """Take what was measured at one instant; return the instants that are complete now.
+        """Take what was measured at one instant; return the readings that are complete now.
 
         stamp: when it was measured. now: what the clock says, None or 0 where there is no clock.
         Raises OnboardError for an unknown wheel.
@@ -94,13 +94,13 @@ class Synchroniser:
             self._take(name, stamp, values, now)
         ready = []
         while self._waiting and not self._is_held():
-            ready.append(self._buffer.instant(*heapq.heappop(self._waiting)))
+            ready.append(self._buffer.reading(*heapq.heappop(self._waiting)))
         return ready
 
     def flush(self) -> list[Reading]:
         """Give everything that waits, with what is there: nothing more will come."""
         waiting, self._waiting = sorted(self._waiting), []
-        return [self._buffer.instant(*one) for one in waiting]
+        return [self._buffer.reading(*one) for one in waiting]
 
     def _begin(self, buffer: SensorBuffer) -> None:
         self._settings, self._buffer = buffer.settings, buffer

@@ -210,7 +210,7 @@ class _Session:
         # The result keeps the estimator, which would keep all of this.
         self._onboard.on_result = self._onboard.on_reading = None
         if self._last is not None and self._ground.map.changed:
-            self._write_grid(self._last.result.instant.stamp)
+            self._write_grid(self._last.result.reading.stamp)
         bag.finish()
         result.prefix, result.left_out = bag.prefix, bag.left_out
         if bag.damaged:
@@ -247,15 +247,15 @@ class _Session:
         bag, log_time, frame = self._bag, self._time, self._feed.odometry_frame
         bag.write_estimate(estimate, log_time, frame)
         self._ground.add(found, frame)
-        bag.write_pose(found.instant, log_time, frame)
+        bag.write_pose(found.reading, log_time, frame)
         if self._ground.map.changed and log_time >= self._grid_due:
-            self._write_grid(found.instant.stamp)
+            self._write_grid(found.reading.stamp)
         self.result.summary.add(found)
 
-    def _on_reading(self, instant: Reading) -> None:
+    def _on_reading(self, reading: Reading) -> None:
         """Every reading counts for the steady stretches, whether an estimate was due or not."""
         way, changing = self._onboard.estimator.distance, self.result.summary.changing
-        self.result.segments.add(instant, way, changing)
+        self.result.segments.add(reading, way, changing)
 
     def _write_grid(self, stamp: int) -> None:
         """Write the grid as the node would have published it, at its rate."""
@@ -353,7 +353,7 @@ class _NewBag(BagWriter):
         """Write an estimate; frame: that of odometry."""
         self.write(f"{self.prefix}/mobility", MOBILITY, log_time, estimate.mobility())
         self._soil_waits = (log_time, estimate, frame)
-        stamp, sent = estimate.result.instant.stamp, self._soil_sent
+        stamp, sent = estimate.result.reading.stamp, self._soil_sent
         if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
             self._soil_sent = stamp
             self.finish()
@@ -374,19 +374,19 @@ class _NewBag(BagWriter):
         message = Message(header=stamped, info=info, data=grid.cells.ravel())
         self.write(f"{self.prefix}/cost", _GRID, log_time, message)
 
-    def write_pose(self, instant: Reading, log_time: int, frame: str) -> None:
+    def write_pose(self, reading: Reading, log_time: int, frame: str) -> None:
         """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
-        if self._has_tf or not frame or instant.vehicle is None or instant.heading is None:
+        if self._has_tf or not frame or reading.vehicle is None or reading.heading is None:
             return
-        if instant.stamp < self._posed + _POSE_PERIOD:
+        if reading.stamp < self._posed + _POSE_PERIOD:
             return
-        self._posed = instant.stamp
-        x, y = instant.vehicle
+        self._posed = reading.stamp
+        x, y = reading.vehicle
         turn = Message(
-            x=0.0, y=0.0, z=math.sin(instant.heading / 2), w=math.cos(instant.heading / 2)
+            x=0.0, y=0.0, z=math.sin(reading.heading / 2), w=math.cos(reading.heading / 2)
         )
         moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
-        stamped = header(instant.stamp, frame)
+        stamped = header(reading.stamp, frame)
         link = Message(header=stamped, child_frame_id="base_link", transform=moved)
         self.write("/tf", _TF, log_time, Message(transforms=[link]))
 

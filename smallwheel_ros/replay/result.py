@@ -221,9 +221,9 @@ class DriveSummary:
 
     def add(self, result: Estimated) -> None:
         """Take one result."""
-        instant = result.instant
-        measured, predicted = instant.sinkage, result.sinkage_predicted
-        loaded = instant.load is not None
+        reading = result.reading
+        measured, predicted = reading.sinkage, result.sinkage_predicted
+        loaded = reading.load is not None
         used = measured is not None and loaded and result.status is not Status.REJECTED
         self.travel = max(self.travel, result.travel)
         self.statuses[result.status.name] += 1
@@ -231,11 +231,11 @@ class DriveSummary:
         counts["estimates"] += 1
         counts["with_sinkage"] += measured is not None
         counts["with_load"] += loaded
-        counts["with_slip"] += instant.slip is not None
+        counts["with_slip"] += reading.slip is not None
         counts["used_for_soil"] += used
         if used and measured is not None and predicted is not None:
             self._squares[result.wheel] += (measured.value - predicted.value) ** 2
-        self._watch(result, (instant.stamp - self._start) / SECOND)
+        self._watch(result, (reading.stamp - self._start) / SECOND)
 
     def rms(self, wheel: str) -> float | None:
         """Root mean square of measured minus predicted sinkage of those used, m."""
@@ -250,7 +250,7 @@ class DriveSummary:
         self._accepted = soil.accepted
         if soil.soil_changes > self._changes:
             if self._change is None:
-                text, place = f"noticed by wheel {wheel}", result.instant.vehicle
+                text, place = f"noticed by wheel {wheel}", result.reading.vehicle
                 self._change = Event(time, soil.distance, "soil_change", text, place)
             self._until = soil.distance + self._turn
         elif self._change is None:
@@ -270,7 +270,7 @@ class DriveSummary:
             before = self._said.get(statement.about, -math.inf)
             self._said[statement.about] = time
             if time - before > _PAUSE:
-                way, place = result.travel, result.instant.vehicle
+                way, place = result.travel, result.reading.vehicle
                 self._list(Event(time, way, statement.kind, statement.text, place))
 
     def _note_change(self) -> None:
@@ -293,7 +293,7 @@ class DriveSummary:
         """Note what still goes on: nothing more will come."""
         self._note_change()
         for result in list(self._newest.values())[-1:]:
-            time = (result.instant.stamp - self._start) / SECOND
+            time = (result.reading.stamp - self._start) / SECOND
             self._note(statements(self._onboard, self._newest.values()), result, time)
         self.events.sort(key=lambda event: event.time)
 

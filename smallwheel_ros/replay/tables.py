@@ -189,27 +189,27 @@ class Estimate:
 
         start: the bag's first log time, ns.
         """
-        result, instant = self.result, self.result.instant
+        result, reading = self.result, self.result.reading
         cells = self._mobility | self._soil_cells
         for flag, names in VALID.items():
             if not cells[flag]:
                 for name in names:
                     cells[name] = cells[f"{name}_standard_deviation"] = None
-        cells["stamp"], cells["time"] = instant.stamp, (instant.stamp - start) / SECOND
-        cells["x"], cells["y"] = instant.vehicle or (None, None)
+        cells["stamp"], cells["time"] = reading.stamp, (reading.stamp - start) / SECOND
+        cells["x"], cells["y"] = reading.vehicle or (None, None)
         cells["wheel"], cells["status"] = result.wheel, result.status.name
-        cells["speed"], cells["travel"] = instant.speed, result.travel
+        cells["speed"], cells["travel"] = reading.speed, result.travel
         cells["soil_changes"] = result.soil.soil_changes
         return [cells[name] for name in columns()]
 
     def mobility(self) -> Message:
         """Return it as MobilityEstimate."""
-        stamp = header(self.result.instant.stamp, self.result.wheel)
+        stamp = header(self.result.reading.stamp, self.result.wheel)
         return Message(header=stamp, **self._mobility)
 
     def soil(self, frame: str) -> Message:
         """Return it as SoilEstimate; frame: that of odometry."""
-        return Message(header=header(self.result.instant.stamp, frame), **self._soil)
+        return Message(header=header(self.result.reading.stamp, frame), **self._soil)
 
 
 # --- Steady stretches
@@ -256,12 +256,12 @@ class SteadySegments:
         self.at_changes = 0
         self.unusable = 0
 
-    def add(self, instant: Reading, way: float, changing: bool) -> None:
+    def add(self, reading: Reading, way: float, changing: bool) -> None:
         """Take one reading; changing: the soil is taken to change just now (`DriveSummary.changing`).
 
         way: m that the vehicle has travelled.
         """
-        passes = instant.pass_number
+        passes = reading.pass_number
         forgotten = way < self._way - 1e-9  # time went back
         if forgotten or (changing and not self._changing):
             self._next_soil()
@@ -269,9 +269,9 @@ class SteadySegments:
         if changing:
             self.at_changes += 1
             return
-        order = self._order[instant.wheel.name]
+        order = self._order[reading.wheel.name]
         pressed = self._wheels[order].contact == PRESSED
-        load, sinkage, slip, speed = instant.load, instant.sinkage, instant.slip, instant.speed
+        load, sinkage, slip, speed = reading.load, reading.sinkage, reading.slip, reading.speed
         still = not pressed and (slip is None or speed is None)
         if load is None or sinkage is None or still:
             self.unusable += 1
@@ -281,7 +281,7 @@ class SteadySegments:
         if order not in self._open or self._open[order][0] != key:
             self._close(order)
             self._open[order] = (key, [])
-        pull = instant.drawbar_pull or _UNKNOWN
+        pull = reading.drawbar_pull or _UNKNOWN
         self._open[order][1].append(
             _Row(
                 load.value,

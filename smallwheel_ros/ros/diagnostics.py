@@ -155,7 +155,7 @@ def _vehicle(onboard: Onboard, results: list[Result]) -> tuple[str, dict[str, st
     margin = vehicle_margin(results)
     if margin is None:
         return "nothing known of any wheel yet", {}
-    loads = [result.instant.load for result in results]
+    loads = [result.reading.load for result in results]
     energy = [r.forces.energy_per_metre for r in results if r.forces is not None]
     known = [e.value for e in energy if e is not None]
     slope = math.degrees(math.atan(margin.value))
@@ -174,9 +174,9 @@ def _wheel(name: str, result: Result) -> DiagnosticStatus:
     """How one wheel does."""
     values = {"status": result.status.name}
     quantities = {
-        "load [N]": result.instant.load,
-        "slip": result.instant.slip,
-        "sinkage measured [m]": result.instant.sinkage,
+        "load [N]": result.reading.load,
+        "slip": result.reading.slip,
+        "sinkage measured [m]": result.reading.sinkage,
         "sinkage predicted [m]": result.sinkage_predicted,
     }
     if result.forces is not None:

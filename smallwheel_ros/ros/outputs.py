@@ -74,7 +74,7 @@ def _header(stamp: int, frame: str) -> Header:
 
 def mobility_message(result: Result) -> MobilityMessage:
     """Turn a wheel's result into its message."""
-    header = _header(result.instant.stamp, result.wheel)
+    header = _header(result.reading.stamp, result.wheel)
     return MobilityMessage(header=header, **mobility_fields(result))
 
 
@@ -136,11 +136,11 @@ def markers(newest: Iterable[Result], frame: str) -> MarkerArray:
 
 
 def _of_wheel(number: int, result: Result, frame: str) -> list[Marker]:
-    instant, place, wheel = result.instant, result.instant.place, result.instant.wheel
-    depth = instant.sinkage or result.sinkage_predicted
+    reading, place, wheel = result.reading, result.reading.place, result.reading.wheel
+    depth = reading.sinkage or result.sinkage_predicted
     if place is None or depth is None:
         return []
-    header = _header(instant.stamp, frame)
+    header = _header(reading.stamp, frame)
     column = Marker(header=header, ns="sinkage", id=number, type=Marker.CYLINDER)
     words = Marker(header=header, ns="sinkage_text", id=number, type=Marker.TEXT_VIEW_FACING)
     for marker in (column, words):
@@ -204,7 +204,7 @@ class CostPublisher:
 
     def add(self, result: Result, frame: str) -> None:
         """Take a result of the estimate; frame is that of the odometry."""
-        self._stamp = max(self._stamp, result.instant.stamp)
+        self._stamp = max(self._stamp, result.reading.stamp)
         self._ground.add(result, frame)
 
     def on_classes(self, message: Any) -> None:
@@ -359,7 +359,7 @@ class Outputs:
             self.cost.add(result, self._feed.odometry_frame)
             self.newest[result.wheel] = result
             self._soil_waits = result
-            stamp, sent = result.instant.stamp, self._soil_sent
+            stamp, sent = result.reading.stamp, self._soil_sent
             if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
                 self.publish_waiting_soil()
 
@@ -367,7 +367,7 @@ class Outputs:
         """Publish the newest soil unless it has been already."""
         result, frame = self._soil_waits, self._feed.odometry_frame
         if result is not None:
-            stamp = result.instant.stamp
+            stamp = result.reading.stamp
             self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
             self._soil_sent, self._soil_waits = stamp, None
 

@@ -51,7 +51,7 @@ def steps(request: pytest.FixtureRequest) -> list[Step]:
     number = {wheel.name: j for j, wheel in enumerate(drive.rover.wheels)}
     found = []
     for result in results:
-        at, j = (result.instant.stamp - EPOCH) / 1e9, number[result.wheel]
+        at, j = (result.reading.stamp - EPOCH) / 1e9, number[result.wheel]
         row = int(np.searchsorted(truth.travel.time, at, side="right")) - 1
         depth = float(np.interp(at, truth.travel.time, truth.sinkage[:, j]))
         way = float(np.interp(at, truth.travel.time, truth.travel.way))
@@ -78,17 +78,17 @@ def test_all_wheels_are_on_one_soil_away_from_the_border(steps: list[Step]) -> N
 
 
 def test_the_cost_up_to_the_border_is_that_of_the_soil_before_it(steps: list[Step]) -> None:
-    wheels = {step.result.wheel: step.result.instant.wheel for step in steps}
+    wheels = {step.result.wheel: step.result.reading.wheel for step in steps}
     cost_map = CostMap(
         CostSettings(size=40.0, resolution=0.05, spread=0.0, unknown="none"), list(wheels.values())
     )
     across = {step.result.wheel: step.place[1] for step in steps}
     mapper = GroundMapper(cost_map)
     for step in steps:
-        wheel, (x, y) = step.result.instant.wheel, step.place
+        wheel, (x, y) = step.result.reading.wheel, step.place
         middle = x - wheel.longitudinal_position, y - wheel.lateral_position
-        instant = step.result.instant._replace(vehicle=middle, heading=0.0, distance=middle[0])
-        mapper.add(replace(step.result, instant=instant), "odom")
+        reading = step.result.reading._replace(vehicle=middle, heading=0.0, distance=middle[0])
+        mapper.add(replace(step.result, reading=reading), "odom")
     grid = cost_map.grid()
     assert grid is not None
 

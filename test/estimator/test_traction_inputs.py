@@ -124,7 +124,7 @@ def test_replay_takes_the_same_inputs_from_a_bag(tmp_path: Path) -> None:
 
 
 def force(results: list[Result]) -> float | None:
-    slope, gained = results[-1].instant.slope_force, results[-1].instant.gained_force
+    slope, gained = results[-1].reading.slope_force, results[-1].reading.gained_force
     return None if slope is None or gained is None else slope + gained
 
 
@@ -206,7 +206,7 @@ def test_torque_is_the_effort_times_gear_and_sign() -> None:
         }
     )
     results = drive(feed, effort=0.1)
-    assert results[-1].instant.torque == pytest.approx(1.6)
+    assert results[-1].reading.torque == pytest.approx(1.6)
     assert feed.onboard.strength.sources == {"torque"}
     mirrored = make(**{"front.torque_source": "effort", "front.joint_sign": -1})
     results = []
@@ -217,7 +217,7 @@ def test_torque_is_the_effort_times_gear_and_sign() -> None:
         messages["joint_states"] = joints(stamp, turning, [-0.1], ["front_joint"])
         for name in {item.name for item in mirrored.topics} & messages.keys():
             results += topic(mirrored, name).handle(messages[name], None)
-    assert (results + mirrored.onboard.flush())[-1].instant.torque == pytest.approx(0.1)
+    assert (results + mirrored.onboard.flush())[-1].reading.torque == pytest.approx(0.1)
     assert "front/torque" not in make().onboard.streams
 
 
@@ -253,13 +253,13 @@ def step(i: int, slip: float, gained: float = 0.0, **changes: Any) -> PathStep:
 
 def test_a_slipping_vehicle_is_warned_of_with_its_risk() -> None:
     feed = make(**MASS)
-    instant = drive(feed, pose=0.05)[-1].instant
+    reading = drive(feed, pose=0.05)[-1].reading
     watch = StuckWarning()
     assert watch.risk is None
     warnings, margin = [], Quantity(0.2, 0.05)
     for i in range(30):
-        watch.know(instant._replace(stamp=START + i * SECOND // 3), margin)
-        watch.take(step(i, min(0.1 + 0.03 * i, 1.0)), watch_at(instant, i), 0.4)
+        watch.know(reading._replace(stamp=START + i * SECOND // 3), margin)
+        watch.take(step(i, min(0.1 + 0.03 * i, 1.0)), watch_at(reading, i), 0.4)
         warnings.append(watch.warning)
     first = next(i for i, words in enumerate(warnings) if words)
     # On the way to 0.4 before it is over 0.3, and long before it is there.
@@ -275,31 +275,31 @@ def test_a_slipping_vehicle_is_warned_of_with_its_risk() -> None:
     assert (watch.risk, watch.warning) == (None, "")
 
 
-def watch_at(instant: Any, i: int) -> Any:
-    return instant._replace(stamp=START + i * SECOND // 3)
+def watch_at(reading: Any, i: int) -> Any:
+    return reading._replace(stamp=START + i * SECOND // 3)
 
 
 def test_a_slip_that_stays_high_is_warned_of_without_a_distance() -> None:
-    instant = drive(make(**MASS), pose=0.05)[-1].instant
+    reading = drive(make(**MASS), pose=0.05)[-1].reading
     watch = StuckWarning()
     for i in range(60):
-        watch.take(step(i, 0.448 - 1e-4 * i), instant, 0.4)
+        watch.take(step(i, 0.448 - 1e-4 * i), reading, 0.4)
     assert watch.warning == "the wheels slip by 0.44: the vehicle may get stuck"
 
 
 def test_who_starts_off_or_turns_back_is_not_about_to_get_stuck() -> None:
     """Slip of gaining speed is the driver's will, and a line does not go round corners."""
-    instant = drive(make(**MASS), pose=0.05)[-1].instant
+    reading = drive(make(**MASS), pose=0.05)[-1].reading
     watch = StuckWarning()
-    watch.know(instant, Quantity(0.25, 0.03))
+    watch.know(reading, Quantity(0.25, 0.03))
     for i in range(8):
-        watch.take(step(i, 0.05 + 0.04 * i, 0.05 * i), instant, 0.4)
+        watch.take(step(i, 0.05 + 0.04 * i, 0.05 * i), reading, 0.4)
         assert watch.warning == ""
     level = {"slope": -0.05 * GRAVITY}
     for i in range(8, 14):
-        watch.take(step(i, 0.05, **level), instant, 0.4)
+        watch.take(step(i, 0.05, **level), reading, 0.4)
     for i in range(14, 18):
-        watch.take(step(i, 0.22, slope=0.1 * GRAVITY, forward=False, follows=i > 14), instant, 0.4)
+        watch.take(step(i, 0.22, slope=0.1 * GRAVITY, forward=False, follows=i > 14), reading, 0.4)
         assert watch.warning == ""
     assert watch.risk is not None
     assert watch.risk < 0.1

@@ -20,7 +20,7 @@ from smallwheel_ros.simulate import DriveSettings, simulate_drive
 WHEEL = Wheel("front", 0.25, 0.1)
 
 
-def instant(time: float, slip: float | None, sinkage: float | None, speed: float | None) -> Reading:
+def reading(time: float, slip: float | None, sinkage: float | None, speed: float | None) -> Reading:
     return Reading(
         WHEEL,
         round(time * SECOND),
@@ -36,7 +36,7 @@ def instant(time: float, slip: float | None, sinkage: float | None, speed: float
 def feed(
     alarm: DiggingInAlarm, start: float, rows: Iterable[tuple[float, float, float]]
 ) -> list[bool]:
-    return [alarm.update(instant(start + 0.1 * i, *row)) for i, row in enumerate(rows)]
+    return [alarm.update(reading(start + 0.1 * i, *row)) for i, row in enumerate(rows)]
 
 
 @pytest.fixture
@@ -90,9 +90,9 @@ class TestAlarm:
         self, alarm: DiggingInAlarm
     ) -> None:
         assert feed(alarm, 5.0, digging())[-1]
-        assert alarm.update(instant(10.0, None, 0.03, 0.0))
-        assert alarm.update(instant(10.1, 0.45, 0.025, 0.1))
-        assert not alarm.update(instant(10.2, 0.15, 0.012, 0.3))
+        assert alarm.update(reading(10.0, None, 0.03, 0.0))
+        assert alarm.update(reading(10.1, 0.45, 0.025, 0.1))
+        assert not alarm.update(reading(10.2, 0.15, 0.012, 0.3))
 
     def test_stuck_from_the_start_is_seen_by_slip_and_sinkage(self) -> None:
         made = DiggingInAlarm(DiggingInRules())
@@ -101,7 +101,7 @@ class TestAlarm:
 
     def test_what_is_not_known_changes_nothing(self, alarm: DiggingInAlarm) -> None:
         for row in ((None, 0.03, 0.0), (0.9, None, 0.0), (0.9, 0.03, None)):
-            assert not alarm.update(instant(6.0, *row))
+            assert not alarm.update(reading(6.0, *row))
 
 
 @pytest.mark.parametrize("hidden", [(), ("slip_sinkage",)])

@@ -145,22 +145,22 @@ class TestUsual:
         results = self.run(feed)
         assert len(results) == 30
         last = results[-1]
-        assert last.instant.load.value == 60.0
-        assert last.instant.slip.value == pytest.approx(0.1)
-        assert last.instant.sinkage.value == 0.008
-        assert last.instant.place == pytest.approx((0.29 + 0.2, 2.0 + 0.3))
+        assert last.reading.load.value == 60.0
+        assert last.reading.slip.value == pytest.approx(0.1)
+        assert last.reading.sinkage.value == 0.008
+        assert last.reading.place == pytest.approx((0.29 + 0.2, 2.0 + 0.3))
         assert feed.odometry_frame == "odom"
 
     def test_the_wheel_is_where_the_robot_is_turned_to(self) -> None:
         feed = make(**{"front.lateral_position": 0.3, "front.longitudinal_position": 0.2})
         last = self.run(feed, orientation=(0.0, 0.0, QUARTER, QUARTER))[-1]
-        assert last.instant.place == pytest.approx((0.29 - 0.3, 2.0 + 0.2))
+        assert last.reading.place == pytest.approx((0.29 - 0.3, 2.0 + 0.2))
 
     def test_without_an_orientation_there_is_no_place_and_that_is_said(self) -> None:
         feed = make()
         last = self.run(feed, orientation=(0.0, 0.0, 0.0, 0.0))[-1]
-        assert last.instant.place is None
-        assert last.instant.slip is not None
+        assert last.reading.place is None
+        assert last.reading.slip is not None
         assert feed.onboard.counts["odom", "no_orientation"] == 30
 
     def test_joints_without_velocities_are_counted(self) -> None:
@@ -183,15 +183,15 @@ class TestUsual:
         """An axis that points the other way shows slip of 1 (R7)."""
         feed = make()
         results = self.drive_mirrored(feed)
-        assert results[5].instant.slip.value == pytest.approx(1.0, abs=0.01)
-        assert results[-1].instant.slip is None
+        assert results[5].reading.slip.value == pytest.approx(1.0, abs=0.01)
+        assert results[-1].reading.slip is None
         (words,) = feed.onboard.findings
         assert "wheel 'front': its joint has turned against the travel" in words
         assert "front.joint_sign" in words
 
     def test_the_sign_of_the_joint_mends_it(self) -> None:
         feed = make(**{"front.joint_sign": -1})
-        assert self.drive_mirrored(feed)[-1].instant.slip.value == pytest.approx(0.1, abs=0.01)
+        assert self.drive_mirrored(feed)[-1].reading.slip.value == pytest.approx(0.1, abs=0.01)
         assert feed.onboard.findings == ()
 
     def drive_mirrored(self, feed: Feed) -> list[Result]:
@@ -226,7 +226,7 @@ class TestUsual:
             topic(feed, "front/load").handle(wrench(START, 60.0), None)
             found = topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
             (result,) = found + feed.onboard.flush()
-            return result.instant.slip.standard_deviation
+            return result.reading.slip.standard_deviation
 
         assert slip(0.01) > 5.0 * slip(0.0)
 
@@ -241,7 +241,7 @@ class TestRange:
         topic(feed, "front/load").handle(wrench(START, 60.0), None)
         topic(feed, "front/sinkage").handle(distance(START, 0.288), None)
         (result,) = feed.onboard.flush()
-        measured = result.instant.sinkage
+        measured = result.reading.sinkage
         assert measured.value == pytest.approx(0.012)
         assert measured.standard_deviation == pytest.approx(0.002)
 
@@ -265,7 +265,7 @@ class TestRange:
             topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
             topic(feed, "front/sinkage").handle(distance(step(i), value), None)
         first, _ = feed.onboard.flush()
-        assert first.instant.sinkage.value == pytest.approx(-0.001)
+        assert first.reading.sinkage.value == pytest.approx(-0.001)
         assert feed.onboard.counts == {("front/sinkage", "sinkage_negative"): 1}
 
 
@@ -285,7 +285,7 @@ class TestLoads:
         handle(joints(START, [0.0, 0.0, 4.0], [9.0, -30.0, 0.0], names), None)
         topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
         (result,) = feed.onboard.flush()
-        assert result.instant.load.value == pytest.approx(60.0)
+        assert result.reading.load.value == pytest.approx(60.0)
         handle(joints(step(1), [0.0, 0.0, 4.0], [], names), None)
         assert feed.onboard.counts["front/load", "no_efforts"] == 1
 
@@ -295,7 +295,7 @@ class TestLoads:
         results = topic(feed, "front/sinkage").handle(sinkage(START, 0.008), None)
         results += feed.onboard.flush()
         (result,) = results
-        load = result.instant.load
+        load = result.reading.load
         assert load.value == pytest.approx(58.8399)
         assert load.standard_deviation == pytest.approx(0.3 * 58.8399)
         assert "load not measured: 58.8 N as configured" in result.status_text
@@ -347,11 +347,11 @@ class TestVelocity:
         feed = make(velocity_topic="radar", odometry_from_wheels=True)
         assert "velocity" in feed.onboard.streams
         assert topic(feed, "radar").type == "geometry_msgs/msg/TwistStamped"
-        assert self.slip(feed).instant.slip.value == pytest.approx(0.4)
+        assert self.slip(feed).reading.slip.value == pytest.approx(0.4)
 
     def test_odometry_from_the_wheels_alone_shows_none_and_says_so(self) -> None:
         last = self.slip(make(odometry_from_wheels=True))
-        assert last.instant.slip is None
+        assert last.reading.slip is None
         assert last.status is Status.SLIP_UNKNOWN
         assert "odometry comes from the wheels, and there is no velocity_topic" in last.status_text
         assert last.forces.margin is not None
@@ -380,7 +380,7 @@ class TestVelocity:
         feed = self.driven(0.0)
         assert feed.onboard.soil.distance == 0.0
         assert feed.onboard.soil.accepted == 0
-        assert self.results[-1].instant.slip.value == pytest.approx(1.0)
+        assert self.results[-1].reading.slip.value == pytest.approx(1.0)
 
     def test_half_as_fast_is_half_the_travel(self) -> None:
         assert self.driven(0.25).onboard.soil.distance == pytest.approx(1.25, rel=0.02)
@@ -396,18 +396,18 @@ class TestVelocity:
             topic(feed, "radar").handle(velocity(step(i), 0.5), None)
             topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
             self.results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
-        assert self.results[-1].instant.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert self.results[-1].reading.slip.value == pytest.approx(0.0, abs=1e-6)
 
     def test_a_sensor_beside_the_middle_or_turned_is_told_so(self) -> None:
         """0.2 m left of the middle it is slower in a left turn: 0.5 - 0.6 x 0.2 m/s."""
         beside = self.driven(
             0.38, turn=0.6, velocity_lateral_position=0.2, odometry_from_wheels=False
         )
-        assert self.results[-1].instant.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert self.results[-1].reading.slip.value == pytest.approx(0.0, abs=1e-6)
         assert beside.onboard.soil.distance == pytest.approx(0.5 * 249 / 50, rel=0.01)
         self.results = []
         self.driven(0.5 / math.cos(0.3), velocity_yaw=0.3)
-        assert self.results[-1].instant.slip.value == pytest.approx(0.0, abs=1e-6)
+        assert self.results[-1].reading.slip.value == pytest.approx(0.0, abs=1e-6)
 
     def test_a_bad_velocity_is_counted(self) -> None:
         feed = make(velocity_topic="radar")
@@ -493,5 +493,5 @@ def test_an_acceleration_that_no_vehicle_has_is_counted_and_changes_nothing(
         give(i, felt if i == 10 else 0.5)
         results += topic(feed, "front/sinkage").handle(sinkage(step(i), 0.008), None)
     results += feed.onboard.flush()
-    assert {r.instant.slope_force + r.instant.gained_force for r in results} == {0.5}
+    assert {r.reading.slope_force + r.reading.gained_force for r in results} == {0.5}
     assert feed.onboard.counts == {("imu", reason): 1}

@@ -33,7 +33,7 @@ NOTHING = Quantity(0.0, 0.0)
 def estimate(wheel: str, load: float | None, margin: Quantity | None) -> Result:
     carried = None if load is None else Quantity(load, 1.0)
     return Result(
-        instant=Reading(Wheel(wheel, 0.2, 0.1), 1, carried, None, None, None, 0.0, 0.0),
+        reading=Reading(Wheel(wheel, 0.2, 0.1), 1, carried, None, None, None, 0.0, 0.0),
         status=Status.OK,
         status_text="",
         sinkage_predicted=NOTHING,
@@ -79,8 +79,8 @@ class TestGroundMapper:
         mapper = GroundMapper(cost_map)
         for i, result in enumerate(results):
             at = {"vehicle": (0.05 * i, 0.0), "heading": 0.0, "distance": 0.05 * i}
-            instant = result.instant._replace(**{**at, **changes})
-            mapper.add(replace(result, instant=instant), "odom")
+            reading = result.reading._replace(**{**at, **changes})
+            mapper.add(replace(result, reading=reading), "odom")
         grid = cost_map.grid()
         return None if grid is None else grid.cells
 
@@ -90,11 +90,11 @@ class TestGroundMapper:
         assert cells.max() <= 99
 
     def test_without_a_place_or_a_frame_there_is_no_map(self, results: list[Result]) -> None:
-        assert results[0].instant.place is None
+        assert results[0].reading.place is None
         assert self.made(results, heading=None) is None
         mapper = GroundMapper(CostMap(CostSettings(), [Wheel("a", 0.2, 0.1)]))
-        instant = results[0].instant._replace(vehicle=(0.0, 0.0), heading=0.0)
-        mapper.add(replace(results[0], instant=instant), "")
+        reading = results[0].reading._replace(vehicle=(0.0, 0.0), heading=0.0)
+        mapper.add(replace(results[0], reading=reading), "")
         assert mapper.map.grid() is None
 
     def test_a_soil_that_nobody_has_measured_is_unknown(self, results: list[Result]) -> None:
@@ -126,9 +126,9 @@ class TestGroundMapper:
             for i in range(5):
                 one = estimate("a", 30.0, margin)
                 at = {"vehicle": (0.2 * i, 0.0), "heading": 0.0, "distance": 0.2 * i, "stamp": i}
-                instant = one.instant._replace(**at)
+                reading = one.reading._replace(**at)
                 soil_there = replace(one.soil, accepted=9)
-                mapper.add(replace(one, instant=instant, slope=slope, soil=soil_there), "odom")
+                mapper.add(replace(one, reading=reading, slope=slope, soil=soil_there), "odom")
             grid = cost_map.grid()
             return int(grid.cells.max()) if grid is not None else -1
 
@@ -187,9 +187,9 @@ class TestSpinning:
         spinning, found = Spinning(), False
         for i in range(round(10 * seconds) + 1):
             for wheel, speed in speeds.items():
-                instant = estimate(wheel, 30.0, None).instant
+                reading = estimate(wheel, 30.0, None).reading
                 stamp = i * 10**8
-                told = spinning.add(instant._replace(stamp=stamp, speed=speed, rim_speed=rim))
+                told = spinning.add(reading._replace(stamp=stamp, speed=speed, rim_speed=rim))
                 found = told if wheel == "a" else found
         return found
 

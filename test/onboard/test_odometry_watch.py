@@ -58,9 +58,9 @@ def test_noise_is_learnt_whatever_the_messages_say(noise: float) -> None:
     slip = patches(rims.size)
     errors = noise * np.random.default_rng(1).standard_normal(rims.size)
     watch = OdometryWatch(WHEELS, STANDSTILL)
-    instants = driven(watch, rims, rims * (1.0 - slip) + errors)[-1200:]
+    readings = driven(watch, rims, rims * (1.0 - slip) + errors)[-1200:]
     true = np.repeat(slip, len(WHEELS))[-1200:]
-    known = [(one.slip, i) for one, i in zip(instants, true, strict=True) if one.slip is not None]
+    known = [(one.slip, i) for one, i in zip(readings, true, strict=True) if one.slip is not None]
     inside = [abs(s.value - i) < 1.96 * s.standard_deviation for s, i in known]
     assert len(known) == 1200
     assert 0.90 < np.mean(inside) < 0.995
@@ -73,9 +73,9 @@ def test_a_late_odometry_does_not_slip_where_speed_changes() -> None:
     late = 3  # readings of 0.1 s
     speeds = np.concatenate([np.zeros(late), rims[:-late]]) * 0.95
     watch = OdometryWatch(WHEELS, STANDSTILL)
-    instants = driven(watch, rims, speeds)
+    readings = driven(watch, rims, speeds)
     assert watch.late.value == pytest.approx(0.3, abs=0.06)
-    newest = [one.slip for one in instants[-1200:] if one.slip is not None]
+    newest = [one.slip for one in readings[-1200:] if one.slip is not None]
     inside = [abs(slip.value - 0.05) < 1.96 * slip.standard_deviation for slip in newest]
     assert np.mean(inside) > 0.93
     plain = [1.0 - v / r for r, v in zip(rims[-300:], speeds[-300:], strict=True) if r > 0.05]
@@ -109,8 +109,8 @@ class TestShowsSlip:
         rims = commanded(60.0)
         speeds = np.where(np.arange(rims.size) < 400, rims, 0.85 * rims)
         watch = OdometryWatch(WHEELS, STANDSTILL)
-        instants = driven(watch, rims, speeds)
-        known = [one.slip is not None for one in instants]
+        readings = driven(watch, rims, speeds)
+        known = [one.slip is not None for one in readings]
         assert not known[1590]
         assert all(known[-600:])
         assert watch.findings == ()

@@ -21,8 +21,8 @@ T = 1_700_000_000 * SECOND
 
 def answer(result: Result) -> tuple[object, ...]:
     """What was measured and predicted, wherever the path began."""
-    instant = result.instant
-    measured = instant.wheel, instant.stamp, instant.load, instant.slip, instant.sinkage
+    reading = result.reading
+    measured = reading.wheel, reading.stamp, reading.load, reading.slip, reading.sinkage
     said = result.status, result.status_text, result.digging_in, result.risk
     return *measured, *said, result.sinkage_predicted, result.forces
 
@@ -111,11 +111,11 @@ class TestDrive:
         self, drive: Drive, results: list[Result]
     ) -> None:
         for name, readings in drive.sinkage.items():
-            stamps = [r.instant.stamp for r in results if r.wheel == name]
+            stamps = [r.reading.stamp for r in results if r.wheel == name]
             assert stamps == sorted(readings.stamp.tolist())
 
     def test_all_stamps_rise_over_all_wheels(self, results: list[Result]) -> None:
-        stamps = [r.instant.stamp for r in results]
+        stamps = [r.reading.stamp for r in results]
         assert stamps == sorted(stamps)
 
     def test_every_number_is_finite(self, results: list[Result]) -> None:
@@ -134,7 +134,7 @@ class TestDrive:
         assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])
         late = results[len(results) // 2 :]
         error = [
-            r.instant.sinkage.value - r.sinkage_predicted.value
+            r.reading.sinkage.value - r.sinkage_predicted.value
             for r in late
             if r.status is not Status.REJECTED
         ]
@@ -144,15 +144,15 @@ class TestDrive:
         trip = drive.truth.travel
         checked = 0
         for result in results:
-            instant = result.instant
-            time = (instant.stamp - drive.sinkage["front_left"].stamp[0]) / SECOND
+            reading = result.reading
+            time = (reading.stamp - drive.sinkage["front_left"].stamp[0]) / SECOND
             time += (drive.sinkage["front_left"].stamp[0] - 1_749_720_600 * SECOND) / SECOND
             if np.interp(time, trip.time, trip.speed) < 0.2:
                 continue
-            assert instant.slip is not None
+            assert reading.slip is not None
             true = np.interp(time, trip.time, drive.truth.slip)
             # 8 mm/s of noise at 0.2 m/s and more, and slip that changes between messages
-            assert abs(instant.slip.value - true) < 0.2
+            assert abs(reading.slip.value - true) < 0.2
             checked += 1
         assert checked > 100
 
@@ -161,7 +161,7 @@ class TestDrive:
 
     def test_standing_wheel_has_no_slip_and_says_so(self, results: list[Result]) -> None:
         first = results[0]
-        assert first.instant.slip is None
+        assert first.reading.slip is None
         assert first.status is Status.SLIP_UNKNOWN
         assert "the wheel stands" in first.status_text
         assert first.forces is not None
@@ -204,7 +204,7 @@ class TestDrive:
         for message in messages:
             answers = message.give(onboard)
             expected = [message.stamp] if message.method == "on_sinkage" else []
-            assert [r.instant.stamp for r in answers] == expected
+            assert [r.reading.stamp for r in answers] == expected
 
     def test_a_looping_bag_starts_over(self, drive: Drive, messages: list[Message]) -> None:
         onboard = Onboard(settings_of(drive))
@@ -253,7 +253,7 @@ class TestDrive:
         assert 20 < len(missing) == onboard.counts["front_left/sinkage", "load_missing"]
         for result in missing:
             assert result.forces is result.sinkage_predicted is None
-            assert result.instant.load is None
+            assert result.reading.load is None
 
     def test_a_wheel_without_sinkage_sensor_is_predicted(
         self, drive: Drive, messages: list[Message]
@@ -264,11 +264,11 @@ class TestDrive:
         results = [r for r in run(onboard, kept) if r.wheel == "rear_left"]
         duration = (messages[-1].stamp - messages[0].stamp) / SECOND
         assert len(results) == pytest.approx(10 * duration, rel=0.2)
-        assert all(r.instant.sinkage is None for r in results)
+        assert all(r.reading.sinkage is None for r in results)
         assert all(r.sinkage_predicted is not None for r in results[5:])
         true = drive.truth
         half = results[len(results) // 2 :]
-        time = np.array([r.instant.stamp - 1_749_720_600 * SECOND for r in half]) / SECOND
+        time = np.array([r.reading.stamp - 1_749_720_600 * SECOND for r in half]) / SECOND
         expected = np.interp(time, true.travel.time, true.sinkage[:, 2])
         predicted = np.array([r.sinkage_predicted.value for r in half])
         # 6 % scatter of k along the track, on 6 mm
@@ -316,7 +316,7 @@ class TestBadInput:
         for i, sinkage in enumerate((-0.001, -0.2)):
             onboard.on_load("front_left", T + i, 60.0)
             (result,) = onboard.on_sinkage("front_left", T + i, sinkage, 0.0)
-            assert result.instant.sinkage.value == sinkage
+            assert result.reading.sinkage.value == sinkage
         assert "-0.2 m" in self.text(onboard, "front_left/sinkage", "sinkage_negative")
         assert onboard.problems.rejected == 1
 
@@ -367,7 +367,7 @@ class TestBadInput:
         onboard = Onboard(settings)
         onboard.on_load("front_left", T, 60.0)
         (result,) = onboard.on_sinkage("front_left", T, 0.01, variance)
-        assert result.instant.sinkage.standard_deviation == 0.0023
+        assert result.reading.sinkage.standard_deviation == 0.0023
 
     def test_too_heavy_a_load_is_sunk_to_the_axle(self, drive: Drive) -> None:
         onboard = Onboard(settings_of(drive, **{"timing.reorder_time": 0.0}))
@@ -452,7 +452,7 @@ def test_path_of_a_wheel_counts_on_the_spot() -> None:
     # 0.24 m/s for 12 s: 13 stretches of 0.2 m, of which at most eight wait.
     assert last.soil.accepted > 4 * 40
     assert onboard.problems.rejected < 6
-    assert last.instant.slip.value == pytest.approx(0.0, abs=1e-6)
+    assert last.reading.slip.value == pytest.approx(0.0, abs=1e-6)
 
 
 def test_odometry_that_was_away_for_long_does_not_stop_the_path() -> None:
@@ -475,14 +475,14 @@ class TestRate:
         self, drive: Drive, messages: list[Message]
     ) -> None:
         everything = run(Onboard(settings_of(drive, **{"mobility.rate": 0.0})), messages)
-        all_of_them = {(result.wheel, result.instant.stamp): result for result in everything}
+        all_of_them = {(result.wheel, result.reading.stamp): result for result in everything}
         some = run(Onboard(settings_of(drive, **{"mobility.rate": 2.0})), messages)
         for result in some:
-            same = all_of_them[result.wheel, result.instant.stamp]
+            same = all_of_them[result.wheel, result.reading.stamp]
             assert result.status_text == same.status_text
             assert list(numbers(result)) == pytest.approx(list(numbers(same)), rel=1e-9, abs=1e-12)
         for wheel in drive.sinkage:
-            stamps = np.array([r.instant.stamp for r in some if r.wheel == wheel]) / SECOND
+            stamps = np.array([r.reading.stamp for r in some if r.wheel == wheel]) / SECOND
             assert np.diff(stamps).min() >= 0.25  # half a period of slack
             assert len(stamps) == pytest.approx(2.0 * np.ptp(stamps), abs=3)
 
@@ -513,6 +513,6 @@ class TestPressed:
         assert last.soil.accepted > 10
         # new soil is met by going deeper: that is the travel
         assert last.soil.distance == pytest.approx(0.0003 * 99)
-        assert last.instant.slip is None
+        assert last.reading.slip is None
         assert last.status is not Status.SLIP_UNKNOWN
         assert last.forces.compaction_resistance.value == 0.0

@@ -123,7 +123,7 @@ def test_the_table_is_what_the_library_gives(bag, rover, usual):
     _, table = usual
     expected = directly(bag, rover)
     assert len(table) == len(expected) > 200
-    assert list(table["stamp"]) == [r.instant.stamp for r in expected]
+    assert list(table["stamp"]) == [r.reading.stamp for r in expected]
     assert list(table["wheel"]) == [r.wheel for r in expected]
     for name, values in {
         "sinkage_predicted": [r.sinkage_predicted.value for r in expected],

@@ -78,11 +78,11 @@ def directly(bag: Path, parameters: Path) -> list[Result]:
 
 def expected_row(result: Result) -> dict[str, Any]:
     """What the message of an estimate must say, written out here once more."""
-    forces, instant = result.forces, result.instant
+    forces, reading = result.forces, result.reading
     quantities = {
-        "load": instant.load,
-        "slip": instant.slip,
-        "sinkage_measured": instant.sinkage,
+        "load": reading.load,
+        "slip": reading.slip,
+        "sinkage_measured": reading.sinkage,
         "sinkage_predicted": result.sinkage_predicted,
         "compaction_resistance": forces and forces.compaction_resistance,
         "other_resistance": forces and forces.other_resistance,
@@ -94,13 +94,13 @@ def expected_row(result: Result) -> dict[str, Any]:
         "energy_per_metre": forces and forces.energy_per_metre,
     }
     row: dict[str, Any] = {
-        "stamp": instant.stamp,
+        "stamp": reading.stamp,
         "frame_id": result.wheel,
         "status": int(result.status),
         "status_text": result.status_text,
-        "load_valid": instant.load is not None,
-        "slip_valid": instant.slip is not None,
-        "sinkage_measured_valid": instant.sinkage is not None,
+        "load_valid": reading.load is not None,
+        "slip_valid": reading.slip is not None,
+        "sinkage_measured_valid": reading.sinkage is not None,
         "prediction_valid": forces is not None,
         "traction_valid": forces is not None and forces.drawbar_pull is not None,
         "margin_valid": forces is not None and forces.margin is not None,
@@ -150,7 +150,7 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
             assert_same_row(row, expected_row(result))
 
         last, soil = first.soil[-1], expected[-1].soil
-        assert last["stamp"] == expected[-1].instant.stamp
+        assert last["stamp"] == expected[-1].reading.stamp
         assert last["frame_id"] == "odom"
         assert (last["k"], last["n"], last["m"]) == pytest.approx(
             (soil.k, soil.n, soil.m), rel=1e-9
