@@ -189,30 +189,36 @@ class Onboard:
 
     def _assess(self, reading: Reading) -> tuple[Reading, Result | None]:
         """The same, and the reading as it was used."""
+        # What it is: whether its slip is one, which way it goes, how often this place was rolled over.
         if self._odometry is not None:
             reading = self._odometry.add(reading)
             if not self._odometry.shows_slip:
                 self.stuck.reset()
         reading = self._on_its_way(self._motion.add(reading))
+        # The soil, by load and sinkage.
         due = self._is_due(reading)
         update = self._update(reading, due)
         self._count(reading, update)
+        # All loads against weight and tilt, and the zero of the imu.
         if self._loads.add(reading) and self._loads.weighing is not None:
             self.estimator.weigh(*self._loads.weighing)
             self.traction.unlisted(self._loads.missing)
         if self._level.add(reading):
             self.traction.level(self._level.zero)
         self.estimator.trusted = not self._loads.interchanged
+        # The strength, by steps of the path.
         load = None if reading.load is None else self._carried(reading, reading.load)
         if load is not None:
             self._loaded[reading.wheel.name] = reading, load
         step = self._step(reading, load)
+        # The warnings.
         digging = self._digging[reading.wheel.name].update(reading)
         if step is not None:
             self._know_margin(reading.wheel.name, reading.stamp)
             self.stuck.take(step, reading, self.settings.reference_slip)
         if self._odometry is not None:
             self.stuck.warning = self._slips.add(reading, self.stuck.risk)
+        # What is said.
         return reading, self._result(reading, load, update, digging) if due else None
 
     def _on_its_way(self, reading: Reading) -> Reading:
