@@ -15,7 +15,6 @@ Its slip is that of the others then, give or take 0.2, and in each step in which
 moves and agrees with them again over 0.3 m. The speed over ground is not known while its messages repeat one
 and the same (see `SensorBuffer`).
 
-
 What odometry and wheel speeds alone tell of slip, where nothing else is measured, is `OdometryWatch`.
 
 How sure. The difference d between the speed of a rim and that of its place over ground has the noise of both

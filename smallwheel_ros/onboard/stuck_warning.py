@@ -33,7 +33,7 @@ It is warned where, surely,
     slip is over 0.3: from there on the net traction of small wheels hardly rises;
     slip is over 0.2 and rises, and will be over the reference slip by then;
 
-or slip is over 0.2 and the risk over 0.8 (see `stuck_warning`). Surely: by 1.5 deviations of the line, which
+or slip is over 0.2 and the risk over 0.8. Surely: by 1.5 deviations of the line, which
 leave one reading in fifteen; errors of an odometry are alike over 0.3 s (`path_steps`). Steps of the path, by
 which it goes where sinkage is measured, take long where wheels slip. Who gains speed slips because of that,
 and who turns on the spot gets nowhere: neither is warned.
