@@ -175,10 +175,10 @@ def mean_margin(wheels: list[tuple[float, Quantity]]) -> Quantity:
 
     All wheels stand on one estimated soil, so their errors are taken to go together.
     """
-    loads, values, deviations = np.array(
-        [(load, margin.value, margin.standard_deviation) for load, margin in wheels]
-    ).T
-    return Quantity(float(loads @ values / loads.sum()), float(loads @ deviations / loads.sum()))
+    total = sum(load for load, _ in wheels)
+    value = sum(load * margin.value for load, margin in wheels)
+    deviation = sum(load * margin.standard_deviation for load, margin in wheels)
+    return Quantity(value / total, deviation / total)
 
 
 def _line(distance: Array, value: Array, length: float) -> tuple[float, float]:
