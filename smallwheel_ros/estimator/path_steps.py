@@ -29,7 +29,6 @@ _PAUSE = 2.0  # s without a sample: the vehicle stood, or nobody knows
 _ALIKE = 0.3
 # Of the specific force's mean over a step: 0.05 m/s^2 of acceleration, as much of a pitch that shakes.
 FORCE_STD = 0.07
-_NOTHING = Quantity(0.0, 0.0)
 _LAG = 0.2  # s, by which an acceleration from speeds is late
 
 
@@ -146,12 +145,13 @@ class PathSteps:
         return step
 
     def _mean(self, first: Reading, last: Reading, way: float) -> PathStep:
-        rows = [one.reading for found in self._samples.values() for one in found]
+        readings = {name: [one.reading for one in found] for name, found in self._samples.items()}
+        rows = [row for found in readings.values() for row in found]
         duration = last.time - first.time
         slips = {
             name: slip
-            for name, found in self._samples.items()
-            if (slip := _mean_slip([one.reading for one in found], duration)) is not None
+            for name, found in readings.items()
+            if (slip := _mean_slip(found, duration)) is not None
         }
         contacts = self._mean_contacts(
             {
@@ -161,9 +161,7 @@ class PathSteps:
             }
         )
         wheels = {
-            name: _wheel_mean(
-                [one.reading for one in self._samples[name]], slip, contacts.get(name)
-            )
+            name: _wheel_mean(readings[name], slip, contacts.get(name))
             for name, slip in slips.items()
         }
         gains, ended = [row.gained_force for row in rows], self._ended
@@ -188,12 +186,9 @@ class PathSteps:
 
 def _sum(reading: Reading) -> float:
     """Sum of all numbers that a step is made of: finite where each of them is."""
-    pull = reading.drawbar_pull or _NOTHING
     numbers = reading.speed, reading.rim_speed, reading.slope_force, reading.gained_force
     known = sum(number for number in (*numbers, reading.torque) if number is not None)
-    return (
-        known + reading.speed_std + reading.rim_std + abs(pull.value) + abs(pull.standard_deviation)
-    )
+    return known + reading.speed_std + reading.rim_std + sum(reading.drawbar_pull or ())
 
 
 def _mean_slip(rows: Sequence[Reading], duration: float) -> Quantity | None:

@@ -43,7 +43,7 @@ class Reading(NamedTuple):
     heading
         rad, the way the vehicle looks in the frame of the odometry.
     pass_number
-        1 and how often a wheel has rolled over this place before (see `passes`); None: not known.
+        1 and how often a wheel has rolled over this place before (see `PassCounter`); None: not known.
     onward
         Which way the vehicle goes as a whole: True forward.
     rim_held
@@ -138,8 +138,8 @@ class UpdateResult(NamedTuple):
         Short key to count by. Accepted: 'accepted', 'soil_changed' (another soil was found).
         Outlier: 'gate'. Refused: 'not_finite', 'load_not_positive', 'geometry_not_positive',
         'load_deviation_negative', 'sinkage_negative' (by more than half of the diameter),
-        'sunk_to_axle', 'unknown_contact', 'covariate_missing', 'time_backwards',
-        'distance_backwards', 'too_many_wheels', 'numerical'.
+        'sunk_to_axle', 'unknown_contact', 'covariate_missing', 'load_missing', 'sinkage_missing',
+        'time_backwards', 'distance_backwards', 'too_many_wheels', 'numerical'.
     message
         The same for people, with the numbers; empty where accepted.
     predicted_sinkage, predicted_variance

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, NodeSettings
-from smallwheel_ros.onboard.streams import SECOND, Motion
+from smallwheel_ros.onboard.streams import Motion
 from smallwheel_ros.onboard.synchroniser import Measured
 
 JOINT_STATES = "joint_states"

@@ -28,9 +28,8 @@ from typing import NamedTuple
 
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.result import Result, Status
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import STALE, mean_margin
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel

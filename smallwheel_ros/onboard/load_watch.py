@@ -40,12 +40,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.estimator.soil_filter import CONTRADICTION
 from smallwheel_ros.estimator.strength_filter import LEVEL_STD
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.problems import unit_of
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 

@@ -49,8 +49,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from smallwheel_ros.estimator.path_steps import PathStep
-from smallwheel_ros.estimator.reading import Reading
-from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
 

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.onboard.streams import (
-    SECOND,
     Motion,
     Series,
     StampFault,

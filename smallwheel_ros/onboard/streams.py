@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple
 
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.settings import Timing
 from smallwheel_ros.physics.wheel import Wheel
 
-SECOND = 1_000_000_000  # ns
 _EVER = 1 << 63  # ns: further apart are no stamps
 
 

@@ -51,11 +51,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.path_steps import CELL, PathStep
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.mobility import probability_positive
 from smallwheel_ros.onboard.settings import DiggingInRules
-from smallwheel_ros.onboard.streams import SECOND, nanoseconds
+from smallwheel_ros.onboard.streams import nanoseconds
 from smallwheel_ros.physics.wheel import Quantity
 
 Array = NDArray[np.float64]

@@ -13,17 +13,11 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.problems import ProblemLog
 from smallwheel_ros.onboard.sensor_buffer import SensorBuffer
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardError, OnboardSettings
-from smallwheel_ros.onboard.streams import (
-    SECOND,
-    StampFault,
-    late_words,
-    nanoseconds,
-    stamp_problem,
-)
+from smallwheel_ros.onboard.streams import StampFault, late_words, nanoseconds, stamp_problem
 
 Measured = tuple[str, Sequence[float]]  # the name of a stream, and its values
 

@@ -23,14 +23,13 @@ from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Grid, wide, write_map
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.replay.result import (
     BAG,
     ESTIMATES,

@@ -20,12 +20,12 @@ from smallwheel_ros.bags import Key
 from smallwheel_ros.common.files import json_text, write_bytes
 from smallwheel_ros.common.results import Result, pandas
 from smallwheel_ros.common.tables import plain
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result as Estimated
 from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.statements import Statement, alarms, statements
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
 from smallwheel_ros.replay.tables import SteadySegments

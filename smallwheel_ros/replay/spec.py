@@ -14,6 +14,7 @@ from smallwheel_ros.bags import BagReader, BagTopic, Key
 from smallwheel_ros.bags.storage import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.version import __version__
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.init import from_bag
 from smallwheel_ros.init.from_bag import JOINTS, joint_names, rover_of_bag
 from smallwheel_ros.init.rover import InitError, best_match, only_or_best_match
@@ -34,7 +35,6 @@ from smallwheel_ros.onboard.robot_description import (
     silent_parameters,
 )
 from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, NodeSettings
-from smallwheel_ros.onboard.streams import SECOND
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")

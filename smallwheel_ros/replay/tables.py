@@ -10,7 +10,7 @@ largest wheel, and the rows of one stretch are one run. Stretches in which load,
 changed are left out, since a row is to be one steady measurement. So are those of a turn after a
 change of soil: some wheels are on the old one still. The soils are those between the changes that the
 replay counts, so a drive has one more of them than its summary has changes. The pass number (see
-`passes`) is that of the middle half of a stretch's readings. Where the drive tells it for most rows,
+`PassCounter`) is that of the middle half of a stretch's readings. Where the drive tells it for most rows,
 those without are left out, since a table of measurements has no blank one; else the column is.
 """
 
@@ -30,9 +30,8 @@ import numpy as np
 from smallwheel_ros.bags import Message, header
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.files import write_bytes
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.result import VALID, Result, mobility_fields, soil_fields
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.replay.spec import ReplayError

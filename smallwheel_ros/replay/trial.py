@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from smallwheel_ros.bags import BagReader, BagWriter, Message, header
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.options import Option
-from smallwheel_ros.onboard.streams import SECOND, nanoseconds
+from smallwheel_ros.estimator.reading import SECOND
+from smallwheel_ros.onboard.streams import nanoseconds
 
 Array = NDArray[np.float64]
 

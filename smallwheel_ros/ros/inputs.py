@@ -15,10 +15,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.problems import Problem
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class

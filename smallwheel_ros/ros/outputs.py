@@ -24,12 +24,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_of
 from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
 from smallwheel_ros.msg import SoilEstimate as SoilMessage
 from smallwheel_ros.onboard.feed import Feed, angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS, overridable
 

@@ -34,9 +34,9 @@ from smallwheel_ros.bags import BagReader, RawMessage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.costmap.grid import Grid
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.ros.outputs import grid_from, message_class, nanoseconds_of, time_message
 from smallwheel_ros.ros.parameters import LATCHED
 

@@ -8,7 +8,8 @@ rest of the package; which assumptions are, is said in `truth`.
 
 from __future__ import annotations
 
-from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive import Drive, simulate_drive, write_drive_bag
+from smallwheel_ros.simulate.ride import DriveSettings
 from smallwheel_ros.simulate.rig import (
     Rig,
     RigSettings,
@@ -17,7 +18,6 @@ from smallwheel_ros.simulate.rig import (
     simulate_rig,
     write_table,
 )
-from smallwheel_ros.simulate.sensors import write_drive_bag
 from smallwheel_ros.simulate.truth import SimulationError
 
 __all__ = [

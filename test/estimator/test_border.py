@@ -15,7 +15,8 @@ from test_onboard import messages_of, settings_of
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result
-from smallwheel_ros.simulate.drive import EPOCH, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive import EPOCH, simulate_drive
+from smallwheel_ros.simulate.ride import DriveSettings
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
 
 BORDER = 8.0  # m

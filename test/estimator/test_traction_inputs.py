@@ -26,11 +26,11 @@ from test_feed import (
 
 from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.estimator.path_steps import PathStep, WheelMean
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.result import Result
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import StuckWarning
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.replay.replay import replay

@@ -10,9 +10,8 @@ import pytest
 from readings import Given as Onboard
 from test_onboard import messages_of, settings_of
 
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.settings import DiggingInRules
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.onboard.stuck_warning import DiggingInAlarm
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.simulate import DriveSettings, simulate_drive

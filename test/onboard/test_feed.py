@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.bags import message_type
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.onboard.feed import Feed, Topic
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result, Status
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 

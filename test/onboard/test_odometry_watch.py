@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from smallwheel_ros.estimator.reading import Reading
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.motion_watch import OdometryWatch
-from smallwheel_ros.onboard.streams import SECOND
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel, wheel_slip
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from readings import Given as Onboard
 
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result, Status
 from smallwheel_ros.onboard.settings import OnboardError, OnboardSettings
-from smallwheel_ros.onboard.streams import SECOND, nanoseconds
+from smallwheel_ros.onboard.streams import nanoseconds
 from smallwheel_ros.simulate import Drive, DriveSettings, simulate_drive
 
 T = 1_700_000_000 * SECOND

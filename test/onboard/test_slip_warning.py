@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from smallwheel_ros.estimator.reading import Reading
-from smallwheel_ros.onboard.streams import SECOND
+from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.stuck_warning import SlipWarning
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 

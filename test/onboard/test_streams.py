@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.settings import Timing
 from smallwheel_ros.onboard.streams import (
-    SECOND,
     Motion,
     Series,
     StampFault,
