@@ -137,7 +137,7 @@ class UpdateResult(NamedTuple):
     reason
         Short key to count by. Accepted: 'accepted', 'soil_changed' (another soil was found).
         Outlier: 'gate'. Refused: 'not_finite', 'load_not_positive', 'geometry_not_positive',
-        'load_deviation_negative', 'sinkage_negative' (by more than half of the diameter),
+        'load_variance_negative', 'sinkage_negative' (by more than half of the diameter),
         'sunk_to_axle', 'unknown_contact', 'covariate_missing', 'load_missing', 'sinkage_missing',
         'time_backwards', 'distance_backwards', 'too_many_wheels', 'numerical'.
     message
@@ -227,7 +227,7 @@ def find_problem(given: Reading, needs: tuple[str, ...]) -> tuple[str, str] | No
             f"{name}: diameter {wheel.diameter:g} m and width {wheel.width:g} m, expected over 0"
         )
     if load.standard_deviation < 0:
-        return "load_deviation_negative", (
+        return "load_variance_negative", (
             f"{name}: the deviation of the load is {load.standard_deviation:g} N, expected 0 or more"
         )
     if abs(sinkage.value) > 0.5 * wheel.diameter:

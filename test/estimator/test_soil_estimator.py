@@ -106,7 +106,7 @@ def test_wheel_sinkage_is_the_model(effect_class: type | None, contact: str) -> 
         ({"load": -5.0}, "load_not_positive", "load is -5 N"),
         ({"diameter": 0.0}, "geometry_not_positive", "diameter 0 m"),
         ({"width": -0.1}, "geometry_not_positive", "width -0.1 m"),
-        ({"load_std": -1.0}, "load_deviation_negative", "-1 N"),
+        ({"load_std": -1.0}, "load_variance_negative", "-1 N"),
         ({"path": math.nan}, "not_finite", "path is nan"),
         ({"pitch": math.inf}, "not_finite", "pitch is inf"),
         ({"sinkage": -0.11}, "sinkage_negative", "minus half of the diameter"),
