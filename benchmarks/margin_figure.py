@@ -11,15 +11,18 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from smallwheel_ros.estimator.path_steps import Sample
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.traction import TractionEstimator
 from smallwheel_ros.onboard.mobility import wheel_forces
-from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import wheels_on_soil
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 WHEEL, LOAD = Wheel("wheel", 0.25, 0.10), Quantity(60.0, 0.0)
+READING = Reading(WHEEL, 0, LOAD, None, None, None, 0.0, 0.0)
 
 
 def main() -> None:
@@ -35,7 +38,8 @@ def main() -> None:
         rows = []
         for factor in np.geomspace(0.03, 100.0, 60):
             kind = replace(sand, k=float(factor) * sand.k)
-            on = wheel_on_soil(WHEEL, LocalLaw.of(SoilPrior.from_soil(kind).law), LOAD)
+            law = LocalLaw.of(SoilPrior.from_soil(kind).law)
+            (on,) = wheels_on_soil([Sample(READING, law, LOAD)])
             if on is not None:
                 margin = wheel_forces(on, traction, None, reference=on).margin
                 rows.append((1e3 * on.sinkage, margin.value if margin else math.nan))

@@ -14,7 +14,7 @@ between what they make of load, wheel and soil and what they make of the sinkage
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -29,7 +29,7 @@ from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import PRESSED, Conditions
 from smallwheel_ros.physics.contact import AXLE_RATIO
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, SOIL_NUMBERS, Soil
 
 Array = NDArray[np.float64]
 Shear = tuple[()] | tuple[float, float, float]
@@ -256,21 +256,17 @@ class LoadedWheel(NamedTuple):
     slip: float | None = None
     speed: float | None = None
 
-    @property
-    def known(self) -> dict[str, float]:
-        """Slip and speed, as far as they are known."""
+    def conditions(self, loads: Array) -> Conditions:
+        """It under each of these loads (N), one row each; slip and speed as far as they are known."""
         given = {"slip": self.slip, "speed": self.speed}
-        return {name: value for name, value in given.items() if value is not None}
-
-    def conditions(self, loads: Array, known: Mapping[str, Array | float]) -> Conditions:
-        """It under each of these loads (N), with covariates, one row each."""
+        known = {name: value for name, value in given.items() if value is not None}
         return Conditions(
             loads,
             np.full(loads.size, self.diameter),
             np.full(loads.size, self.width),
             np.broadcast_to(np.array(self.contact), loads.shape),
             None,
-            {name: np.broadcast_to(values, loads.shape) for name, values in known.items()},
+            {name: np.full(loads.size, value) for name, value in known.items()},
         )
 
 
@@ -283,9 +279,10 @@ def wheel_sinkage(law: Law, wheel: LoadedWheel, effects: Sequence[Effect] = ()) 
         return static_sinkage(law, *wheel[:4])
     # The wheel under a little less and a little more load; then as it is, a little less and more deep.
     loads = wheel.load * np.exp(_STEP * np.array([-1.0, 0.0, 1.0, 0.0, 0.0]))
-    stages = Stages(effects, wheel.conditions(loads, wheel.known))
+    stages = Stages(effects, wheel.conditions(loads))
     if stages.layered:
-        found = neighbours(np.array([law]), np.array([wheel.load]), wheel, wheel.known, effects)
+        alone = wheel.conditions(np.array([wheel.load]))
+        found = neighbours(np.array([law]), alone, effects)
         by_modulus, by_n, by_m, by_load = slopes(found.sinkage)[:, 0].tolist()
         by_law = by_modulus, by_n, by_m, by_load
         return WheelSinkage(float(found.sinkage[0]), by_law, bool(found.immobilised[0]))
@@ -306,34 +303,26 @@ def wheel_sinkage(law: Law, wheel: LoadedWheel, effects: Sequence[Effect] = ()) 
 
 
 def neighbours(
-    laws: Array,
-    loads: Array,
-    wheel: LoadedWheel,
-    known: Mapping[str, Array | float],
-    effects: Sequence[Effect],
-    shear: Shear = (),
+    laws: Array, conditions: Conditions, effects: Sequence[Effect], shear: Shear = ()
 ) -> Prediction:
-    """What `model.predict` says of a wheel in soils under loads, and beside each for `slopes`.
+    """What `model.predict` says of wheels in soils, and beside each of the law and load for `slopes`.
 
-    laws: rows of `Law`, shape (rows, 3). loads: N, (rows,). known: covariates of these rows. shear: cohesion,
-    friction angle and shear displacement, for the thrust. The prediction has nine rows for each, of
-    which the first (rows,) are the wheel as it is.
+    laws: rows of `Law`, shape (rows, 3). shear: cohesion, friction angle and shear displacement, for the
+    effects. The prediction has nine rows for each, of which the first (rows,) are the wheels as they are.
     """
     steps = _STEP * np.eye(4)
     steps[1, 0] = -_STEP * _LOG_DEPTH  # n turns about the reference sinkage
-    at = np.column_stack([laws, np.log(loads)])
+    at = np.column_stack([laws, np.log(conditions.load)])
     rows = np.concatenate([at, *(at - step for step in steps), *(at + step for step in steps)])
-    different, which = np.unique(rows[:, :3], axis=0, return_inverse=True)
-    names = np.array([str(i) for i in range(len(different))])
-    soils = [
-        Soil(name, Law(log_modulus, n, m).k, n, m, *shear)
-        for name, (log_modulus, n, m) in zip(names.tolist(), different.tolist(), strict=True)
-    ]
-    nine = {
-        name: np.tile(np.broadcast_to(values, loads.shape), 9) for name, values in known.items()
-    }
-    conditions = replace(wheel.conditions(np.exp(rows[:, 3]), nine), soil=names[which.reshape(-1)])
-    return predict(Model(soils, effects=effects), conditions)
+    log_modulus, n, m, log_load = rows.T
+    law = {"k": np.exp(log_modulus - m * math.log(REFERENCE_DIAMETER)), "n": n, "m": m}
+    for bound in (np.min, np.max):  # which refuse numbers that are of no soil
+        numbers = [float(bound(column)) for column in law.values()]
+        own = Soil("estimated", numbers[0], numbers[1], numbers[2], *shear)
+    soil = {name: np.full(len(rows), getattr(own, name)) for name in SOIL_NUMBERS} | law
+    nine = conditions.take(np.tile(np.arange(len(conditions)), 9))
+    nine = replace(nine, load=np.exp(log_load))
+    return predict(Model([own], effects=effects), nine, with_forces=False, soil=soil)
 
 
 def slopes(column: Array) -> Array:

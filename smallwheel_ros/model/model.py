@@ -290,18 +290,24 @@ def _check_covariates(model: Model, effects: Sequence[Effect], conditions: Condi
             raise ModelError(f"effect '{effect.id}': {objection}")
 
 
-def predict(model: Model, conditions: Conditions, *, with_forces: bool = True) -> Prediction:
+def predict(
+    model: Model,
+    conditions: Conditions,
+    *,
+    with_forces: bool = True,
+    soil: Mapping[str, Array] | None = None,
+) -> Prediction:
     """Predict sinkage, resistance and drawbar pull of each row.
 
     The load of `conditions` is what the load cell shows. with_forces: whether thrust, pull and torque
-    are wanted, which take a third of the time. Raises ModelError where an effect's
-    covariate is missing or a row's soil is not the model's.
+    are wanted, which take a third of the time. soil: `SOIL_NUMBERS` of each row, shape (rows,), in place of
+    the model's. Raises ModelError where an effect's covariate is missing or a row's soil is not the model's.
     """
     effects = model.acting(conditions)
     _check_covariates(model, effects, conditions)
     stages = Stages(effects, conditions)
     conditions = stages.conditions  # with the load itself
-    soil = _soil_columns(model, conditions)
+    soil = soil or _soil_columns(model, conditions)
     rolling = stages.rolling
     wheel = stages.loaded(soil["k"], soil["n"], soil["m"])
     load, diameter, modulus, n = wheel
@@ -363,7 +369,7 @@ def _optional(conditions: Conditions, name: str) -> Array:
     return np.nan_to_num(conditions[name]) if name in conditions else np.zeros(len(conditions))
 
 
-def _wong_reece(soil: dict[str, Array], slip: Array, pressure: Array) -> dict[str, Any]:
+def _wong_reece(soil: Mapping[str, Array], slip: Array, pressure: Array) -> dict[str, Any]:
     """What `wheel_forces` needs of shear and pressure in the law of Wong and Reece (1967)."""
     shear = ShearLaw(soil["cohesion"], soil["friction_angle"], soil["shear_displacement"])
     peak = _PEAK + _PEAK_BY_SLIP * np.maximum(slip, 0.0)
@@ -371,7 +377,7 @@ def _wong_reece(soil: dict[str, Array], slip: Array, pressure: Array) -> dict[st
 
 
 def _with_shear(
-    stages: Stages, soil: dict[str, Array], wheel: Loaded
+    stages: Stages, soil: Mapping[str, Array], wheel: Loaded
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage of rolling wheels that pressure and shear carry together (Wong and Reece 1967)."""
     load, diameter, modulus, n = wheel
@@ -385,7 +391,7 @@ def _with_shear(
 
 
 def _forces(
-    model: Model, stages: Stages, soil: dict[str, Array], state: WheelState, compaction: Array
+    model: Model, stages: Stages, soil: Mapping[str, Array], state: WheelState, compaction: Array
 ) -> WheelForces:
     """Thrust, the resistance that goes with it, and torque; a body pressed straight down has none."""
     slip, conditions = _slip(stages), stages.conditions

@@ -25,7 +25,7 @@ from smallwheel_ros.onboard.wheel_on_soil import (
     MobilityError,
     WheelOnSoil,
     mean_contacts,
-    wheel_on_soil,
+    wheels_on_soil,
 )
 from smallwheel_ros.physics import stresses
 from smallwheel_ros.physics.conditions import ROLLING
@@ -119,7 +119,7 @@ class Mobility:
 
         Raises MobilityError if they are not finite.
         """
-        on = self._on_soil(reading, shown, reading.slip)
+        on, reference = self._now_and_at_reference([(reading, shown)])[0]
         if on is None:
             return None
         return wheel_forces(
@@ -128,22 +128,18 @@ class Mobility:
             reading.slip,
             time=reading.time,
             torque=reading.torque,
-            reference=self._at_reference_slip(reading, shown, on),
+            reference=reference,
             reference_slip=self._settings.reference_slip,
         )
 
-    def margin(self, reading: Reading, shown: Quantity) -> Quantity | None:
-        """Margin of a wheel under the load (N) that is shown.
-
-        None where it is sunk to its axle now, and for a pressed wheel.
-        """
-        on = None
-        if reading.wheel.contact == ROLLING:
-            on = self._on_soil(reading, shown, reading.slip)
-        if on is None:
-            return None
-        reference = self._at_reference_slip(reading, shown, on)
-        return wheel_margin(reference, self._traction, self._settings.reference_slip)
+    def margins(self, readings: Sequence[tuple[Reading, Quantity]]) -> list[Quantity | None]:
+        """Margins of rolling wheels under the loads (N) that are shown; None: sunk to the axle now."""
+        return [
+            None
+            if on is None
+            else wheel_margin(reference, self._traction, self._settings.reference_slip)
+            for on, reference in self._now_and_at_reference(readings)
+        ]
 
     def mean_contacts(
         self, samples: Mapping[str, Sequence[Sample]]
@@ -157,29 +153,27 @@ class Mobility:
             strength=self._traction.estimate().strength if effects else None,
         )
 
-    def _on_soil(
-        self, reading: Reading, shown: Quantity, slip: Quantity | None
-    ) -> WheelOnSoil | None:
-        effects = self._settings.effects
-        return wheel_on_soil(
-            reading.wheel,
-            self._estimator.local(reading.wheel.name),
-            shown,
+    def _now_and_at_reference(
+        self, readings: Sequence[tuple[Reading, Quantity]]
+    ) -> list[tuple[WheelOnSoil | None, WheelOnSoil | None]]:
+        """Wheels as they are now, and at the reference slip: the same, where no effect reads the slip."""
+        effects, reference = self._settings.effects, Quantity(self._settings.reference_slip, 0.0)
+        samples = [
+            Sample(reading, self._estimator.local(reading.wheel.name), shown)
+            for reading, shown in readings
+        ]
+        if effects:
+            samples += [
+                one._replace(reading=one.reading._replace(slip=reference)) for one in samples
+            ]
+        found = wheels_on_soil(
+            samples,
             missed=self._estimator.missed_variance,
             scatter=self._settings.estimator.soil_scatter,
-            slip=None if slip is None else slip.value,
-            speed=reading.speed,
             effects=effects,
             strength=self._traction.estimate().strength if effects else None,
         )
-
-    def _at_reference_slip(
-        self, reading: Reading, shown: Quantity, on: WheelOnSoil
-    ) -> WheelOnSoil | None:
-        """The wheel as it is at the reference slip; on: at the slip of now."""
-        if not self._settings.effects:
-            return on
-        return self._on_soil(reading, shown, Quantity(self._settings.reference_slip, 0.0))
+        return list(zip(found[: len(readings)], found[-len(readings) :], strict=True))
 
 
 def wheel_forces(

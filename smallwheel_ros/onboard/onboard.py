@@ -214,7 +214,8 @@ class Onboard:
         # The warnings.
         digging = self._digging[reading.wheel.name].update(reading)
         if step is not None:
-            self._know_margin(reading.wheel.name, reading.stamp)
+            own = [one for one in self._loaded.values() if one[0].wheel is reading.wheel]
+            self._know_margins(own, reading.stamp)
             self.stuck.take(step, reading, self.settings.reference_slip)
         if self._odometry is not None:
             self.stuck.warning = self._slips.add(reading, self.stuck.risk)
@@ -311,20 +312,25 @@ class Onboard:
         if step is not None:
             step = self._motion.compared(step)
             # The other wheels' readings were before this step told of the strength.
-            for name in self._loaded:
-                self._know_margin(name, reading.stamp)
+            self._know_margins(self._loaded.values(), reading.stamp)
             self.traction.take(step, number)
         return step
 
-    def _know_margin(self, name: str, now: int) -> None:
-        """Work out the margin of a wheel for the risk, from its newest reading. now: stamp, ns."""
-        reading, load = self._loaded.get(name, (None, None))
-        if reading is None or load is None or now - reading.stamp > STALE:
+    def _know_margins(self, loaded: Iterable[tuple[Reading, Quantity]], now: int) -> None:
+        """Work out the margins of wheels for the risk, from their newest readings. now: stamp, ns."""
+        rolling = [one for one in loaded if one[0].wheel.contact == ROLLING]
+        recent = [one for one in rolling if now - one[0].stamp <= STALE]
+        if not recent:
             return
         try:
-            self.stuck.know(reading, self._mobility.margin(reading, load))
+            margins = self._mobility.margins(recent)
         except (SmallwheelError, ArithmeticError, ValueError):
+            if len(recent) > 1:
+                for one in recent:
+                    self._know_margins([one], now)
             return  # nothing is predicted of this wheel, which its estimate says
+        for (reading, _), margin in zip(recent, margins, strict=True):
+            self.stuck.know(reading, margin)
 
     # -- what is said
 

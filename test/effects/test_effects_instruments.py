@@ -11,11 +11,13 @@ import pytest
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
 from smallwheel_ros.estimator.missing_effect import NearbySinkage
+from smallwheel_ros.estimator.path_steps import Sample
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, wheel_sinkage
 from smallwheel_ros.model.model import Model, Prediction, predict
-from smallwheel_ros.onboard.wheel_on_soil import wheel_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import wheels_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, Wheel
@@ -198,9 +200,9 @@ class TestInTheEstimator:
     def test_forces_are_the_true_ones(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
         law = LocalLaw.of(SoilPrior.from_soil(SAND).law)
-        on = wheel_on_soil(
-            Wheel("one", 0.2, 0.1), law, Quantity(60.0, 0.0), slip=0.3, effects=self.FAULTS
-        )
+        load, slip = Quantity(60.0, 0.0), Quantity(0.3, 0.0)
+        reading = Reading(Wheel("one", 0.2, 0.1), 0, load, slip, None, None, 0.0, 0.0)
+        (on,) = wheels_on_soil([Sample(reading, law, load)], effects=self.FAULTS)
         assert on is not None
         assert on.compaction + on.other == pytest.approx(expected.true_resistance[0], rel=1e-9)
 

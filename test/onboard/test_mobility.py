@@ -14,6 +14,9 @@ from random_examples import examples
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.instruments import LoadGain
 from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.effects.soil import PrestonThomas
+from smallwheel_ros.estimator.path_steps import Sample
+from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.strength_filter import WheelStep
 from smallwheel_ros.estimator.traction import TractionEstimator
@@ -24,7 +27,7 @@ from smallwheel_ros.onboard.mobility import (
     WheelForces,
     wheel_forces,
 )
-from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheel_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheels_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import (
     Soil,
@@ -69,6 +72,11 @@ def estimate(
 SAND = estimate(soil("dry_sand"), (0.05, 0.05, 0.1), -0.4)
 
 
+def sample(wheel: Wheel, law: LocalLaw, load: Quantity, slip: float | None = None) -> Sample:
+    given = None if slip is None else Quantity(slip, 0.0)
+    return Sample(Reading(wheel, 0, load, given, None, None, 0.0, 0.0), law, load)
+
+
 def forces(
     load: Quantity = LOAD,
     slip: Quantity | None = SLIP,
@@ -84,9 +92,8 @@ def forces(
     """What the pipeline does for one wheel."""
 
     def put(at: float | None) -> WheelOnSoil | None:
-        return wheel_on_soil(
-            wheel, soil_estimate, load, scatter=scatter, slip=at, effects=effects, strength=STRENGTH
-        )
+        given = sample(wheel, soil_estimate, load, at)
+        return wheels_on_soil([given], scatter=scatter, effects=effects, strength=STRENGTH)[0]
 
     on = put(None if slip is None else slip.value)
     if on is None:
@@ -235,7 +242,7 @@ class TestForces:
 
     def test_a_torque_of_this_moment_is_fused_with_the_thrust(self) -> None:
         plain = forces()
-        on = wheel_on_soil(WHEEL, SAND, Quantity(60.0, 1.5), scatter=0.03)
+        on = wheels_on_soil([sample(WHEEL, SAND, LOAD)], scatter=0.03)[0]
         rim = TractionEstimator(STRENGTH, [WHEEL]).now.forces(WheelStep(0, on.contact, 0.2)).rim
         fused = forces(torque=0.125 * (rim.value + 5.0))
         assert plain.thrust.value < fused.thrust.value < plain.thrust.value + 5.0
@@ -274,6 +281,46 @@ class TestForces:
         with pytest.raises(MobilityError, match="'plate', expected rolling or pressed"):
             forces(wheel=replace(WHEEL, contact="plate"))
 
+    @settings(max_examples=examples(40))
+    @given(
+        wheels=st.lists(
+            st.tuples(
+                st.floats(0.1, 0.5),
+                st.sampled_from(["rolling", "pressed"]),
+                st.floats(0.3, 1.5),
+                st.floats(1.0, 5e3),
+                st.none() | st.floats(-0.5, 0.9),
+            ),
+            min_size=1,
+            max_size=5,
+        ),
+        effects=st.sampled_from([(), (Lugged(),), (PrestonThomas(c=10.0), LoadGain(g=0.1))]),
+    )
+    def test_wheels_together_are_as_each_alone(
+        self,
+        wheels: list[tuple[float, str, float, float, float | None]],
+        effects: tuple[Effect, ...],
+    ) -> None:
+        """Of other sizes, on other soils, sunk to the axle or not, with and without a slip."""
+        samples = []
+        for diameter, contact, n, load, slip in wheels:
+            wheel = Wheel("any", diameter, 0.4 * diameter, contact=contact)
+            law = estimate(replace(soil("dry_sand"), n=n), (0.1, 0.1, 0.1))
+            samples.append(sample(wheel, law, Quantity(load, 0.02 * load), slip))
+        given = {"scatter": 0.05, "effects": effects, "strength": STRENGTH}
+        together = wheels_on_soil(samples, **given)
+        for one, found in zip(samples, together, strict=True):
+            (alone,) = wheels_on_soil([one], **given)
+            assert (found is None) == (alone is None)
+            if found is not None:
+                for name in ("sinkage", "compaction", "other", "acting"):
+                    expected = pytest.approx(getattr(alone, name), rel=1e-9)
+                    assert getattr(found, name) == expected, name
+                spread = np.array(alone.covariance)
+                np.testing.assert_allclose(
+                    found.covariance, spread, rtol=1e-5, atol=1e-7 * spread.max()
+                )
+
     @settings(max_examples=examples(60))
     @given(
         n=st.floats(0.1, 2.0),
@@ -291,9 +338,9 @@ class TestForces:
             estimate(kind, (0.1, 0.1, 0.1)),
             Quantity(load, 1.0),
         )
-        analytical = wheel_on_soil(*given)
+        analytical = wheels_on_soil([sample(*given)])[0]
         # An effect of size zero changes nothing, but sends the work through the model.
-        numerical = wheel_on_soil(*given, slip=0.2, effects=[Exponential(a=0.0)])
+        numerical = wheels_on_soil([sample(*given, slip=0.2)], effects=[Exponential(a=0.0)])[0]
         if analytical is None or numerical is None:
             assert analytical is numerical
             return
