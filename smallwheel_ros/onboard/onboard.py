@@ -157,16 +157,7 @@ class Onboard:
         self._begin()
 
     def _results(self, readings: list[Reading]) -> list[Result]:
-        results = []
-        for reading in readings:
-            used, result = self._assess(reading)
-            if result is not None:
-                results.append(result)
-                if self.on_result is not None:
-                    self.on_result(result)
-            if self.on_reading is not None:
-                self.on_reading(used)
-        return results
+        return [one for reading in readings if (one := self.assess(reading)) is not None]
 
     def save(self, path: Path | str) -> None:
         """Save the soil as it is believed now. Raises EstimatorError where it cannot be."""
@@ -185,10 +176,6 @@ class Onboard:
 
     def assess(self, reading: Reading) -> Result | None:
         """Use a reading for soil, strength and warnings; return the wheel's mobility where it is due."""
-        return self._assess(reading)[1]
-
-    def _assess(self, reading: Reading) -> tuple[Reading, Result | None]:
-        """The same, and the reading as it was used."""
         # What it is: whether its slip is one, which way it goes, how often this place was rolled over.
         if self._odometry is not None:
             reading = self._odometry.add(reading)
@@ -220,7 +207,12 @@ class Onboard:
         if self._odometry is not None:
             self.stuck.warning = self._slips.add(reading, self.stuck.risk)
         # What is said.
-        return reading, self._result(reading, load, update, digging) if due else None
+        result = self._result(reading, load, update, digging) if due else None
+        if result is not None and self.on_result is not None:
+            self.on_result(result)
+        if self.on_reading is not None:
+            self.on_reading(reading)
+        return result
 
     def _on_its_way(self, reading: Reading) -> Reading:
         """Which way the vehicle goes, and how often wheels have been at this place.
