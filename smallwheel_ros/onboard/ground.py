@@ -1,22 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From results of the estimate to the cost of the ground under the vehicle.
 
-How often wheels have rolled over a place before, the pass number of a measurement, is what `PassCounter`
-gives.
-
-A wheel that runs in the track of one ahead of it meets soil that this one has pressed, and so does any
-wheel where the vehicle crosses its own earlier path. Both are seen in the places of the wheels in the
-frame of the odometry:
-
-    pass number = 1 + crossings of this place so far by a wheel that rolls, its own among them
-
-A track whose middle is no further away than half the wheel's width is the same track; one that is no
-further than a whole width is met in part, and nobody knows what that does: the number is unknown then.
-It is unknown, too, without the wheels' places (no odometry, no orientation, no positions of the wheels
-in the parameters), and at the beginning until a wheel has left the ground that the vehicle stood on.
-
-Places are as good as the odometry: once it has drifted by half a wheel's width, ground that is crossed
-again counts as fresh.
+How often wheels have rolled over it is what `PassCounter` counts.
 """
 
 from __future__ import annotations
@@ -141,7 +126,22 @@ class _Point(NamedTuple):
 
 
 class PassCounter:
-    """Takes readings in the order of their stamps, and gives pass numbers."""
+    """Takes readings in the order of their stamps, and gives pass numbers.
+
+    A wheel that runs in the track of one ahead of it meets soil that this one has pressed, and so does any
+    wheel where the vehicle crosses its own earlier path. Both are seen in the places of the wheels in the
+    frame of the odometry:
+
+        pass number = 1 + crossings of this place so far by a wheel that rolls, its own among them
+
+    A track whose middle is no further away than half the wheel's width is the same track; one that is no
+    further than a whole width is met in part, and nobody knows what that does: the number is unknown then.
+    It is unknown, too, without the wheels' places (no odometry, no orientation, no positions of the wheels
+    in the parameters), and at the beginning until a wheel has left the ground that the vehicle stood on.
+
+    Places are as good as the odometry: once it has drifted by half a wheel's width, ground that is crossed
+    again counts as fresh.
+    """
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
         rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]

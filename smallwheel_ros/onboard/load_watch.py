@@ -15,18 +15,7 @@ single loads. Each interchange of two wheels, of front and rear, of left and rig
 to which place and sinkage. It is said where it makes residuals so much smaller that its odds are e^6 to 1,
 of likelihoods that count half of the rows, since neighbours are alike.
 
-The zero of the imu, how far off level it is mounted, or has wandered, is what `Level` finds by turns and ways
-back.
-
-State: slopes of the ground east and north in the frame of the odometry, e and n, and the zeros of what is
-shown ahead and across, p and r. A vehicle that looks along the heading a is shown
-
-    ahead = e cos a + n sin a + p,    across = n cos a - e sin a + r     (tangents, as g sin over g)
-
-The ground follows the vehicle, a zero stays with the imu: on the straight nobody can tell one from the other,
-and a quarter of a turn on one spot tells both. Prediction: slopes are an Ornstein-Uhlenbeck process along the
-path, 0.15 over 40 m; zeros one in time, 1.5 degrees over 3 minutes, since orientations are filtered
-gyroscopes. A row is taken after 0.2 m or 0.2 rad, with 0.5 degrees of its own: bumps.
+The zero of the imu is what `Level` finds.
 """
 
 from __future__ import annotations
@@ -305,7 +294,20 @@ _SURE, _WORTH = 3.0, math.radians(1.5)  # deviations and size of a zero that is 
 
 
 class Level:
-    """Of a vehicle; feed it every reading in the order of time. zero: of the slope force ahead, m/s^2."""
+    """How far off level the imu is mounted, or has wandered, by turns and ways back.
+
+    State: slopes of the ground east and north in the frame of the odometry, e and n, and the zeros of what is
+    shown ahead and across, p and r. A vehicle that looks along the heading a is shown
+
+        ahead = e cos a + n sin a + p,    across = n cos a - e sin a + r     (tangents, as g sin over g)
+
+    The ground follows the vehicle, a zero stays with the imu: on the straight nobody can tell one from the
+    other, and a quarter of a turn on one spot tells both. Prediction: slopes are an Ornstein-Uhlenbeck
+    process along the path, 0.15 over 40 m; zeros one in time, 1.5 degrees over 3 minutes, since orientations
+    are filtered gyroscopes. A row is taken after 0.2 m or 0.2 rad, with 0.5 degrees of its own: bumps.
+
+    Of a vehicle; feed it every reading in the order of time. zero: of the slope force ahead, m/s^2.
+    """
 
     def __init__(self) -> None:
         self._x: Array = np.zeros(4)

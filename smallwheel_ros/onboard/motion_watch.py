@@ -15,26 +15,7 @@ Its slip is that of the others then, give or take 0.2, and in each step in which
 moves and agrees with them again over 0.3 m. The speed over ground is not known while its messages repeat one
 and the same (see `SensorBuffer`).
 
-What odometry and wheel speeds alone tell of slip, where nothing else is measured, is `OdometryWatch`.
-
-How sure. The difference d between the speed of a rim and that of its place over ground has the noise of both
-in it. Slip changes little within half a second, so second differences of d over 0.5 s are noise: their
-variance is six times that of d, whatever the messages say of it. What does not change from reading to reading
-comes on top: the radius of the wheel and the scale of the odometry.
-
-How late. An odometry of pictures or echoes is late by some tenths of a second, which looks like slip while
-speed changes. Over each metre, with s the way of the rims and i the slip, means of all wheels,
-
-    integral of (rim - speed) dt = i s + tau (change of rim speed)
-
-so that starts and stops tell tau, with a prior of 0.1 s; the rim is compared as it was tau ago.
-
-Whether it shows any. An odometry that is made of the wheels, alone or by a filter with an imu, has their
-speed: i is 0 wherever it drives, but for radii and scales. The best odometries that know nothing of wheels
-wander by half a hundredth of the way (Geiger and others 2012, "Are we ready for autonomous driving?", and its
-table since), and slip on soil by more. So where i is surely the same within that from metre to metre, and no
-more than radii and scales are off by, odometry shows no slip: slip is not known then. An odometry of its own
-on a firm floor may be as good; the first metre that slips shows it.
+What both tell of slip where nothing else is measured is what `OdometryWatch` finds.
 """
 
 from __future__ import annotations
@@ -222,7 +203,28 @@ _SURE = 0.975
 
 
 class OdometryWatch:
-    """Of a vehicle; feed it every reading in the order of time.
+    """How sure a slip is by odometry and wheel speeds alone, how late it is, and whether it is one.
+
+    How sure. The difference d between the speed of a rim and that of its place over ground has the noise of
+    both in it. Slip changes little within half a second, so second differences of d over 0.5 s are noise:
+    their variance is six times that of d, whatever the messages say of it. What does not change from reading
+    to reading comes on top: the radius of the wheel and the scale of the odometry.
+
+    How late. An odometry of pictures or echoes is late by some tenths of a second, which looks like slip
+    while speed changes. Over each metre, with s the way of the rims and i the slip, means of all wheels,
+
+        integral of (rim - speed) dt = i s + tau (change of rim speed)
+
+    so that starts and stops tell tau, with a prior of 0.1 s; the rim is compared as it was tau ago.
+
+    Whether it shows any. An odometry that is made of the wheels, alone or by a filter with an imu, has their
+    speed: i is 0 wherever it drives, but for radii and scales. The best odometries that know nothing of
+    wheels wander by half a hundredth of the way (Geiger and others 2012, "Are we ready for autonomous
+    driving?", and its table since), and slip on soil by more. So where i is surely the same within that from
+    metre to metre, and no more than radii and scales are off by, odometry shows no slip: slip is not known
+    then. An odometry of its own on a firm floor may be as good; the first metre that slips shows it.
+
+    Of a vehicle; feed it every reading in the order of time.
 
     Attributes
     ----------

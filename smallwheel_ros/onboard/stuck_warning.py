@@ -23,22 +23,8 @@ A warning is given where
 Slip has to be up in each of them, and not of a vehicle that gains speed: it is known without mass, slope and
 strength, and the margin within a few hundredths of the load only.
 
-By slip as odometry and wheel speeds alone show it, where no sinkage is measured, it is `SlipWarning`.
-
-A straight line through the slip of the middle wheel over 1.5 s, or half a metre of the rims where that is
-longer, weighted by the deviations of the readings, gives the slip now, its trend, and by both the slip when a
-driver who is warned now has stopped: 3 s or half a metre on, whichever is later.
-It is warned where, surely,
-
-    slip is over 0.3: from there on the net traction of small wheels hardly rises;
-    slip is over 0.2 and rises, and will be over the reference slip by then;
-
-or slip is over 0.2 and the risk over 0.8. Surely: by 1.5 deviations of the line, which
-leave one reading in fifteen; errors of an odometry are alike over 0.3 s (`path_steps`). Steps of the path, by
-which it goes where sinkage is measured, take long where wheels slip. Who gains speed slips because of that,
-and who turns on the spot gets nowhere: neither is warned.
-
-That a wheel digs itself in is told by its slip, sinkage and speed: `DiggingInAlarm`.
+Where no sinkage is measured the warning is `SlipWarning`. That a wheel digs itself in is told by its slip,
+sinkage and speed: `DiggingInAlarm`.
 """
 
 from __future__ import annotations
@@ -204,7 +190,23 @@ _GAINS = 0.1  # m/s^2
 
 
 class SlipWarning:
-    """Of a vehicle; feed it every reading in the order of time. wheels: that roll."""
+    """The warning by slip as odometry and wheel speeds alone show it.
+
+    A straight line through the slip of the middle wheel over 1.5 s, or half a metre of the rims where that is
+    longer, weighted by the deviations of the readings, gives the slip now, its trend, and by both the slip
+    when a driver who is warned now has stopped: 3 s or half a metre on, whichever is later. It is warned
+    where, surely,
+
+        slip is over 0.3: from there on the net traction of small wheels hardly rises;
+        slip is over 0.2 and rises, and will be over the reference slip by then;
+
+    or slip is over 0.2 and the risk over 0.8. Surely: by 1.5 deviations of the line, which leave one reading
+    in fifteen; errors of an odometry are alike over 0.3 s (`path_steps`). Steps of the path, by which it goes
+    where sinkage is measured, take long where wheels slip. Who gains speed slips because of that, and who
+    turns on the spot gets nowhere: neither is warned.
+
+    Of a vehicle; feed it every reading in the order of time. wheels: that roll.
+    """
 
     def __init__(self, wheels: int, reference_slip: float) -> None:
         self._wheels, self._reference = wheels, reference_slip
