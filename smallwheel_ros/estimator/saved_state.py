@@ -4,12 +4,13 @@
 JSON, written whole or not at all. It holds the newest soil, and what is
 known of the sensors. What it was estimated with, prior and effects, is in it
 too: under another prior or another model the numbers would mean something else.
+A checksum tells a file that is as it was written from any other.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import math
 import os
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,18 +24,13 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.files import OutputError, json_text, read_text_file, write_bytes
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.estimator.identifiability import SoilEstimate, Variety
-from smallwheel_ros.estimator.law_model import WHEELS
 from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
 
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
-_VERSION = 3  # 1, of 0.1.0: without the sensors' faults; 2: without the zero of the load cells
-_TOLERANCE = 1e-9  # relative, of the prior's numbers
-_MOST_ACCEPTED = 2**32 - 1  # what SoilEstimate.msg can hold
-_LARGEST = 1e9  # of any number: loads in N are the largest, and the square of it is finite
-_SMALLEST = 1e-9  # of a load or a size, in N and m
-_LARGEST_STATE = 40.0  # of any number of the state; the first is ln of a sinkage
+# 1, of 0.1.0: without the sensors' faults; 2: without the zero of the load cells; 3: without checksum.
+_VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -99,9 +95,13 @@ def write_state(
     with suppress(OSError):  # without the folder the writing says so
         path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        write_bytes(path, json_text(content).encode())
+        write_bytes(path, json_text({**content, "sha256": _checksum(content)}).encode())
     except OutputError as error:
         raise EstimatorError(str(error)) from None
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def check_may_replace(path: Path) -> None:
@@ -146,17 +146,18 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
             f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}; "
             "delete the file to begin with the prior"
         )
-    try:
-        _compare(path, content, _made_with(prior, effects))
-        variety = Variety(_pair(content["diameters"]), _pair(content["loadings"]))
-        accepted = int(content["accepted"])
-        soil = None if content["soil"] is None else _soil(content["soil"])
-        strength = content.get("strength")
-        if not 0 <= accepted <= _MOST_ACCEPTED:
-            raise ValueError(f"accepted is {accepted}")
-    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
-        raise _corrupt(path, f"{type(error).__name__}: {error}") from None
-    return SavedState(soil, variety, accepted, strength)
+    told = content.pop("sha256", None)
+    if told != _checksum(content):
+        raise _corrupt(
+            path, "it is not as it was written: it is damaged, or somebody has changed it"
+        )
+    _compare(path, content, _made_with(prior, effects))
+    ranges = (content[name] and tuple(content[name]) for name in ("diameters", "loadings"))
+    soil = content["soil"]
+    if soil is not None:
+        mean, covariance = np.array(soil["mean"]), np.array(soil["covariance"])
+        soil = SoilRecord(tuple(soil["reference"]), mean, covariance)
+    return SavedState(soil, Variety(*ranges), content["accepted"], content["strength"])
 
 
 def _corrupt(path: Path, why: str) -> EstimatorError:
@@ -166,56 +167,16 @@ def _corrupt(path: Path, why: str) -> EstimatorError:
 
 
 def _compare(path: Path, content: dict[str, Any], expected: dict[str, Any]) -> None:
-    found_prior, found_effects = content.get("prior"), content.get("effects")
-    if not isinstance(found_prior, dict) or not isinstance(found_effects, list):
-        raise _corrupt(path, "prior or effects are missing")
     for name, value in expected["prior"].items():
-        found = found_prior.get(name)
-        same = found == value
-        if isinstance(value, float) and isinstance(found, (int, float)):
-            same = math.isclose(found, value, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE)
-        if not same:
+        found = content["prior"].get(name)
+        if found != value:
             raise EstimatorError(
                 f"{path}: saved under another prior ({name} {found!r}, now {value!r}); restore the "
                 "old setting, or delete the file to begin with the prior"
             )
-    if found_effects != expected["effects"]:
-        names = [e.get("id") if isinstance(e, dict) else e for e in found_effects]
+    if content["effects"] != expected["effects"]:
+        names = [effect["id"] for effect in content["effects"]]
         raise EstimatorError(
             f"{path}: saved under another model (effects {names}, or other numbers of them); use "
             "that model file, or delete the file to begin with the prior"
         )
-
-
-def _pair(value: Any) -> tuple[float, float] | None:
-    if value is None:
-        return None
-    low, high = (float(v) for v in value)
-    if not _SMALLEST <= low <= high < math.inf:
-        raise ValueError(f"{value!r} is no range")
-    return low, high
-
-
-def _soil(content: dict[str, Any]) -> SoilRecord:
-    reference, mean, covariance = (
-        np.array(content[name], dtype=float) for name in ("reference", "mean", "covariance")
-    )
-    numbers = np.concatenate([reference.ravel(), mean.ravel(), covariance.ravel()])
-    if not np.abs(numbers).max() < _LARGEST:  # NaN too
-        raise ValueError("a number is not finite, or too large")
-    if reference.shape != (3,) or reference.min() < _SMALLEST or mean.shape != (WHEELS,):
-        raise ValueError("reference or mean is no soil")
-    check_covariance(covariance, WHEELS)
-    if np.abs(mean).max() > _LARGEST_STATE:
-        raise ValueError("its soil is outside of the model's range")
-    load, diameter, width = reference.tolist()
-    return SoilRecord((load, diameter, width), mean, covariance)
-
-
-def check_covariance(covariance: Array, size: int) -> None:
-    """Raise ValueError or LinAlgError for finite numbers that are no covariance of that size."""
-    if covariance.shape != (size, size) or not np.allclose(
-        covariance, covariance.T, rtol=1e-9, atol=0
-    ):
-        raise ValueError(f"the covariance is not symmetric, {size} by {size}")
-    np.linalg.cholesky(covariance)

@@ -22,13 +22,11 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.identifiability import DETERMINED
 from smallwheel_ros.estimator.path_steps import PathStep, RollingContact
-from smallwheel_ros.estimator.saved_state import check_covariance
 from smallwheel_ros.estimator.settings import REMEMBERED
 from smallwheel_ros.estimator.slip_tests import SlipTest, slip_tests
 from smallwheel_ros.estimator.strength_filter import (
     FORM_SHEAR,
     LEVEL_STD,
-    STRENGTH,
     TractionFilter,
     WheelStep,
 )
@@ -42,8 +40,6 @@ GRAVITY = 9.80665  # m/s^2
 _ONE_SITE = math.sqrt(0.5)
 _DRAG = 0.2  # of the load on a wheel that is only dragged along
 _RECENT = 2.0  # s: a step that ended longer ago says nothing of now
-_SOURCES = {"balance", "torque", "pull"}
-_MOST_STEPS = 10**12
 _SAME_LOAD = 1.3
 _SAME_SLIP = 0.1  # apart
 _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
@@ -286,13 +282,18 @@ class TractionEstimator:
             self.reserve, self._wheels, steps, with_balance=balance, reference_slip=reference_slip
         )
 
+    @property
+    def _prior(self) -> list[list[float]]:
+        """Means and deviations of a strength that nobody has measured, to know it by."""
+        return [self.now.prior_mean.tolist(), self.now.prior_deviations.tolist()]
+
     def record(self) -> dict[str, Any] | None:
         """What to save; None before anything was measured."""
         if not self.steps:
             return None
         mean, covariance = self.reserve.strength
         return {
-            "prior": [self.reserve.prior_mean.tolist(), self.reserve.prior_deviations.tolist()],
+            "prior": self._prior,
             "mean": mean.tolist(),
             "covariance": covariance.tolist(),
             "steps": self.steps,
@@ -302,52 +303,19 @@ class TractionEstimator:
         }
 
     def restore(self, record: Any) -> None:
-        """Begin anew from what was saved, None: from the prior.
+        """Begin anew from a `record`, None: from the prior.
 
-        Raises ValueError, and changes nothing, where that is no strength of this prior.
+        Raises ValueError, and changes nothing, where it is of another prior.
         """
         if record is None:
             self.reset()
             return
-        try:
-            prior = np.array(record["prior"], dtype=float)
-            mean = np.array(record["mean"], dtype=float)
-            covariance = np.array(record["covariance"], dtype=float)
-            told = _told(record)
-        except (TypeError, KeyError, ValueError, OverflowError) as error:
-            raise ValueError(f"no strength ({error})") from None
-        expected = np.array([self.now.prior_mean, self.now.prior_deviations])
-        if prior.shape != expected.shape or not np.allclose(prior, expected, rtol=1e-9):
+        if record["prior"] != self._prior:
             raise ValueError("saved under another prior of the soil's strength")
-        try:
-            if mean.shape != (STRENGTH,):
-                raise ValueError("its mean is not four numbers")
-            if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
-                raise ValueError("a number is not finite")
-            check_covariance(covariance, STRENGTH)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise ValueError(f"no whole strength ({error})") from None
         self.reset()
-        self.now.strength = mean, covariance
-        self.steps, self.sources, self.excitation = told
-
-
-def _told(record: Mapping[str, Any]) -> tuple[int, set[str], Excitation]:
-    """Steps, sources and excitation that a saved strength rests on.
-
-    Raises KeyError, TypeError or ValueError where they are not whole.
-    """
-    steps, sources = int(record["steps"]), set(record["sources"])
-    (least_load, most_load), (least_slip, most_slip) = record["loads"], record["slips"]
-    whole = (
-        0 < steps <= _MOST_STEPS
-        and sources <= _SOURCES
-        and 0.0 < least_load <= most_load < math.inf
-        and 0.0 <= least_slip <= most_slip <= 1.0
-    )
-    if not whole:
-        raise ValueError("what it rests on is not whole")
-    return steps, sources, Excitation((least_load, most_load), (least_slip, most_slip))
+        self.now.strength = np.array(record["mean"]), np.array(record["covariance"])
+        self.steps, self.sources = record["steps"], set(record["sources"])
+        self.excitation = Excitation(tuple(record["loads"]), tuple(record["slips"]))
 
 
 def _in_words(
