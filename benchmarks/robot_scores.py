@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from benchmarks.robot_drives import RobotDrive
-from benchmarks.robot_worlds import VEHICLES
+from benchmarks.robot_drives import RobotDrive, make_drive
+from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.estimator.soil_estimator import (
     EstimatorSettings,
     SoilEstimate,
@@ -102,3 +102,17 @@ def _judge(estimate: SoilEstimate, drive: RobotDrive, place: int, score: Score) 
             score.wrong[name] = score.wrong.get(name, 0) + 1
         if sigmas > score.worst.get(name, (0.0, 0.0))[0]:
             score.worst[name] = sigmas, float(drive.at[place])
+
+
+def error_and_held(task: tuple[str, int]) -> tuple[float, float]:
+    """Of a drive of 12 m, given as world and seed, how far off the law is, and the share of sinkages held.
+
+    The former is the normalised error squared of (ln pressure, n, m) over its expectation.
+    """
+    name, seed = task
+    drive = make_drive(replace(WORLDS[name], distance=12.0), seed)
+    estimator, score = run(drive)
+    estimate = estimator.estimate()
+    found = np.array([estimate.log_reference_pressure, estimate.n, estimate.m])
+    error = found - np.array([*drive.soils[-1, :2, 0], drive.m])
+    return float(error @ np.linalg.solve(estimate.log_covariance, error)) / 3.0, score.held

@@ -9,13 +9,14 @@ from __future__ import annotations
 import copy
 import math
 import multiprocessing
-from dataclasses import replace
+from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 
 import numpy as np
 import pytest
 
 from benchmarks.robot_drives import make_drive
+from benchmarks.robot_rates import drive_and_score
 from benchmarks.robot_scores import Score, run
 from benchmarks.robot_worlds import WORLDS
 from smallwheel_ros.estimator.soil_estimator import SoilEstimator
@@ -128,19 +129,13 @@ def test_another_soil_is_found_within_a_metre(name: str) -> None:
 # ---- Many drives
 
 
-def _one(task: tuple[str, int]) -> Score:
-    name, seed = task
-    _, score = run(make_drive(WORLDS[name], seed))
-    return replace(score, seed=seed)
-
-
 @pytest.fixture(scope="module")
 def scores() -> dict[str, list[Score]]:
     """Twelve seeds of every world."""
     tasks = [(name, seed) for name in WORLDS for seed in range(12)]
     found: dict[str, list[Score]] = {name: [] for name in WORLDS}
-    with multiprocessing.get_context("spawn").Pool() as pool:
-        for score in pool.imap_unordered(_one, tasks, chunksize=4):
+    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
+        for score in pool.map(drive_and_score, tasks, chunksize=4):
             found[score.world].append(score)
     return found
 
