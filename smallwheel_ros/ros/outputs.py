@@ -22,7 +22,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_of
+from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
@@ -95,22 +95,6 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     # An array of the right type is taken as it is; anything else is looked at cell by cell.
     message.data = array("b", grid.cells.tobytes())
     return message
-
-
-def grid_from(message: OccupancyGrid) -> Grid:
-    """Turn a message into a grid. Raises CostMapError if it is malformed."""
-    info = message.info
-    place, turn = info.origin.position, info.origin.orientation
-    if message.header.frame_id == "":
-        raise CostMapError("the grid has no frame: header.frame_id is empty")
-    return grid_of(
-        message.header.frame_id,
-        float(info.resolution),
-        (info.width, info.height),
-        (place.x, place.y, place.z),
-        (turn.x, turn.y, turn.z, turn.w),
-        np.frombuffer(message.data, dtype=np.int8).copy(),
-    )
 
 
 # --- Markers
@@ -260,10 +244,9 @@ class CostPublisher:
         now (ns): its stamp before any measurement.
         """
         again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
-        if self.map.changed:
-            grid = self.map.grid()
-            if grid is not None:
-                self._send(grid_message(grid, self._stamp or now))
+        grid = self.map.grid() if self.map.changed else None
+        if grid is not None:
+            self._send(grid_message(grid, self._stamp or now))
         elif again and self._sent is not None:
             self._send(self._sent)
 

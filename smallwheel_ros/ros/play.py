@@ -33,11 +33,11 @@ from rosgraph_msgs.msg import Clock
 from smallwheel_ros.bags import BagReader, RawMessage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.stop import Stop
-from smallwheel_ros.costmap.grid import Grid
+from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.ros.outputs import grid_from, message_class, nanoseconds_of, time_message
+from smallwheel_ros.ros.outputs import message_class, nanoseconds_of, time_message
 from smallwheel_ros.ros.parameters import LATCHED
 
 _CLOCK_PERIOD = SECOND // 100
