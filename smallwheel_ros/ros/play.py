@@ -216,7 +216,9 @@ class Player:
                 channels = {
                     (t.name, t.type): reader.as_channel(t.name, t.type) for t in reader.topics
                 }
-                for raw in reader.raw_messages(list(self.topics), start=self._begin):
+                for raw in reader.raw_messages(list(self.topics)):
+                    if raw.log_time < self._begin:
+                        continue
                     channel = channels[raw.topic, raw.type]
                     try:
                         data = raw.data if channel is None else channel[1](raw.data)
