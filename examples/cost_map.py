@@ -110,11 +110,10 @@ def main() -> int:
     print(
         f"{known.size} of {grid.cells.size} cells are known, costs {known.min()} to {known.max()}"
     )
-    for terrain, places in found.classes.places().items():
-        margin = found.classes.margin(terrain)
-        assert margin is not None
+    places = found.classes.places()
+    for terrain, margin in found.classes.margins().items():
         print(
-            f"class {terrain}: {places} places, margin {margin.value:.3f} +-"
+            f"class {terrain}: {places[terrain]} places, margin {margin.value:.3f} +-"
             f" {margin.standard_deviation:.3f}, cost {found.classes.table()[terrain]}"
         )
     print(options.output)

@@ -338,14 +338,14 @@ class _SqliteFile(StorageFile):
             self._check_table("message_definitions")
             known = {str(kind): (e, t) for kind, e, t in self._database.execute(_DEFINITIONS)}
         columns = {row[1] for row in self._database.execute("PRAGMA table_info(topics)")}
-        qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
+        offers = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
         keys: dict[int, Key] = {}
-        query = f"SELECT id, name, type, {qos} FROM topics"
+        query = f"SELECT id, name, type, {offers} FROM topics"
         for number, name, kind, offered in self._database.execute(query):
             keys[int(number)] = key = (str(name), str(kind))
             encoding, text = known.get(str(kind), ("", ""))
-            offers = qos_of(str(offered))
-            self.topics[key] = BagTopic(*key, 0, False, str(encoding), str(text), offers)
+            qos = qos_of(str(offered))
+            self.topics[key] = BagTopic(*key, encoding=str(encoding), definition=str(text), qos=qos)
         return keys
 
     def _messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
@@ -374,8 +374,10 @@ class _Ros1File(StorageFile):
         for connection in reader.connections:
             key = (connection.topic, connection.msgtype)
             qos = (LATCHED,) if getattr(connection.ext, "latching", False) else ()
-            topic = BagTopic(*key, 0, False, "ros2msg", connection.msgdef.data, qos)
-            self.topics.setdefault(key, topic)
+            text = connection.msgdef.data
+            self.topics.setdefault(
+                key, BagTopic(*key, encoding="ros2msg", definition=text, qos=qos)
+            )
             if connection.msgcount:
                 # rosbags gives the first instant after the last message.
                 self._count(key, reader.start_time, reader.end_time - 1, connection.msgcount)

@@ -153,16 +153,14 @@ class TerrainClasses:
             if 0 < known.stuck < 0.5 * known.places
         ]
 
-    def margin(self, terrain: int) -> Quantity | None:
-        """What to expect at a new place of a class; None where no wheel has been on it."""
-        known = self._classes.get(terrain)
-        if known is None:
-            return None
-        scatter = (_PRIOR_PLACES * self.rules.class_scatter**2 + known.squares) / (
-            known.places + _PRIOR_PLACES - 1.0
-        )
-        variance = known.variance + scatter * (1.0 + 1.0 / known.places)
-        return Quantity(known.mean, math.sqrt(variance))
+    def margins(self) -> dict[int, Quantity]:
+        """What to expect at a new place of each class that a wheel has been on."""
+        found, prior = {}, _PRIOR_PLACES * self.rules.class_scatter**2
+        for terrain, known in sorted(self._classes.items()):
+            scatter = (prior + known.squares) / (known.places + _PRIOR_PLACES - 1.0)
+            variance = known.variance + scatter * (1.0 + 1.0 / known.places)
+            found[terrain] = Quantity(known.mean, math.sqrt(variance))
+        return found
 
     def places(self) -> dict[int, int]:
         """How many places of each class have been crossed."""
@@ -171,9 +169,7 @@ class TerrainClasses:
     def table(self) -> Cells:
         """Cost of each class number, shape (256,), by the byte that an int8 is."""
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
-        for terrain in self._classes:
-            margin = self.margin(terrain)
-            assert margin is not None
+        for terrain, margin in self.margins().items():
             table[terrain] = self.rules.cost(margin.value, margin.standard_deviation)
         return table
 

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
 Cells = NDArray[np.int8]
 Length = TypeVar("Length", float, NDArray[np.float64])
@@ -246,7 +246,7 @@ def write_map(path: Path, grid: Grid) -> None:
         "free_thresh": 0.25,
         "frame": grid.frame,
     }
-    write_bytes(path, yaml.safe_dump(lines, sort_keys=False).encode())
+    write_bytes(path, write_yaml(lines).encode())
 
 
 def read_map(path: Path) -> Grid:
@@ -255,7 +255,7 @@ def read_map(path: Path) -> Grid:
     Raises CostMapError naming the file, what was found and what was expected.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = read_yaml(path)
         mode, (x, y, turn) = content["mode"], (float(value) for value in content["origin"])
         if mode != _MODE or turn != 0.0:
             raise ValueError(f"mode {mode}, turned by {turn:g}: expected mode {_MODE}, not turned")
@@ -272,9 +272,9 @@ def read_map(path: Path) -> Grid:
         rows = pixels.reshape(height, width)[::-1].astype(np.int16)
         cells: Cells = np.where(rows <= HIGHEST, rows, UNKNOWN).astype(np.int8)
         return Grid(str(content["frame"]), float(content["resolution"]), (x, y), cells)
-    except OSError as error:
-        raise CostMapError(f"{path}: no map can be read there: {error.strerror or error}") from None
-    except (KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+    except (OSError, PlainYamlError) as error:
+        raise CostMapError(f"{path}: no map can be read there: {reason(error)}") from None
+    except (KeyError, TypeError, ValueError) as error:
         why = " ".join(f"{type(error).__name__}: {error}".split())
         raise CostMapError(
             f"{path}: not a map of map_server as it is written here ({why})"

@@ -75,7 +75,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._table = NodeParameters(self, self._is_active, self._configure_anew)
         for text in self._table.unknown:
             self.get_logger().warning(text)
-        self._description = RobotDescription(self, self._table)
+        self.description = RobotDescription(self, self._table)
         self._frames = VelocityFrame(self, self._table)
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -94,11 +94,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Whether the node is to configure and activate itself."""
         return self._table.values()["autostart"] is not False
 
-    @property
-    def waiting(self) -> str:
-        """What it waits for before it can be configured, in words; empty: nothing."""
-        return self._description.waiting
-
     # --- Transitions
 
     @_says_why
@@ -108,7 +103,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             settings = self._table.read()
             session = Session(self, settings, self._table.overrides(), self._wall)
         except ParametersError as error:
-            why = [str(error), self.waiting, *self._description.lacking]
+            why = [str(error), self.description.waiting, *self.description.lacking]
             self.problem = f"cannot be configured: {'; '.join(filter(None, why))}"
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
@@ -149,13 +144,10 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._forget()
         return super().on_shutdown(state)
 
+    @_says_why
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything after a transition that failed: the node can be configured again."""
-        try:
-            self._forget()
-        except Exception:
-            self.get_logger().error(f"cleaning up failed:\n{traceback.format_exc()}")
-            return TransitionCallbackReturn.FAILURE
+        self._forget()
         return _SUCCESS
 
     def _forget(self) -> None:
@@ -208,28 +200,28 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         return response
 
     def _publish_diagnostics(self) -> None:
-        name = self.get_fully_qualified_name().lstrip("/")
         if self._session is not None:
             self._frames.look_up(self._session.velocity_frame)
-        unknown = [*self._table.unknown, *self._description.lacking, *self._frames.lacking]
+        unknown = [*self._table.unknown, *self.description.lacking, *self._frames.lacking]
         if self.problem:
-            found, unknown = [status(f"{name}: parameters", ERROR, self.problem)], []
-        elif self._session is None and self.autostart and self.waiting:
-            found = [status(f"{name}: inputs", WARN, self.waiting)]
+            found, unknown = [status("parameters", ERROR, self.problem)], []
+        elif self._session is None and self.autostart and self.description.waiting:
+            found = [status("inputs", WARN, self.description.waiting)]
         elif self._session is None or not self._session.active:
-            text = "not active: it waits for a lifecycle manager"
-            found = [status(f"{name}: inputs", OK, text)]
+            found = [status("inputs", OK, "not active: it waits for a lifecycle manager")]
         else:
-            found = self._session.diagnostics(name)
+            found = self._session.diagnostics()
             unknown += self._session.unused
         if unknown:
-            found.append(status(f"{name}: parameters", WARN, "; ".join(unknown)))
+            found.append(status("parameters", WARN, "; ".join(unknown)))
         doubled = namesakes(self)
         if doubled:
-            found.append(status(f"{name}: name", WARN, doubled))
+            found.append(status("name", WARN, doubled))
         if doubled and not self._doubled:
             self.get_logger().warning(doubled)
         self._doubled = doubled
+        for entry in found:
+            entry.name = f"{self.get_fully_qualified_name().lstrip('/')}: {entry.name}"
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -287,9 +279,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     executor = SingleThreadedExecutor()
     try:
         executor.add_node(node)
-        if node.autostart and node.waiting:
-            node.get_logger().warning(node.waiting)
-            if not _spin(node, executor, lambda: node.waiting):
+        if node.autostart and (waiting := node.description.waiting):
+            node.get_logger().warning(waiting)
+            if not _spin(node, executor, lambda: node.description.waiting):
                 return 0
         if node.autostart and not (
             node.trigger_configure() == _SUCCESS and node.trigger_activate() == _SUCCESS

@@ -23,10 +23,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
-from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.reading import SECOND
-from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
-from smallwheel_ros.msg import SoilEstimate as SoilMessage
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 from smallwheel_ros.onboard.feed import Feed, angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
@@ -34,14 +32,12 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS, overridable
 
 OUTPUTS = {
-    "~/mobility": (MobilityMessage, ESTIMATE),
-    "~/soil": (SoilMessage, LATCHED),
+    "~/mobility": (MobilityEstimate, ESTIMATE),
+    "~/soil": (SoilEstimate, LATCHED),
     "~/markers": (MarkerArray, ESTIMATE),
     "~/cost": (OccupancyGrid, LATCHED),
 }
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
-
-
 # Takes topic, reason and words of something that went wrong.
 Report = Callable[[str, str, str], None]
 
@@ -70,17 +66,6 @@ def time_message(stamp: int) -> Time:
 
 def _header(stamp: int, frame: str) -> Header:
     return Header(stamp=time_message(stamp), frame_id=frame)
-
-
-def mobility_message(result: Result) -> MobilityMessage:
-    """Turn a wheel's result into its message."""
-    header = _header(result.reading.stamp, result.wheel)
-    return MobilityMessage(header=header, **mobility_fields(result))
-
-
-def soil_message(soil: SoilEstimate, stamp: int, frame: str, rejected: int) -> SoilMessage:
-    """Turn an estimate of the soil into its message; stamp in ns."""
-    return SoilMessage(header=_header(stamp, frame), **soil_fields(soil, rejected))
 
 
 def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
@@ -334,7 +319,8 @@ class Outputs:
 
     def answer(self, result: Result) -> None:
         """Publish a wheel's mobility."""
-        self._mobility.publish(mobility_message(result))
+        header = _header(result.reading.stamp, result.wheel)
+        self._mobility.publish(MobilityEstimate(header=header, **mobility_fields(result)))
 
     def keep(self, results: Sequence[Result]) -> None:
         """Publish the soil at its rate, and keep what the timers publish."""
@@ -348,17 +334,19 @@ class Outputs:
 
     def publish_waiting_soil(self) -> None:
         """Publish the newest soil unless it has been already."""
-        result, frame = self._soil_waits, self._feed.odometry_frame
+        result = self._soil_waits
         if result is not None:
-            stamp = result.reading.stamp
-            self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
-            self._soil_sent, self._soil_waits = stamp, None
+            self._soil_sent, self._soil_waits = result.reading.stamp, None
+            self._publish_soil(soil_fields(result.soil, result.rejected), result.reading.stamp)
 
     def publish_soil(self) -> None:
         """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
-        onboard, stamp = self._feed.onboard, self._node.get_clock().now().nanoseconds
-        frame = self._feed.odometry_frame
-        self._soil.publish(soil_message(onboard.soil, stamp, frame, onboard.rejected))
+        fields = soil_fields(self._feed.onboard.soil, self._feed.onboard.rejected)
+        self._publish_soil(fields, self._node.get_clock().now().nanoseconds)
+
+    def _publish_soil(self, fields: dict[str, Any], stamp: int) -> None:
+        header = _header(stamp, self._feed.odometry_frame)
+        self._soil.publish(SoilEstimate(header=header, **fields))
 
     def publish_cost(self) -> None:
         """Publish the cost map if it has changed."""

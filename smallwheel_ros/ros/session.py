@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -89,7 +89,8 @@ class Session:
 
     overrides: values of the parameters `qos_overrides.*` that were given. wall: a clock that goes on
     while /clock stands still. unused: a sentence for each of those parameters that nobody uses.
-    restored: what saved soil and cost map it goes on from, in words; empty where there is none.
+    warnings: what is to be said once of the configuration. restored: what saved soil and cost map it goes
+    on from, in words; empty where there is none.
     velocity_frame: frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
@@ -113,13 +114,9 @@ class Session:
         if self._soil_file.problem:
             self._feed = self._new_feed()  # it may be half restored
         self._onboard = self._feed.onboard
-        self._inputs = Inputs(
-            node,
-            self._feed,
-            self._take,
-            lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
-            lambda message: self._safely("/tf", self._outputs.cost.on_transforms, message),
-        )
+        problem = filter(None, [self._soil_file.problem])
+        self.warnings = [*self._onboard.undeterminable, *problem, *self.unused]
+        self._inputs = Inputs(node, self._feed)
         self._timers: list[Timer] = []
         self.velocity_frame = ""
         self._time_jumps = 0
@@ -139,20 +136,18 @@ class Session:
     @property
     def active(self) -> bool:
         """Whether it listens and publishes."""
-        return self._inputs.on
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is to be said once of the configuration."""
-        problem = [self._soil_file.problem] if self._soil_file.problem else []
-        return [*self._onboard.undeterminable, *problem, *self.unused]
+        return bool(self._timers)
 
     # --- Transitions, services
 
     def activate(self) -> None:
         """Listen, and publish the soil as it is believed before any measurement."""
         self._last_arrival = time.monotonic()
-        self._inputs.listen()
+        self._inputs.listen(
+            self._take,
+            partial(self._safely, TERRAIN_CLASSES, self._outputs.cost.on_classes),
+            partial(self._safely, "/tf", self._outputs.cost.on_transforms),
+        )
         self._inputs.say_what_is_expected()
         for name, period, work in (
             ("flush", 0.5, self._flush),
@@ -185,12 +180,10 @@ class Session:
     def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
         classes = self._outputs.cost.map.classes
-        found = {}
-        for terrain, places in classes.places().items():
-            margin = classes.margin(terrain)
-            if margin is not None:
-                known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
-                found[str(terrain)] = known | {"places": places}
+        found, places = {}, classes.places()
+        for terrain, margin in classes.margins().items():
+            known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
+            found[str(terrain)] = known | {"places": places[terrain]}
         return True, json.dumps(found)
 
     def reset(self) -> tuple[bool, str]:
@@ -247,16 +240,15 @@ class Session:
         self._outputs.publish_waiting_soil()
         self._inputs.say_when_all_are_here()
 
-    def diagnostics(self, name: str) -> list[DiagnosticStatus]:
-        """Return the entries of an active node of that name; log which alarms begin and end."""
+    def diagnostics(self) -> list[DiagnosticStatus]:
+        """Return the entries of an active node; log which alarms begin and end."""
         newest = self._outputs.newest.values()
         self._outputs.report_deaf_subscribers()
         self._onboard.look_for_slip_tests()
-        found = [self._inputs.status(f"{name}: inputs")]
-        found += entries(name, self._onboard, newest, self._outputs.cost)
+        found = [self._inputs.status(), *entries(self._onboard, newest, self._outputs.cost)]
         self._log_alarms(newest)
         if self._soil_file.problem:
-            found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
+            found.append(status("saved soil", WARN, self._soil_file.problem))
         return found
 
     def _log_alarms(self, newest: Iterable[Result]) -> None:
@@ -299,12 +291,12 @@ class SoilFile:
             _check_finite(soil_fields(onboard.soil, onboard.rejected))
         except SmallwheelError as error:
             self.problem = f"the saved soil is not used: {error}"
+            return ""
         except Exception as error:  # numbers that nobody has thought of
             self.problem = (
                 f"the saved soil is not used: {self._path}: {type(error).__name__}: {error}; delete"
                 " the file to begin with the prior"
             )
-        if self.problem:
             return ""
         return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
 
@@ -352,6 +344,5 @@ class SoilFile:
 
 def _check_finite(fields: dict[str, Any]) -> None:
     for name, value in fields.items():
-        for number in value if name == "covariance" else [value]:
-            if isinstance(number, float) and not math.isfinite(number):
-                raise ValueError(f"{name} would be {number}")
+        if not isinstance(value, str) and not np.isfinite(value).all():
+            raise ValueError(f"{name} would be {value}")

@@ -260,11 +260,10 @@ class TestTerrainClasses:
         classes = TerrainClasses(RULES, 0.1)
         for i in range(40):
             assert classes.learn("a", 0.2 * i, 0.0, 3, Quantity(0.1 + 0.02 * (-1) ** i, 0.01))
-        found = classes.margin(3)
-        assert found is not None
+        found = classes.margins()[3]
         assert found.value == pytest.approx(0.1)
         assert found.standard_deviation == pytest.approx(math.hypot(0.02, 0.01), rel=0.15)
-        assert classes.margin(4) is None
+        assert set(classes.margins()) == {3}
 
     def test_first_touch_costs_more_than_a_long_crossing(self) -> None:
         classes = TerrainClasses(RULES, 0.1)
@@ -301,7 +300,7 @@ class TestTerrainClasses:
         costs = classes.costs(grid)
         assert costs.geometry == grid.geometry
         for terrain, value in zip(cells, costs.cells[0].tolist(), strict=True):
-            margin = classes.margin(terrain)
+            margin = classes.margins().get(terrain)
             if margin is None:
                 assert value == -1
             else:

@@ -272,7 +272,6 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
 def test_player_waits_for_some_listener_and_names_what_nobody_hears(
     bag: Path, ros_domain: int
 ) -> None:
-    import rclpy
     from nav_msgs.msg import Odometry
     from rclpy.node import Node
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -281,10 +280,9 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
     from smallwheel_ros.ros.play import Player
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    rclpy.init(args=[])
-    node, listener = Node("player"), Node("listener")
-    try:
-        with Player(node, bag) as player:
+    with Player("player", bag) as player:
+        listener = Node("listener")
+        try:
             player.wait_for_listeners(0.0)
             assert player.unheard() == list(player.topics)
             assert player.nobody_listens() == "nobody listens to any topic: played all the same"
@@ -302,10 +300,8 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
             while "/odom" not in player.unheard():
                 assert time.monotonic() < deadline
                 player.spin(0.05)
-    finally:
-        node.destroy_node()
-        listener.destroy_node()
-        rclpy.try_shutdown()
+        finally:
+            listener.destroy_node()
 
 
 def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,14 +343,13 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.play import Player, PlayError, own_node
+    from smallwheel_ros.ros.play import Player, PlayError
 
     old = tmp_path / "old.bag"
     old.write_bytes(b"")
-    with own_node("player") as node:
-        with pytest.raises(SmallwheelError, match="does not exist"):
-            Player(node, tmp_path / "nothing")
-        with pytest.raises(SmallwheelError, match="cannot be read"):
-            Player(node, old)
-        with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
-            Player(node, bag, start=1000.0, loop=True)
+    with pytest.raises(SmallwheelError, match="does not exist"):
+        Player("player", tmp_path / "nothing")
+    with pytest.raises(SmallwheelError, match="cannot be read"):
+        Player("player", old)
+    with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
+        Player("player", bag, start=1000.0, loop=True)
