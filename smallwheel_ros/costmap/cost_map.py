@@ -212,10 +212,11 @@ class CostSettings:
     rules: CostRules = field(default_factory=CostRules)
 
     def __post_init__(self) -> None:
-        """Check what no other class checks."""
+        """Check every number, and how many cells there would be."""
+        wrong = out_of_range(self)
+        if wrong:
+            raise CostMapError(wrong)
         side_of(self.size, self.resolution)
-        if not self.period > 0:
-            raise CostMapError(f"period is {self.period!r} s, expected more than 0")
 
 
 class CostMap:

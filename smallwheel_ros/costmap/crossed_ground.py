@@ -77,7 +77,7 @@ class Outline:
 
 def side_of(size: float, resolution: float) -> int:
     """Cells along a window's side. Raises CostMapError where there can be no such window."""
-    if not (math.isfinite(size) and math.isfinite(resolution) and 0 < resolution <= size):
+    if not 0 < resolution <= size < math.inf:
         raise CostMapError(
             f"size is {size!r} m and resolution {resolution!r} m, expected 0 < resolution <= size"
         )

@@ -116,8 +116,8 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: fl
         click.echo(f"{bag}: {line}", err=True)
 
     with Player("smallwheel_play", bag, rate=rate, start=start, loop=loop, clock=clock) as player:
-        for name, kind in player.skipped.items():
-            click.echo(f"{name} is left out: its type {kind} is not installed here", err=True)
+        for name, why in player.skipped.items():
+            click.echo(f"{name} is left out: {why}", err=True)
         total = None if loop else player.message_count
         with player.stop.listening():
             if wait > 0:

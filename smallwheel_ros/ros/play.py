@@ -19,11 +19,13 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
@@ -65,7 +67,7 @@ class Player:
 
     name: of the node. rate: times as fast as recorded. start: s after the bag's beginning. loop: again
     and again. clock: publish /clock from the times of recording, for nodes with use_sim_time. topics: type
-    of each topic that is published. skipped: the same of the topics whose type is not installed here.
+    of each topic that is published. skipped: why a topic is not published, in words.
 
     Raises
     ------
@@ -98,12 +100,15 @@ class Player:
                 f"start is {start:g} s, expected at most {duration:.3f} s: bag {self._bag} is no longer"
             )
         self._begin = begin + round(start * SECOND)
-        kinds = {name: message_class(topic.type) for name, topic in recorded.items()}
-        self.topics = {name: recorded[name].type for name, kind in kinds.items() if kind}
-        self.skipped = {name: recorded[name].type for name, kind in kinds.items() if not kind}
+        reasons = {name: _why_not(topic) for name, topic in recorded.items()}
+        self.skipped = {name: why for name, why in reasons.items() if why}
+        self.topics = {name: recorded[name].type for name, why in reasons.items() if not why}
         if not self.topics:
             raise PlayError(f"bag {self._bag} has no message of a type that is installed here")
-        self._wanted = {name: (kinds[name], _quality(recorded[name])) for name in self.topics}
+        self._wanted = {
+            name: (message_class(kind), _quality(recorded[name]))
+            for name, kind in self.topics.items()
+        }
         self._ticks = clock and _CLOCK not in self.topics
         if self._ticks:
             self._wanted[_CLOCK] = (Clock, _RELIABLE)
@@ -228,6 +233,17 @@ class Player:
                 self._publishers[_CLOCK].publish(Clock(clock=time_message(clock)))
             self._publishers[raw.topic].publish(raw.data)
             self._stop_if_asked()
+
+
+def _why_not(topic: BagTopic) -> str:
+    """Why a topic cannot be published; empty: it can."""
+    if message_class(topic.type) is None:
+        return f"its type {topic.type} is not installed here"
+    try:
+        validate_topic_name(topic.name)
+    except InvalidTopicNameException:
+        return "ROS 2 allows no topic of that name"
+    return ""
 
 
 def _quality(topic: BagTopic) -> QoSProfile:

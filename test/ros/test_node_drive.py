@@ -19,7 +19,7 @@ from bag_kinds import beginning
 from click.testing import CliRunner
 from readings import Given as Onboard
 
-from smallwheel_ros.bags import BagReader
+from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
@@ -340,6 +340,18 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
     assert bare[known].median() > early[known].median()
     soil = pd.read_csv(folder / "soil.csv")
     assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
+
+
+def test_play_leaves_out_a_topic_that_ros_2_cannot_have(bag: Path, tmp_path: Path) -> None:
+    """ROS 1 takes names that ROS 2 does not, such as /camera/1/image."""
+    from smallwheel_ros.ros.play import Player
+
+    with BagReader(bag) as reader, BagWriter(tmp_path / "odd") as writer:
+        for raw in reader.raw_messages({"/odom", "/imu"}):
+            writer.write_raw(raw.topic.replace("/imu", "/1/imu"), *raw[1:])
+    with Player("player", tmp_path / "odd") as player:
+        assert list(player.topics) == ["/odom"]
+        assert player.skipped == {"/1/imu": "ROS 2 allows no topic of that name"}
 
 
 def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
