@@ -24,6 +24,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
+from smallwheel_ros.common.errors import reason
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
 from smallwheel_ros.ros.parameters import (
@@ -57,7 +58,7 @@ def _says_why(transition: _Call) -> _Call:
         try:
             return transition(self, state)
         except Exception as error:
-            self.problem = f"{transition.__name__} failed: {' '.join(str(error).split())}"
+            self.problem = f"{transition.__name__} failed: {reason(error)}"
             self.get_logger().error(f"{self.problem}\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
 
@@ -270,10 +271,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except Exception as error:
         # rcl explains what is wrong with ROS arguments or a parameter file, in several lines.
-        reason = " ".join(str(error).split()) or type(error).__name__
+        words = reason(error)
         if type(error).__name__ == "UnknownROSArgsError":  # rclpy makes the type not public
-            reason = f"arguments that ROS does not know: {reason}"
-        print(f"{NODE_NAME}: cannot start: {reason}", file=sys.stderr)
+            words = f"arguments that ROS does not know: {words}"
+        print(f"{NODE_NAME}: cannot start: {words}", file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT
     executor = SingleThreadedExecutor()

@@ -35,7 +35,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
 from std_msgs.msg import String
 
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.parameter import Parameter
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import (
@@ -259,9 +259,9 @@ class RobotDescription:
                 String, topic, self._take, LATCHED, event_callbacks=NO_SUBSCRIPTION_EVENTS
             )
             self._topic = node.resolve_topic_name(topic)
-        except Exception as error:  # rcl's; its words have several lines
-            reason = " ".join(str(error).split())
-            self.lacking.append(f"robot description: cannot listen to {topic!r}: {reason}")
+        except Exception as error:  # rcl's, of which rclpy makes no type public
+            words = f"robot description: cannot listen to {topic!r}: {reason(error)}"
+            self.lacking.append(words)
 
     @property
     def waiting(self) -> str:
@@ -320,7 +320,7 @@ class VelocityFrame:
         try:
             found, problem = self._in_base(frame, base)
         except Exception as error:  # tf2's own, or a release with another interface
-            found, problem = {}, f"tf does not connect them ({' '.join(str(error).split())})"
+            found, problem = {}, f"tf does not connect them ({reason(error)})"
         if not problem:
             problem = self._table.fill({name: found[name] for name in silent})
         if problem:

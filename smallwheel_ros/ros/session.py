@@ -18,7 +18,7 @@ from rclpy.clock import Clock
 from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import read_map, write_map
 from smallwheel_ros.estimator.saved_state import check_may_replace
@@ -69,9 +69,8 @@ def _check_topics(node: LifecycleNode, feed: Feed, overrides: Mapping[str, objec
     for given, kind in listened:
         try:
             name = node.resolve_topic_name(given)
-        except Exception as error:  # rcl's; its words have several lines
-            reason = " ".join(str(error).split())
-            raise ParametersError(f"topic {given!r} is not possible: {reason}") from None
+        except Exception as error:  # rcl's, of which rclpy makes no type public
+            raise ParametersError(f"topic {given!r} is not possible: {reason(error)}") from None
         if types.setdefault(name, kind) != kind:
             raise ParametersError(
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
