@@ -302,7 +302,10 @@ class CostMap:
         self.changed |= self._ground.cross(wheel.name, across, travel, cost, stuck=stuck)
         x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
         classes = self.class_grid
-        if classes is not None and classes.frame == self.frame and (cell := classes.cell(x, y)):
+        if classes is None or classes.frame != self.frame:
+            return
+        cell = classes.cell(x, y)
+        if cell is not None:
             terrain = int(classes.cells[cell])
             self.changed |= self.classes.learn(learner, x, y, terrain, learnt)
 
@@ -390,8 +393,8 @@ class CostMap:
             self._held = None
             return
         far = self.outline.radius + max(self.spread, self.outline.half_width) + costs.resolution
-        held = np.flatnonzero(costs.cells == HIGHEST)
-        rows, columns = np.divmod(held, costs.cells.shape[1])
+        lethal = np.flatnonzero(costs.cells == HIGHEST)
+        rows, columns = np.divmod(lethal, costs.cells.shape[1])
         x: NDArray[np.float64] = costs.origin[0] + costs.resolution * (columns + 0.5)
         y: NDArray[np.float64] = costs.origin[1] + costs.resolution * (rows + 0.5)
         gap = self.outline.gap(self._pose, x, y)
@@ -399,7 +402,7 @@ class CostMap:
         inside = bool((gap <= touched).any())
         self._held = self._pose if inside else None
         if inside:
-            costs.cells.flat[held[gap <= far]] = _PASSABLE
+            costs.cells.flat[lethal[gap <= far]] = _PASSABLE
 
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""

@@ -14,13 +14,13 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
-from typing import Any, TypeVar
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
@@ -47,10 +47,10 @@ _SERVICES = {
     "save_soil": (Session.save, "there is no soil to save"),
     "terrain_margins": (Session.terrain_margins, "there are no terrain classes"),
 }
-_Call = TypeVar("_Call", bound=Callable[..., Any])
+_Transition = Callable[[Any, LifecycleState], TransitionCallbackReturn]
 
 
-def _says_why(transition: _Call) -> _Call:
+def _says_why(transition: _Transition) -> _Transition:
     """Log what a transition raises, which rclpy swallows: on_error is next."""
 
     @wraps(transition)
@@ -62,7 +62,7 @@ def _says_why(transition: _Call) -> _Call:
             self.get_logger().error(f"{self.problem}\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
 
-    return guarded  # type: ignore[return-value]  # the same signature, by construction
+    return guarded
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
@@ -242,23 +242,18 @@ def namesakes(node: LifecycleNode) -> str:
 
 def _spin(
     node: MobilityEstimator, executor: SingleThreadedExecutor, goes_on: Callable[[], object]
-) -> bool:
-    """Let the node work as long as goes_on says; return False where it is asked to end.
+) -> None:
+    """Let the node work as long as ROS does and goes_on says.
 
     A defect in a callback is loud and ends nothing.
     """
-    while goes_on():
-        if not rclpy.ok():
-            return False
+    while rclpy.ok() and goes_on():
         try:
             executor.spin_once()
-        except (KeyboardInterrupt, ExternalShutdownException):
-            return False
         except Exception:
             # A signal ends ROS at any moment: what was about to be published then fails.
             if rclpy.ok():
                 node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
-    return True
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -282,18 +277,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         executor.add_node(node)
         if node.autostart and (waiting := node.description.waiting):
             node.get_logger().warning(waiting)
-            if not _spin(node, executor, lambda: node.description.waiting):
-                return 0
-        if node.autostart and not (
-            node.trigger_configure() == _SUCCESS and node.trigger_activate() == _SUCCESS
-        ):
+            _spin(node, executor, lambda: node.description.waiting)
+        steps = (node.trigger_configure, node.trigger_activate) if node.autostart else ()
+        if rclpy.ok() and any(step() != _SUCCESS for step in steps):
             return EXIT_BAD_INPUT
         # What the start has made lives as long as the node: looking it all through for what can be
         # thrown away would hold up messages for a tenth of a second now and then.
         gc.collect()
         gc.freeze()
         _spin(node, executor, lambda: True)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass
     finally:
         # A launch file passes on the signal that the whole group has had: once is enough.

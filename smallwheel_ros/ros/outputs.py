@@ -270,21 +270,14 @@ class Outputs:
         self._soil_sent: int | None = None
         self._soil_waits: Result | None = None
         try:
-            self._mobility, self._soil, self._markers, self._cost = (
-                self._publisher(topic) for topic in OUTPUTS
-            )
-            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, self._cost, report)
+            for topic, (kind, profile) in OUTPUTS.items():
+                how = {"event_callbacks": NO_PUBLISHER_EVENTS, **overridable(profile)}
+                self._publishers.append(node.create_lifecycle_publisher(kind, topic, **how))
+            self._mobility, self._soil, self._markers, cost = self._publishers
+            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report)
         except Exception:
             self.destroy()
             raise
-
-    def _publisher(self, topic: str) -> LifecyclePublisher:
-        kind, profile = OUTPUTS[topic]
-        publisher = self._node.create_lifecycle_publisher(
-            kind, topic, event_callbacks=NO_PUBLISHER_EVENTS, **overridable(profile)
-        )
-        self._publishers.append(publisher)
-        return publisher
 
     def destroy(self) -> None:
         """Take the topics away."""

@@ -251,8 +251,8 @@ class RobotDescription:
         self.lacking: list[str] = []
         self._topic = ""  # that it listens to
         self._arrived = False
-        topic = table.values()["robot_description_topic"]
-        if not silent_parameters(table.given()) or not isinstance(topic, str) or not topic:
+        topic = str(table.values()["robot_description_topic"])
+        if not topic or not silent_parameters(table.given()):
             return
         try:
             node.create_subscription(

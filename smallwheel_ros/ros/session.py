@@ -106,31 +106,24 @@ class Session:
         wall: Clock,
     ) -> None:
         self._node, self._settings, self._wall = node, settings, wall
-        self._feed = self._new_feed()
-        self.unused = _check_topics(node, self._feed, overrides)
+        self._onboard = Onboard(settings.onboard)
+        feed = Feed(self._onboard, settings)
+        self.unused = _check_topics(node, feed, overrides)
         self._soil_file = SoilFile(settings.soil_file)
-        restored = self._soil_file.restore(self._feed.onboard)
-        if self._soil_file.problem:
-            self._feed = self._new_feed()  # it may be half restored
-        self._onboard = self._feed.onboard
+        restored = self._soil_file.restore(self._onboard)
         problem = filter(None, [self._soil_file.problem])
         self.warnings = [*self._onboard.undeterminable, *problem, *self.unused]
-        self._inputs = Inputs(node, self._feed)
+        self._inputs = Inputs(node, feed)
         self._timers: list[Timer] = []
         self.velocity_frame = ""
         self._time_jumps = 0
         self._alarms: dict[Kind, Statement] = {}  # as they were when they were looked at last
         self._last_arrival = time.monotonic()
-        self._outputs = Outputs(node, self._feed, self._report)
+        self._outputs = Outputs(node, feed, self._report)
+        # A result is published at once: those of the other wheels are worked out after it.
+        self._onboard.on_result = partial(self._safely, "~/mobility", self._outputs.answer)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
         self.restored = "; ".join(filter(None, [restored, remembered]))
-
-    def _new_feed(self) -> Feed:
-        # A result is published at once: those of the other wheels are worked out after it.
-        def publish(result: Result) -> None:
-            self._safely("~/mobility", self._outputs.answer, result)
-
-        return Feed(Onboard(self._settings.onboard, on_result=publish), self._settings)
 
     @property
     def active(self) -> bool:
@@ -279,10 +272,7 @@ class SoilFile:
         self.problem = ""
 
     def restore(self, onboard: Onboard) -> str:
-        """Let a new estimate go on from the file; return in words what it goes on from.
-
-        Where there is a `problem`, the estimate may be half restored: it is not to be used.
-        """
+        """Let a new estimate go on from the file; return in words what it goes on from."""
         if self._path is None or not self._path.exists():
             return ""
         try:
@@ -290,12 +280,13 @@ class SoilFile:
             _check_finite(soil_fields(onboard.soil, onboard.rejected))
         except SmallwheelError as error:
             self.problem = f"the saved soil is not used: {error}"
-            return ""
         except Exception as error:  # numbers that nobody has thought of
             self.problem = (
                 f"the saved soil is not used: {self._path}: {type(error).__name__}: {error}; delete"
                 " the file to begin with the prior"
             )
+        if self.problem:
+            onboard.reset()  # it may be half restored
             return ""
         return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
 
