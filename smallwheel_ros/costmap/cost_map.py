@@ -224,6 +224,8 @@ class CostMap:
 
     Attributes
     ----------
+    spread
+        How far costs are spread, m.
     changed
         Whether the grid differs from the one given last.
     prior
@@ -238,12 +240,12 @@ class CostMap:
 
     def __init__(self, settings: CostSettings, wheels: Sequence[Wheel]) -> None:
         self.settings = settings
-        self.outline = Outline.of(wheels)
+        self.outline = Outline(wheels)
+        self.spread = self.outline.half_width if settings.spread is None else settings.spread
         self.changed = False
         self.prior: Quantity | None = None
         self.classes = TerrainClasses(settings.rules, settings.resolution)
-        length = self.outline.length
-        self._ground = CrossedGround(settings.size, settings.resolution, length)
+        self._ground = CrossedGround(settings.size, settings.resolution, self.outline.length)
         self.class_grid: Grid | None = None
         self.remembered: Grid | None = None
         self.frame = settings.frame
@@ -251,12 +253,6 @@ class CostMap:
         self._pose: Pose | None = None
         # Where it was on ground that cannot be crossed, at the last grid.
         self._held: Pose | None = None
-
-    @property
-    def spread(self) -> float:
-        """How far costs are spread, m."""
-        given = self.settings.spread
-        return self.outline.half_width if given is None else given
 
     def clear(self) -> None:
         """Forget all that wheels have found and what was remembered; the classes' grid stays."""

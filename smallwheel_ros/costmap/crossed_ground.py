@@ -27,36 +27,23 @@ _MOST_CELLS = 4_000_000
 _LONGEST_STEP = 2.0  # m between two places of a wheel; over more nobody knows the way
 
 
-@dataclass(frozen=True)
 class Outline:
-    """Ends of the rectangle that the wheels stand on, m from base_link: ahead and left positive.
+    """The rectangle that the wheels stand on: from one axle to the other, over their outer edges.
 
-    radius: m, by which a wheel may look out over it in front and behind.
+    front, rear, left, right: its ends, m from base_link, ahead and left positive. radius: m, by which a
+    wheel may look out over it in front and behind. half_width: from base_link to the outermost edge, m:
+    whoever plans by base_link keeps so far off. length: from the front of the first wheels to the back of
+    the last, m.
     """
 
-    front: float
-    rear: float
-    left: float
-    right: float
-    radius: float
-
-    @classmethod
-    def of(cls, wheels: Sequence[Wheel]) -> Outline:
-        """From one axle to the other, and over the outer edges of the wheels."""
+    def __init__(self, wheels: Sequence[Wheel]) -> None:
         ahead = [wheel.longitudinal_position for wheel in wheels]
         edges = [w.lateral_position + s * w.width for w in wheels for s in (-0.5, 0.5)]
-        radius = 0.5 * max(wheel.diameter for wheel in wheels)
-        return cls(max(ahead), min(ahead), max(edges), min(edges), radius)
-
-    @property
-    def half_width(self) -> float:
-        """From base_link to the outermost edge, m: whoever plans by base_link keeps so far off."""
-        return max(self.left, -self.right)
-
-    @property
-    def length(self) -> float:
-        """From the front of the first wheels to the back of the last, m."""
-        return self.front - self.rear + 2.0 * self.radius
+        self.front, self.rear = max(ahead), min(ahead)
+        self.left, self.right = max(edges), min(edges)
+        self.radius = 0.5 * max(wheel.diameter for wheel in wheels)
+        self.half_width = max(self.left, -self.right)
+        self.length = self.front - self.rear + 2.0 * self.radius
 
     def across(self, pose: Pose, wheel: Wheel) -> tuple[Line, Line]:
         """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is."""
