@@ -22,7 +22,7 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
-from smallwheel_ros.costmap.grid import Grid, grid_of
+from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
@@ -50,7 +50,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
         wanted = [t.name for t in reader.topics if t.name in topics or t.name == f"/{CLASSES}"]
         for name, kind, _, message in reader.messages(wanted):
             if name == f"/{CLASSES}":
-                mapper.map.take_classes(grid_in(message))
+                mapper.map.take_classes(grid_from(message))
                 continue
             if kind == "nav_msgs/msg/Odometry":
                 way.append((message.pose.pose.position.x, message.pose.pose.position.y))
@@ -59,20 +59,6 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
     for result in onboard.flush():
         mapper.add(result, feed.odometry_frame)
     return mapper.map, np.array(way)
-
-
-def grid_in(message: object) -> Grid:
-    """Turn a recorded nav_msgs/OccupancyGrid into a grid."""
-    header, info, data = (getattr(message, name) for name in ("header", "info", "data"))
-    place, turn = info.origin.position, info.origin.orientation
-    return grid_of(
-        header.frame_id,
-        float(info.resolution),
-        (info.width, info.height),
-        (place.x, place.y, place.z),
-        (turn.x, turn.y, turn.z, turn.w),
-        np.asarray(data, dtype=np.int8),
-    )
 
 
 def simulated(folder: Path) -> tuple[Path, Grid]:
@@ -124,11 +110,10 @@ def main() -> int:
     print(
         f"{known.size} of {grid.cells.size} cells are known, costs {known.min()} to {known.max()}"
     )
-    for terrain, places in found.classes.places().items():
-        margin = found.classes.margin(terrain)
-        assert margin is not None
+    places = found.classes.places()
+    for terrain, margin in found.classes.margins().items():
         print(
-            f"class {terrain}: {places} places, margin {margin.value:.3f} +-"
+            f"class {terrain}: {places[terrain]} places, margin {margin.value:.3f} +-"
             f" {margin.standard_deviation:.3f}, cost {found.classes.table()[terrain]}"
         )
     print(options.output)

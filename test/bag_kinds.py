@@ -22,8 +22,10 @@ def beginning(bag: Path, target: Path, seconds: float) -> Path:
     """The first seconds of a bag: most of what a test looks at is there by then."""
     with BagReader(bag) as reader, BagWriter(target) as writer:
         assert reader.start_time is not None
-        for raw in reader.raw_messages(stop=reader.start_time + round(seconds * 1e9)):
-            writer.write_raw(*raw)
+        end = reader.start_time + round(seconds * 1e9)
+        for raw in reader.raw_messages():
+            if raw.log_time < end:
+                writer.write_raw(*raw)
     return target
 
 
@@ -53,8 +55,9 @@ def split_copy(bag: Path, target: Path, storage: str, parts: int = 3) -> Path:
         for i in range(parts):
             part = target.parent / f"{target.name}_{i}"
             with BagWriter(part, storage=storage) as writer:
-                for raw in reader.raw_messages(start=edges[i], stop=edges[i + 1]):
-                    writer.write_raw(*raw)
+                for raw in reader.raw_messages():
+                    if edges[i] <= raw.log_time < edges[i + 1]:
+                        writer.write_raw(*raw)
             information = yaml.safe_load((part / "metadata.yaml").read_text())
             infos.append(information["rosbag2_bagfile_information"])
             shutil.move(next(part.glob(f"{part.name}.*")), target)

@@ -96,8 +96,6 @@ class BagReader:
         Number of messages in the bag.
     start_time, end_time
         Log times of the first and the last message (ns), None when the bag is empty.
-    is_ros2
-        False for a bag of ROS 1.
     storage
         In which a bag is to be written that is read like this one.
 
@@ -112,9 +110,8 @@ class BagReader:
         self._salvage = salvage
         self._paths, self._problems = _storage_files(self.path, salvage=salvage)
         kinds = {storage_kind(file) for file in self._paths}
-        self.is_ros2 = ".bag" not in kinds
         self.storage: Storage = "sqlite3" if ".db3" in kinds else "mcap"
-        self._definitions = Definitions(self.is_ros2)
+        self._definitions = Definitions(ros2=".bag" not in kinds)
         self._stack = ExitStack()
         self._files: dict[str, StorageFile] = {}  # by name
         self._topics: dict[Key, BagTopic] = {}
@@ -191,23 +188,12 @@ class BagReader:
         except DefinitionError:
             return None
 
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        *,
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Iterator[BagMessage]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Give messages in the order of their log times.
 
         Header stamps may come in another order. Arrays in a message are read-only.
 
-        Parameters
-        ----------
-        topics
-            Only these; None means all whose definition is known.
-        start, stop
-            Only log times from `start` on and before `stop` (ns).
+        topics: only these; None means all whose definition is known.
 
         Raises
         ------
@@ -223,39 +209,30 @@ class BagReader:
                 if topics is not None:
                     text = f"topic {key[0]} has type {key[1]}: {error}"
                     raise BagError(self.path, text) from error
-        for read, (topic, kind, time, data) in enumerate(self._stream(set(decoders), start, stop)):
+        for read, (topic, kind, time, data) in enumerate(self._stream(set(decoders))):
             try:
                 message = decoders[topic, kind](data)
             except Exception as error:  # damaged bytes make rosbags raise as it likes
                 raise self._damaged(reason(error), read, time, topic) from error
             yield BagMessage(topic, kind, time, message)
 
-    def raw_messages(
-        self,
-        topics: Collection[str] | None = None,
-        *,
-        start: int | None = None,
-        stop: int | None = None,
-    ) -> Iterator[RawMessage]:
+    def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Give messages without deserialising them; otherwise like `messages`."""
-        return self._stream(self._keys(topics), start, stop)
+        return self._stream(self._keys(topics))
 
     def _keys(self, topics: Collection[str] | None) -> set[Key]:
         return {key for key in self._topics if topics is None or key[0] in topics}
 
-    def _stream(
-        self, wanted: set[Key], start: int | None, stop: int | None
-    ) -> Iterator[RawMessage]:
+    def _stream(self, wanted: set[Key]) -> Iterator[RawMessage]:
         read, last = 0, None
-        first, end = start or 0, _LAST if stop is None else stop - 1
         for file in self._files.values():
             seen = 0
             for raw in file.messages(wanted):
                 seen, time = seen + 1, raw.log_time
-                if first <= time <= end:
+                if 0 <= time <= _LAST:
                     read, last = read + 1, time
                     yield raw
-                elif not 0 <= time <= _LAST:
+                else:
                     file.note(f"a message on topic {raw.topic} has log time {time} ns")
             lost = sum(file.topics[k].message_count for k in wanted & file.topics.keys()) - seen
             if lost > 0 and not file.problems:

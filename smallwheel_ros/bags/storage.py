@@ -85,36 +85,14 @@ def _check(size: int, limit: int) -> None:
         )
 
 
-class _Unpacker:
-    """Decompresses the parts of one file, within limits on each part and on the whole.
-
-    size: of the file, bytes.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._left = max(LARGEST, _MOST_TIMES * size)
-
-    def __call__(self, data: bytes) -> bytes:
-        """Return the data unpacked; as it is where it is not compressed (zstd, lz4, bz2).
-
-        What ends too early gives what it holds. Raises _StorageError.
-        """
-        if not data.startswith(_MAGICS):
-            return data
-        make = next(make for magic, make in _DECOMPRESSORS.items() if data.startswith(magic))
-        limit = min(LARGEST, self._left)
-        try:
-            found: bytes = make().decompress(data, limit + 1)
-        except Exception as error:  # each library has errors of its own
-            raise _StorageError(f"compressed data is damaged ({error})") from error
-        _check(len(found), limit)
-        self._left -= len(found)
-        return found
+def _most(path: Path) -> int:
+    """Bytes that a file may unpack to."""
+    return max(LARGEST, _MOST_TIMES * path.stat().st_size)
 
 
 def unpack_file(source: Path, target: Path) -> str:
     """Decompress a file (zstd) to wherever it ends; return what is wrong with it, or nothing."""
-    limit = max(LARGEST, _MOST_TIMES * source.stat().st_size)
+    limit = _most(source)
     try:
         with zstd.open(source, "rb") as packed, target.open("wb") as plain:
             while piece := packed.read1(_PIECE):
@@ -135,8 +113,8 @@ class StorageFile:
         self.topics: dict[Key, BagTopic] = {}
         self.times: list[int] = []
         self.problems: list[str] = []
-        self._size = path.stat().st_size
-        self._unpack = _Unpacker(self._size)
+        self._path = path
+        self._left = _most(path)  # bytes that may still be unpacked
         self._open(path, stack)
 
     def _open(self, path: Path, stack: ExitStack) -> None:
@@ -149,7 +127,7 @@ class StorageFile:
 
     def messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
         """Give the messages of these topics (None: of all) by log time, to where the file breaks."""
-        self._unpack, count = _Unpacker(self._size), 0
+        self._left, count = _most(self._path), 0
         try:
             for message in self._messages(wanted):
                 count += 1
@@ -171,6 +149,23 @@ class StorageFile:
         topic = self.topics.setdefault(key, BagTopic(*key))
         self.topics[key] = topic._replace(message_count=topic.message_count + count)
         self.times = [min(first, *self.times, last), max(first, *self.times, last)]
+
+    def _unpack(self, data: bytes) -> bytes:
+        """Return the data unpacked; as it is where it is not compressed (zstd, lz4, bz2).
+
+        What ends too early gives what it holds. Raises _StorageError.
+        """
+        if not data.startswith(_MAGICS):
+            return data
+        make = next(make for magic, make in _DECOMPRESSORS.items() if data.startswith(magic))
+        limit = min(LARGEST, self._left)
+        try:
+            found: bytes = make().decompress(data, limit + 1)
+        except Exception as error:  # each library has errors of its own
+            raise _StorageError(f"compressed data is damaged ({error})") from error
+        _check(len(found), limit)
+        self._left -= len(found)
+        return found
 
     def _raw(self, key: Key, log_time: int, data: bytes, where: str) -> RawMessage | None:
         """Return a message, decompressed; where that fails, note it. where: in the file."""
@@ -255,10 +250,11 @@ class _McapFile(StorageFile):
                     self._take(record)
         except Exception as error:  # damaged bytes can mean anything
             at = self._place
-            if file.tell() < self._size or isinstance(error, _StorageError):
+            size = self._path.stat().st_size
+            if file.tell() < size or isinstance(error, _StorageError):
                 self.note(f"it is damaged at byte {at} ({reason(error)})")
                 return
-            self.note(f"it ends at byte {self._size}, inside of the record at byte {at}")
+            self.note(f"it ends at byte {size}, inside of the record at byte {at}")
             file.seek(at)
             if file.read(_PREFIX)[:1] == bytes([Opcode.CHUNK]):
                 with contextlib.suppress(Exception):
@@ -285,10 +281,10 @@ class _McapFile(StorageFile):
         """
         if chunk.compression:
             chunk.data, chunk.compression = self._unpack(chunk.data), ""
+        records = _reader(BytesIO(chunk.data)) if cut_off else breakup_chunk(chunk, True)
         messages = []
         with contextlib.suppress(*[Exception] if cut_off else []):
-            whole = not cut_off
-            for record in breakup_chunk(chunk, True) if whole else _reader(BytesIO(chunk.data)):
+            for record in records:
                 if isinstance(record, Message):
                     messages.append(record)
                 else:
@@ -305,7 +301,6 @@ class _SqliteFile(StorageFile):
     """An sqlite3 file of rosbag2."""
 
     def _open(self, path: Path, stack: ExitStack) -> None:
-        self._name = path.name
         # What a killed recorder left in the write-ahead log is only seen in a database that may
         # change.
         logged = path.with_name(f"{path.name}-wal").exists()
@@ -325,7 +320,7 @@ class _SqliteFile(StorageFile):
 
     def _reason(self, error: Exception) -> str:
         mend = "; `sqlite3 {0} .recover | sqlite3 saved.db3` saves the messages that are left"
-        return reason(error) + (mend.format(self._name) if "malformed" in str(error) else "")
+        return reason(error) + (mend.format(self._path.name) if "malformed" in str(error) else "")
 
     def _check_table(self, name: str) -> None:
         """Refuse what is computed when it is read: views, virtual tables, generated columns."""
@@ -343,14 +338,14 @@ class _SqliteFile(StorageFile):
             self._check_table("message_definitions")
             known = {str(kind): (e, t) for kind, e, t in self._database.execute(_DEFINITIONS)}
         columns = {row[1] for row in self._database.execute("PRAGMA table_info(topics)")}
-        qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
+        offers = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
         keys: dict[int, Key] = {}
-        query = f"SELECT id, name, type, {qos} FROM topics"
+        query = f"SELECT id, name, type, {offers} FROM topics"
         for number, name, kind, offered in self._database.execute(query):
             keys[int(number)] = key = (str(name), str(kind))
             encoding, text = known.get(str(kind), ("", ""))
-            offers = qos_of(str(offered))
-            self.topics[key] = BagTopic(*key, 0, False, str(encoding), str(text), offers)
+            qos = qos_of(str(offered))
+            self.topics[key] = BagTopic(*key, encoding=str(encoding), definition=str(text), qos=qos)
         return keys
 
     def _messages(self, wanted: Collection[Key] | None) -> Iterator[RawMessage]:
@@ -379,8 +374,10 @@ class _Ros1File(StorageFile):
         for connection in reader.connections:
             key = (connection.topic, connection.msgtype)
             qos = (LATCHED,) if getattr(connection.ext, "latching", False) else ()
-            topic = BagTopic(*key, 0, False, "ros2msg", connection.msgdef.data, qos)
-            self.topics.setdefault(key, topic)
+            text = connection.msgdef.data
+            self.topics.setdefault(
+                key, BagTopic(*key, encoding="ros2msg", definition=text, qos=qos)
+            )
             if connection.msgcount:
                 # rosbags gives the first instant after the last message.
                 self._count(key, reader.start_time, reader.end_time - 1, connection.msgcount)

@@ -263,8 +263,8 @@ class Definitions:
         try:
             found = _parsed(kind, encoding, text)
         except Exception as error:  # whatever the parser makes of a wrong text
-            first = reason(error).partition("\n")[0][:100]
-            raise DefinitionError(f"its definition cannot be understood ({first})") from error
+            words = f"its definition cannot be understood ({reason(error)[:100]})"
+            raise DefinitionError(words) from error
         sizes: dict[str, int] = {}
         _measure(kind, {**known, **found}, (), sizes)
         if all(known.get(name) == found.get(name, known.get(name)) for name in sizes):

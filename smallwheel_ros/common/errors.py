@@ -16,9 +16,9 @@ class SmallwheelError(Exception):
 
 
 def reason(error: Exception) -> str:
-    """Text of another library's error, or its kind where it has none."""
-    text = str(getattr(error, "strerror", None) or error).strip().rstrip(".")
-    return text or type(error).__name__
+    """Text of another library's error on one line, or its kind where it has none."""
+    text = " ".join(str(getattr(error, "strerror", None) or error).split())
+    return text.rstrip(".") or type(error).__name__
 
 
 def nearest(name: str, known: list[str]) -> str:

@@ -38,7 +38,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from smallwheel_ros.common.parameter import Parameter, out_of_range
@@ -59,7 +59,6 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 _PASSABLE = HIGHEST - 1
 _EXACT = 1e-9  # standard deviation of a margin that is told as exact
-_CLASSES = 128  # int8 from 0 on; below is "not classified"
 _PRIOR_PLACES = 2.0
 NOTHING_HELD = Quantity(-1.0, 0.0)  # of a wheel that is stuck: its own load holds it back
 
@@ -154,16 +153,14 @@ class TerrainClasses:
             if 0 < known.stuck < 0.5 * known.places
         ]
 
-    def margin(self, terrain: int) -> Quantity | None:
-        """What to expect at a new place of a class; None where no wheel has been on it."""
-        known = self._classes.get(terrain)
-        if known is None:
-            return None
-        scatter = (_PRIOR_PLACES * self.rules.class_scatter**2 + known.squares) / (
-            known.places + _PRIOR_PLACES - 1.0
-        )
-        variance = known.variance + scatter * (1.0 + 1.0 / known.places)
-        return Quantity(known.mean, math.sqrt(variance))
+    def margins(self) -> dict[int, Quantity]:
+        """What to expect at a new place of each class that a wheel has been on."""
+        found, prior = {}, _PRIOR_PLACES * self.rules.class_scatter**2
+        for terrain, known in sorted(self._classes.items()):
+            scatter = (prior + known.squares) / (known.places + _PRIOR_PLACES - 1.0)
+            variance = known.variance + scatter * (1.0 + 1.0 / known.places)
+            found[terrain] = Quantity(known.mean, math.sqrt(variance))
+        return found
 
     def places(self) -> dict[int, int]:
         """How many places of each class have been crossed."""
@@ -172,11 +169,8 @@ class TerrainClasses:
     def table(self) -> Cells:
         """Cost of each class number, shape (256,), by the byte that an int8 is."""
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
-        for terrain in self._classes:
-            margin = self.margin(terrain)
-            assert margin is not None
-            if terrain < _CLASSES:
-                table[terrain] = self.rules.cost(margin.value, margin.standard_deviation)
+        for terrain, margin in self.margins().items():
+            table[terrain] = self.rules.cost(margin.value, margin.standard_deviation)
         return table
 
     def costs(self, classes: Grid) -> Grid:
@@ -218,10 +212,11 @@ class CostSettings:
     rules: CostRules = field(default_factory=CostRules)
 
     def __post_init__(self) -> None:
-        """Check what no other class checks."""
+        """Check every number, and how many cells there would be."""
+        wrong = out_of_range(self)
+        if wrong:
+            raise CostMapError(wrong)
         side_of(self.size, self.resolution)
-        if not self.period > 0:
-            raise CostMapError(f"period is {self.period!r} s, expected more than 0")
 
 
 class CostMap:
@@ -229,6 +224,8 @@ class CostMap:
 
     Attributes
     ----------
+    spread
+        How far costs are spread, m.
     changed
         Whether the grid differs from the one given last.
     prior
@@ -243,12 +240,12 @@ class CostMap:
 
     def __init__(self, settings: CostSettings, wheels: Sequence[Wheel]) -> None:
         self.settings = settings
-        self.outline = Outline.of(wheels)
+        self.outline = Outline(wheels)
+        self.spread = self.outline.half_width if settings.spread is None else settings.spread
         self.changed = False
         self.prior: Quantity | None = None
         self.classes = TerrainClasses(settings.rules, settings.resolution)
-        length = self.outline.length
-        self._ground = CrossedGround(settings.size, settings.resolution, length)
+        self._ground = CrossedGround(settings.size, settings.resolution, self.outline.length)
         self.class_grid: Grid | None = None
         self.remembered: Grid | None = None
         self.frame = settings.frame
@@ -257,18 +254,12 @@ class CostMap:
         # Where it was on ground that cannot be crossed, at the last grid.
         self._held: Pose | None = None
 
-    @property
-    def spread(self) -> float:
-        """How far costs are spread, m."""
-        given = self.settings.spread
-        return self.outline.half_width if given is None else given
-
     def clear(self) -> None:
         """Forget all that wheels have found and what was remembered; the classes' grid stays."""
         self._ground.clear()
         self.classes.clear()
         self.prior = self._pose = self._held = self.remembered = None
-        self.changed = self._ground.placed or self.class_grid is not None
+        self.changed = True
 
     def add(
         self,
@@ -290,24 +281,29 @@ class CostMap:
         self._enter(frame)
         self._pose = pose
         self.changed |= self._ground.follow(pose.x, pose.y)
-        if self._held is not None and np.hypot(pose.x - self._held.x, pose.y - self._held.y) > (
+        if self._held is not None and math.dist(pose[:2], self._held[:2]) > (
             0.5 * self.settings.resolution
         ):
             self.changed = True
-        if margin is None and not stuck:
+        if stuck:
+            # A place of its own, although the wheel has not moved since it last counted.
+            cost, learner, learnt = HIGHEST, f"{wheel.name}, stuck", NOTHING_HELD
+        elif margin is not None:
+            cost = int(self.settings.rules.cost(margin.value - slope, margin.standard_deviation))
+            learner, learnt = wheel.name, margin
+        else:
             self._ground.skip(wheel.name)
             return
-        cost = HIGHEST
-        if margin is not None and not stuck:
-            cost = int(self.settings.rules.cost(margin.value - slope, margin.standard_deviation))
         across = self.outline.across(pose, wheel)
         self.changed |= self._ground.cross(wheel.name, across, travel, cost, stuck=stuck)
         x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
-        if stuck:
-            # A place of its own, although the wheel has not moved since it last counted.
-            self._learn(f"{wheel.name}, stuck", x, y, NOTHING_HELD)
-        elif margin is not None:
-            self._learn(wheel.name, x, y, margin)
+        classes = self.class_grid
+        if classes is None or classes.frame != self.frame:
+            return
+        cell = classes.cell(x, y)
+        if cell is not None:
+            terrain = int(classes.cells[cell])
+            self.changed |= self.classes.learn(learner, x, y, terrain, learnt)
 
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""
@@ -367,7 +363,7 @@ class CostMap:
 
     def _found(self) -> Grid | None:
         """What was found, newest on top, and what is expected of terrain classes."""
-        ground = self._ground.grid(self.frame) if self.frame and self._ground.placed else None
+        ground = self._ground.grid(self.frame)
         if self.class_grid is not None:
             costs = self.classes.costs(self.class_grid)
         elif ground is not None and self.remembered is not None:
@@ -393,13 +389,16 @@ class CostMap:
             self._held = None
             return
         far = self.outline.radius + max(self.spread, self.outline.half_width) + costs.resolution
-        block, gap = self.outline.near(costs, self._pose, far)
-        cells = costs.cells[block]
+        lethal = np.flatnonzero(costs.cells == HIGHEST)
+        rows, columns = np.divmod(lethal, costs.cells.shape[1])
+        x: NDArray[np.float64] = costs.origin[0] + costs.resolution * (columns + 0.5)
+        y: NDArray[np.float64] = costs.origin[1] + costs.resolution * (rows + 0.5)
+        gap = self.outline.gap(self._pose, x, y)
         touched = far if self._held is not None else 0.7 * costs.resolution
-        inside = bool((cells[gap <= touched] == HIGHEST).any())
+        inside = bool((gap <= touched).any())
         self._held = self._pose if inside else None
         if inside:
-            cells[(gap <= far) & (cells == HIGHEST)] = _PASSABLE
+            costs.cells.flat[lethal[gap <= far]] = _PASSABLE
 
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""
@@ -434,13 +433,3 @@ class CostMap:
                 " down once tf says where the one is in the other"
             )
         return "; ".join([*found, *self.classes.contradictions()])
-
-    def _learn(self, wheel: str, x: float, y: float, margin: Quantity) -> None:
-        classes = self.class_grid
-        if classes is None or classes.frame != self.frame:
-            return
-        cell = classes.cell(x, y)
-        if cell is not None:
-            terrain = int(classes.cells[cell])
-            counted = self.classes.learn(wheel, x, y, terrain, margin)
-            self.changed |= counted

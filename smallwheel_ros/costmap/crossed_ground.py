@@ -27,73 +27,44 @@ _MOST_CELLS = 4_000_000
 _LONGEST_STEP = 2.0  # m between two places of a wheel; over more nobody knows the way
 
 
-@dataclass(frozen=True)
 class Outline:
-    """Ends of the rectangle that the wheels stand on, m from base_link: ahead and left positive.
+    """The rectangle that the wheels stand on: from one axle to the other, over their outer edges.
 
-    radius: m, by which a wheel may look out over it in front and behind.
+    front, rear, left, right: its ends, m from base_link, ahead and left positive. radius: m, by which a
+    wheel may look out over it in front and behind. half_width: from base_link to the outermost edge, m:
+    whoever plans by base_link keeps so far off. length: from the front of the first wheels to the back of
+    the last, m.
     """
 
-    front: float
-    rear: float
-    left: float
-    right: float
-    radius: float
-
-    @classmethod
-    def of(cls, wheels: Sequence[Wheel]) -> Outline:
-        """From one axle to the other, and over the outer edges of the wheels."""
+    def __init__(self, wheels: Sequence[Wheel]) -> None:
         ahead = [wheel.longitudinal_position for wheel in wheels]
         edges = [w.lateral_position + s * w.width for w in wheels for s in (-0.5, 0.5)]
-        radius = 0.5 * max(wheel.diameter for wheel in wheels)
-        return cls(max(ahead), min(ahead), max(edges), min(edges), radius)
-
-    @property
-    def half_width(self) -> float:
-        """From base_link to the outermost edge, m: whoever plans by base_link keeps so far off."""
-        return max(self.left, -self.right)
-
-    @property
-    def length(self) -> float:
-        """From the front of the first wheels to the back of the last, m."""
-        return self.front - self.rear + 2.0 * self.radius
+        self.front, self.rear = max(ahead), min(ahead)
+        self.left, self.right = max(edges), min(edges)
+        self.radius = 0.5 * max(wheel.diameter for wheel in wheels)
+        self.half_width = max(self.left, -self.right)
+        self.length = self.front - self.rear + 2.0 * self.radius
 
     def across(self, pose: Pose, wheel: Wheel) -> tuple[Line, Line]:
         """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is."""
-        ahead, middle, half = (
-            wheel.longitudinal_position,
-            wheel.lateral_position,
-            0.5 * wheel.width,
-        )
+        ahead, middle = wheel.longitudinal_position, wheel.lateral_position
+        left, right = middle + 0.5 * wheel.width, middle - 0.5 * wheel.width
         whole = pose.place(ahead, self.left), pose.place(ahead, self.right)
-        return whole, (pose.place(ahead, middle + half), pose.place(ahead, middle - half))
+        return whole, (pose.place(ahead, left), pose.place(ahead, right))
 
-    def near(
-        self, grid: Grid, pose: Pose, reach: float
-    ) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
-        """A block of cells that holds all within a reach (m), and how far (m) each is from the outline."""
-        middle = pose.place(0.5 * (self.front + self.rear), 0.5 * (self.left + self.right))
-        half = 0.5 * (self.front - self.rear), 0.5 * (self.left - self.right)
-        radius, side = math.hypot(*half) + reach, grid.resolution
-        slices = []
-        for at, origin, count in zip(
-            reversed(middle), reversed(grid.origin), grid.cells.shape, strict=True
-        ):
-            ends = [math.floor((at + by - origin) / side) for by in (-radius, radius)]
-            low, high = (min(max(end, 0), count) for end in (ends[0], ends[1] + 1))
-            slices.append(slice(low, high))
-        rows, columns = (np.arange(part.start, part.stop) + 0.5 for part in slices)
-        y = (grid.origin[1] + side * rows - middle[1])[:, None]
-        x = (grid.origin[0] + side * columns - middle[0])[None, :]
-        cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-        ahead = np.maximum(np.abs(cosine * x + sine * y) - half[0], 0.0)
-        aside = np.maximum(np.abs(cosine * y - sine * x) - half[1], 0.0)
-        return (slices[0], slices[1]), np.hypot(ahead, aside)
+    def gap(
+        self, pose: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """How far places (m) are from the vehicle at a pose, m; 0 within its outline."""
+        ahead, left = pose.inverse().place(x, y)
+        beyond = ahead - np.clip(ahead, self.rear, self.front)
+        beside = left - np.clip(left, self.right, self.left)
+        return np.hypot(beyond, beside)
 
 
 def side_of(size: float, resolution: float) -> int:
     """Cells along a window's side. Raises CostMapError where there can be no such window."""
-    if not (math.isfinite(size) and math.isfinite(resolution) and 0 < resolution <= size):
+    if not 0 < resolution <= size < math.inf:
         raise CostMapError(
             f"size is {size!r} m and resolution {resolution!r} m, expected 0 < resolution <= size"
         )
@@ -112,7 +83,7 @@ class _Strip:
 
     across: tuple[Line, Line]
     places: tuple[Places, Places]  # under the whole width, and under the wheel
-    at: tuple[Indices, Indices]  # where they are in the window
+    at: list[Indices]  # where they are in the window
     travel: float
     cost: int
     stuck: bool
@@ -134,11 +105,6 @@ class CrossedGround:
         self._side = side_of(size, resolution)
         self._corner: tuple[int, int] | None = None  # row and column on the lattice
         self.clear()
-
-    @property
-    def placed(self) -> bool:
-        """Whether the window has a place yet."""
-        return self._corner is not None
 
     def clear(self) -> None:
         """Forget every cell; the window stays where it is."""
@@ -176,11 +142,10 @@ class CrossedGround:
     ) -> bool:
         """Take the cost of where a wheel is now; return whether any cell has changed.
 
-        across: the vehicle's width at the wheel's axle, and the wheel's own. travel: of the vehicle, m.
-        As long as the wheel is there its newest cost counts, but where it was stuck it was stuck.
+        The window must have been given its place by `follow`. across: the vehicle's width at the wheel's
+        axle, and the wheel's own. travel: of the vehicle, m. As long as the wheel is there its newest
+        cost counts, but where it was stuck it was stuck.
         """
-        (left, right), _ = across
-        moved = self.follow(0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1]))
         last = self._strips.get(wheel)
         start = across
         if last is not None:
@@ -189,14 +154,14 @@ class CrossedGround:
                 before = last.cost
                 last.stuck |= stuck
                 last.cost = HIGHEST if last.stuck else cost
-                return moved or last.cost != before
+                return last.cost != before
             self.skip(wheel)
             start = last.across if gone <= _LONGEST_STEP else across
         cost = HIGHEST if stuck else cost
         places = self._swept(start[0], across[0]), self._swept(start[1], across[1])
-        strip = _Strip(across, places, self._under(places), travel, cost, stuck)
-        self._strips[wheel] = strip
-        return moved or bool((self._cells[strip.at[0]] != cost).any())
+        at = self._under(places)
+        self._strips[wheel] = _Strip(across, places, at, travel, cost, stuck)
+        return bool((self._cells[at[0]] != cost).any())
 
     def skip(self, wheel: str) -> None:
         """Note that from here on nothing is known of a wheel's way."""
@@ -204,13 +169,13 @@ class CrossedGround:
         if last is not None:
             self._lay(last)
 
-    def grid(self, frame: str) -> Grid:
+    def grid(self, frame: str) -> Grid | None:
         """Return the window as a grid of that frame; its cells are a copy.
 
-        Raises CostMapError before `follow` or `cross` have given it a place.
+        None before `follow` has given it a place, and without a frame.
         """
-        if self._corner is None:
-            raise CostMapError("the window has no place yet: no odometry has come")
+        if self._corner is None or not frame:
+            return None
         # What is under the wheels may still change: it is laid down for this copy only.
         before = self._cells.copy(), self._travel.copy()
         for strip in self._strips.values():
@@ -222,11 +187,11 @@ class CrossedGround:
 
     def whole(self, frame: str) -> Grid | None:
         """Return all that was crossed, also what the window has left behind; None where nothing is."""
-        if self._corner is None:
+        window = self.grid(frame)
+        if window is None:
             return None
-        now = self.grid(frame).cells.ravel()
-        known, under = self._known(now)
-        parts = [*self._left, (under, now[known])]
+        known, under = self._known(window.cells)
+        parts = [*self._left, (under, window.cells.ravel()[known])]
         places = np.concatenate([part for part, _ in parts], axis=1)
         if places.size == 0:
             return None
@@ -263,9 +228,8 @@ class CrossedGround:
         inside = (rows >= 0) & (rows < self._side) & (columns >= 0) & (columns < self._side)
         return (rows * self._side + columns)[inside], inside
 
-    def _under(self, places: tuple[Places, Places]) -> tuple[Indices, Indices]:
-        whole, own = places
-        return self._in_window(whole)[0], self._in_window(own)[0]
+    def _under(self, places: tuple[Places, Places]) -> list[Indices]:
+        return [self._in_window(part)[0] for part in places]
 
     def _swept(self, start: Line, end: Line) -> Places:
         """The cells that a line sweeps from one place to another: two points to a cell each way."""

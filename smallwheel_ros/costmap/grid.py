@@ -12,22 +12,23 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
 Cells = NDArray[np.int8]
+Length = TypeVar("Length", float, NDArray[np.float64])
 
 UNKNOWN = -1
 HIGHEST = 100
 _MOST_CELLS = 100_000_000  # of a map of several drives: 100 MB
 # A planner's unit quaternion; a grid that is turned in its frame is not supported here.
-_STRAIGHT = (0.0, 0.0, 0.0, 1.0)
+_STRAIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 _TURNED = 1e-3
 # Of map_server's files
 _MODE = "raw"
@@ -46,8 +47,8 @@ class Pose(NamedTuple):
     y: float
     heading: float
 
-    def place(self, ahead: float, left: float) -> tuple[float, float]:
-        """Where something is that is so far ahead and left of base_link, m."""
+    def place(self, ahead: Length, left: Length) -> tuple[Length, Length]:
+        """Where something is that is so far ahead and left of base_link, m; of arrays each."""
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left
 
@@ -112,47 +113,26 @@ class Grid:
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
 
-def grid_of(
-    frame: str,
-    resolution: float,
-    size: tuple[int, int],
-    position: Sequence[float],
-    orientation: Sequence[float],
-    data: Cells,
-) -> Grid:
-    """Take a message's contents for a grid.
+def grid_from(message: Any) -> Grid:
+    """Take a nav_msgs/OccupancyGrid, of rclpy or of a bag, for a grid.
 
-    Parameters
-    ----------
-    size
-        Its width and height, cells.
-    position, orientation
-        Of its origin: m, and a quaternion (x, y, z, w).
-    data
-        Row-major, shape (width * height,).
-
-    Raises
-    ------
-    CostMapError
-        Naming what is wrong with it, what was found and what was expected.
+    Raises CostMapError naming what is wrong with it, what was found and what was expected.
     """
-    width, height = size
-    if data.size != width * height:
+    info, data = message.info, np.array(message.data, dtype=np.int8)
+    place, turn = info.origin.position, info.origin.orientation
+    if data.size != info.width * info.height:
         raise CostMapError(
-            f"the grid has {data.size} cells, expected width * height = {width} * {height}"
+            f"the grid has {data.size} cells, expected width * height = {info.width} * {info.height}"
         )
-    if data.size == 0:
-        raise CostMapError(f"the grid is empty: width {width}, height {height}")
-    if not all(math.isfinite(value) for value in (*position, *orientation)):
-        raise CostMapError("the grid's origin is not finite")
-    same = (abs(a - b) for a, b in zip(orientation, _STRAIGHT, strict=True))
-    opposite = (abs(a + b) for a, b in zip(orientation, _STRAIGHT, strict=True))
-    if max(same) > _TURNED and max(opposite) > _TURNED:
+    facing = (turn.x, turn.y, turn.z, turn.w)
+    off = min(np.abs(facing - _STRAIGHT).max(), np.abs(facing + _STRAIGHT).max())
+    if not off <= _TURNED:
         raise CostMapError(
-            f"the grid's origin is turned (quaternion {tuple(orientation)}), expected 0, 0, 0, 1:"
+            f"the grid's origin is turned (quaternion {facing}), expected 0, 0, 0, 1:"
             " planners take no turned grid either"
         )
-    return Grid(frame, resolution, (position[0], position[1]), data.reshape(height, width))
+    cells = data.reshape(info.height, info.width)
+    return Grid(message.header.frame_id, float(info.resolution), (place.x, place.y), cells)
 
 
 # --- One laid over another, and costs spread
@@ -173,10 +153,9 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     parts = (np.arange(count) + 0.5) / count
     along = above.origin[0] + above.resolution * (columns[:, None, None] + parts)
     across = above.origin[1] + above.resolution * (rows[:, None, None] + parts[:, None])
-    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-    x = (pose.x + cosine * along - sine * across - costs.origin[0]) / costs.resolution
-    y = (pose.y + sine * along + cosine * across - costs.origin[1]) / costs.resolution
-    at_row, at_column = np.floor(y).astype(np.int64), np.floor(x).astype(np.int64)
+    x, y = pose.place(along, across)
+    at_row = np.floor((y - costs.origin[1]) / costs.resolution).astype(np.int64)
+    at_column = np.floor((x - costs.origin[0]) / costs.resolution).astype(np.int64)
     inside = (at_row >= 0) & (at_row < costs.cells.shape[0])
     inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
     cost = np.broadcast_to(above.cells[rows, columns][:, None, None], at_row.shape)
@@ -267,7 +246,7 @@ def write_map(path: Path, grid: Grid) -> None:
         "free_thresh": 0.25,
         "frame": grid.frame,
     }
-    write_bytes(path, yaml.safe_dump(lines, sort_keys=False).encode())
+    write_bytes(path, write_yaml(lines).encode())
 
 
 def read_map(path: Path) -> Grid:
@@ -276,7 +255,7 @@ def read_map(path: Path) -> Grid:
     Raises CostMapError naming the file, what was found and what was expected.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = read_yaml(path)
         mode, (x, y, turn) = content["mode"], (float(value) for value in content["origin"])
         if mode != _MODE or turn != 0.0:
             raise ValueError(f"mode {mode}, turned by {turn:g}: expected mode {_MODE}, not turned")
@@ -293,9 +272,9 @@ def read_map(path: Path) -> Grid:
         rows = pixels.reshape(height, width)[::-1].astype(np.int16)
         cells: Cells = np.where(rows <= HIGHEST, rows, UNKNOWN).astype(np.int8)
         return Grid(str(content["frame"]), float(content["resolution"]), (x, y), cells)
-    except OSError as error:
-        raise CostMapError(f"{path}: no map can be read there: {error.strerror or error}") from None
-    except (KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+    except (OSError, PlainYamlError) as error:
+        raise CostMapError(f"{path}: no map can be read there: {reason(error)}") from None
+    except (KeyError, TypeError, ValueError) as error:
         why = " ".join(f"{type(error).__name__}: {error}".split())
         raise CostMapError(
             f"{path}: not a map of map_server as it is written here ({why})"

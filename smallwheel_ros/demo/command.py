@@ -110,17 +110,14 @@ def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: fl
     listens to are named. It ends when all reliable listeners have everything.
     """
     check_ros()
-    from smallwheel_ros.ros.play import CONFIRM, Player, own_node
+    from smallwheel_ros.ros.play import CONFIRM, Player
 
     def say(line: str) -> None:
         click.echo(f"{bag}: {line}", err=True)
 
-    with (
-        own_node("smallwheel_play") as node,
-        Player(node, bag, rate=rate, start=start, loop=loop, clock=clock) as player,
-    ):
-        for name, kind in player.skipped.items():
-            click.echo(f"{name} is left out: its type {kind} is not installed here", err=True)
+    with Player("smallwheel_play", bag, rate=rate, start=start, loop=loop, clock=clock) as player:
+        for name, why in player.skipped.items():
+            click.echo(f"{name} is left out: {why}", err=True)
         total = None if loop else player.message_count
         with player.stop.listening():
             if wait > 0:

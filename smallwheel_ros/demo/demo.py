@@ -19,9 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
-from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import UNKNOWN
@@ -236,21 +234,13 @@ def recorded(
     check_ros()
     from smallwheel_ros.ros.play import drive_through  # needs ROS
 
-    with BagReader(bag) as reader:
-        total = reader.message_count
     more = {"use_sim_time": "true", **(overrides or {})}
     with (
         _environment(own_ros(folder / "ros_log")),
         NodeProcess(parameters, folder / log, more) as node,
-        tqdm(total=total, unit=" messages", disable=None, leave=False) as bar,
     ):
         return drive_through(
-            bag,
-            rate=rate,
-            seconds=seconds,
-            by_sinkage=by_sinkage,
-            alive=node.death,
-            progress=bar.update,
+            bag, rate=rate, seconds=seconds, by_sinkage=by_sinkage, alive=node.death
         )
 
 

@@ -45,16 +45,15 @@ class Onboard:
 
     What is in a message never raises: what cannot be used is counted and said (`problems`).
 
-    on_result: is given each result as soon as it is there, before the next one is worked out.
-
     Attributes
     ----------
     received, counts
         How many messages have come, by stream, good and bad; and how many of them could not be
         used, by stream and reason.
     on_result, on_reading
-        Are given each result as above, and each reading after that, whether a result was due or not: as it
-        was used, with what is known of way and passes, without a slip that is none.
+        Are given each result as soon as it is there, before the next one is worked out, and each reading
+        after that, whether a result was due or not: as it was used, with what is known of way and passes,
+        without a slip that is none.
     time_jumps
         How often everything was forgotten because time went back.
     problems
@@ -67,11 +66,9 @@ class Onboard:
         where that is more than driving on tells (see `look_for_slip_tests`).
     """
 
-    def __init__(
-        self, settings: OnboardSettings, on_result: Callable[[Result], None] | None = None
-    ) -> None:
+    def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self.on_result = on_result
+        self.on_result: Callable[[Result], None] | None = None
         self.on_reading: Callable[[Reading], None] | None = None
         self._synchroniser = Synchroniser(settings, self._on_time_jump)
         self.problems = self._synchroniser.problems

@@ -19,8 +19,6 @@ import click
 
 from smallwheel_ros.common.errors import SmallwheelError
 
-_LOG_LINES = 3
-
 
 class NodeProcessError(SmallwheelError):
     """The node cannot be started here."""
@@ -153,4 +151,4 @@ class NodeProcess:
         if code is None:
             return None
         lines = self._log.read_text(errors="replace").strip().splitlines()
-        return f"exit code {code}; {self._log} ends with: {' | '.join(lines[-_LOG_LINES:])}"
+        return f"exit code {code}; {self._log} ends with: {' | '.join(lines[-3:])}"

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The entries of /diagnostics; docs/diagnostics.md says what each means and what to do."""
+"""The entries of /diagnostics; docs/diagnostics.md says what each means and what to do.
+
+Their names are without that of the node, which is put before them when they are published.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +37,9 @@ def status(
 
 
 def entries(
-    name: str, onboard: Onboard, newest: Iterable[Result], cost: CostPublisher
+    onboard: Onboard, newest: Iterable[Result], cost: CostPublisher
 ) -> list[DiagnosticStatus]:
-    """Return the diagnostics of an active node of that name, but for its inputs."""
+    """Return the diagnostics of an active node, but for its inputs."""
     results = list(newest)
     said = statements(onboard, results)
 
@@ -45,22 +48,22 @@ def entries(
         mine = [statement for statement in said if statement.entry == entry]
         level = ERROR if any(s.is_error for s in mine) else WARN if mine else OK
         text = "; ".join(statement.text for statement in mine) or plain
-        return status(f"{name}: {entry}", level, text, values)
+        return status(entry, level, text, values)
 
     of_sensors = [statement.text for statement in said if statement.entry == "sensors"]
     findings = {f"finding {i}": words for i, words in enumerate(of_sensors, 1)}
     return [
-        _soil(f"{name}: soil", onboard),
+        _soil(onboard),
         of("filter", *_filter(onboard)),
         of("sensors", "nothing seems wrong", findings),
         of("alarms", "none", _alarms(onboard, results)),
-        _cost(f"{name}: cost", cost),
+        _cost(cost),
         of("vehicle", *_vehicle(onboard, results)),
-        *(_wheel(f"{name}: wheel {result.wheel}", result) for result in results),
+        *map(_wheel, results),
     ]
 
 
-def _soil(name: str, onboard: Onboard) -> DiagnosticStatus:
+def _soil(onboard: Onboard) -> DiagnosticStatus:
     """The soil in numbers, and of each what the measurements have determined, in words."""
     soil = onboard.soil
     pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
@@ -81,7 +84,7 @@ def _soil(name: str, onboard: Onboard) -> DiagnosticStatus:
     values["travel [m]"] = f"{soil.distance:.2f}"
     words = soil.status if soil.accepted else (*soil.status, *onboard.undeterminable)
     text = "; ".join(words) or "k, n and m are determined"
-    return status(name, OK, text, values)
+    return status("soil", OK, text, values)
 
 
 def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> dict[str, str]:
@@ -101,7 +104,7 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
             ("friction angle [rad]", strength.friction_angle),
             ("shear displacement [m]", strength.shear_displacement),
         ):
-            values[key] = f"{found.value:.4g} +- {found.standard_deviation:.2g}"
+            values[key] = _written(found)
         for key, said in estimate.verdicts.items():
             values[f"verdict on {key.replace('_', ' ')}"] = said
     return values
@@ -136,7 +139,7 @@ def _alarms(onboard: Onboard, newest: Iterable[Result]) -> dict[str, str]:
     return values
 
 
-def _cost(name: str, cost: CostPublisher) -> DiagnosticStatus:
+def _cost(cost: CostPublisher) -> DiagnosticStatus:
     """What the cost map rests on."""
     places = cost.map.classes.places()
     values = {
@@ -145,9 +148,9 @@ def _cost(name: str, cost: CostPublisher) -> DiagnosticStatus:
         "places crossed by class": ", ".join(f"{k}: {n}" for k, n in places.items()) or "none",
     }
     if cost.map.problem:
-        return status(name, WARN, cost.map.problem, values)
+        return status("cost", WARN, cost.map.problem, values)
     text = "terrain classes and crossed ground" if cost.map.class_grid else "crossed ground"
-    return status(name, OK, text if cost.published else "no grid yet: no pose has come", values)
+    return status("cost", OK, text if cost.published else "no grid yet: no pose has come", values)
 
 
 def _vehicle(onboard: Onboard, results: list[Result]) -> tuple[str, dict[str, str]]:
@@ -170,7 +173,7 @@ def _vehicle(onboard: Onboard, results: list[Result]) -> tuple[str, dict[str, st
     return f"holds slopes up to {slope:.0f} degrees", values
 
 
-def _wheel(name: str, result: Result) -> DiagnosticStatus:
+def _wheel(result: Result) -> DiagnosticStatus:
     """How one wheel does."""
     values = {"status": result.status.name}
     quantities = {
@@ -184,7 +187,7 @@ def _wheel(name: str, result: Result) -> DiagnosticStatus:
         quantities["mobility margin"] = result.forces.margin
     values |= {key: _written(value) for key, value in quantities.items() if value is not None}
     level = ERROR if result.digging_in else _LEVELS.get(result.status, OK)
-    return status(name, level, result.status_text or "OK", values)
+    return status(f"wheel {result.wheel}", level, result.status_text or "OK", values)
 
 
 def _written(quantity: Quantity) -> str:

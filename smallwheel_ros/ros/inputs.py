@@ -12,7 +12,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from smallwheel_ros.estimator.reading import SECOND
@@ -53,22 +53,10 @@ class _Stream:
 
 
 class Inputs:
-    """The subscriptions of a node, and what is known of them.
+    """The subscriptions of a node, and what is known of them."""
 
-    take, take_classes, take_transforms: called with a topic and its message, with a grid of terrain
-    classes, and with what comes by /tf and tf where tf2_msgs is installed. on: whether it listens.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        feed: Feed,
-        take: Callable[[Topic, Any], None],
-        take_classes: Callable[[Any], None],
-        take_transforms: Callable[[Any], None],
-    ) -> None:
+    def __init__(self, node: Node, feed: Feed) -> None:
         self._node, self._onboard, self._topics = node, feed.onboard, feed.topics
-        self._take, self._take_classes, self._take_transforms = take, take_classes, take_transforms
         now = time.monotonic()
         self._streams: dict[str, _Stream] = {}
         for topic in feed.topics:
@@ -83,34 +71,33 @@ class Inputs:
 
     # --- Subscriptions
 
-    @property
-    def on(self) -> bool:
-        """Whether there is any subscription."""
-        return bool(self._subscriptions)
+    def listen(
+        self,
+        take: Callable[[Topic, Any], None],
+        take_classes: Callable[[Any], None],
+        take_transforms: Callable[[Any], None],
+    ) -> None:
+        """Subscribe to the topics. Where that fails, to none.
 
-    def listen(self) -> None:
-        """Subscribe to the topics. Where that fails, to none."""
+        take, take_classes, take_transforms: called with a topic and its message, with a grid of terrain
+        classes, and with what comes by /tf and tf where tf2_msgs is installed.
+        """
 
-        def subscribe(
-            kind: Any,
-            topic: str,
-            take: Callable[[Any], None],
-            profile: QoSProfile = INPUT,
-            entity: str | None = None,
-        ) -> None:
-            how = {"event_callbacks": NO_SUBSCRIPTION_EVENTS, **overridable(profile, entity)}
-            self._subscriptions.append(self._node.create_subscription(kind, topic, take, **how))
+        def subscribe(kind: Any, topic: str, to: Callable[[Any], None], **how: Any) -> None:
+            how = {"event_callbacks": NO_SUBSCRIPTION_EVENTS, **(how or overridable(INPUT))}
+            self._subscriptions.append(self._node.create_subscription(kind, topic, to, **how))
 
         try:
             for topic in self._topics:
-                subscribe(message_class(topic.type), topic.name, partial(self._take, topic))
+                subscribe(message_class(topic.type), topic.name, partial(take, topic))
             # A classifier's grids come as they are made, a map server's was there before us.
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, self._take_classes)
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, self._take_classes, LATCHED, "latched")
+            kept = overridable(LATCHED, "latched")
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes)
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, **kept)
             if TFMessage is not None:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
-                for name in dict.fromkeys(map(self._node.resolve_topic_name, ("/tf", "tf"))):
-                    subscribe(TFMessage, name, self._take_transforms)
+                for name in {self._node.resolve_topic_name(name) for name in ("/tf", "tf")}:
+                    subscribe(TFMessage, name, take_transforms)
         except Exception:
             self.stop()
             raise
@@ -197,7 +184,7 @@ class Inputs:
         count = len(publishers)
         return f"{count} publisher{'s' if count > 1 else ''}, nothing received yet"
 
-    def status(self, name: str) -> DiagnosticStatus:
+    def status(self) -> DiagnosticStatus:
         """Rates and ages of the inputs, what is missing, and what could not be used, by reason.
 
         Rates are those since the last call.
@@ -226,13 +213,13 @@ class Inputs:
         if settings.velocity == "none":
             said.append("odometry comes from the wheels: slip is unknown")
         if words:
-            return status(name, WARN, "; ".join(words + said), values)
+            return status("inputs", WARN, "; ".join(words + said), values)
         text = f"all {len(self._streams)} inputs come in"
         if counts:
             unused = sum(count for _, count in counts)
             text += f"; {unused} messages could not be used, see the counts"
         level = WARN if settings.velocity == "none" else OK
-        return status(name, level, "; ".join([text, *said]), values)
+        return status("inputs", level, "; ".join([text, *said]), values)
 
 
 # --- What the node logs of them as it starts
@@ -255,10 +242,6 @@ def input_lines(topics: Iterable[Topic], resolved: Callable[[str], str]) -> list
 
 def estimates(onboard: Onboard) -> str:
     """What is estimated, and of which wheels, once all inputs are here."""
-    return f"estimates {_of_the_soil(onboard)}; {'; '.join(_of_wheels(onboard))}"
-
-
-def _of_the_soil(onboard: Onboard) -> str:
     settings = onboard.settings
     if len(settings.without_sinkage) == len(settings.wheels):
         law = "nothing of the soil's law (no sinkage is measured)"
@@ -273,16 +256,14 @@ def _of_the_soil(onboard: Onboard) -> str:
     }
     by = " and ".join(way for way, there in ways.items() if there)
     strength = f" and its strength by {by}" if by else "; its strength stays as configured"
-    return f"{law}{strength}"
-
-
-def _of_wheels(onboard: Onboard) -> list[str]:
-    settings = onboard.settings
+    found = [f"estimates {law}{strength}"]
     what = "sinkage, resistance, thrust and drawbar pull of"
     if settings.velocity == "none":
         what = "sinkage and resistance (no slip, thrust, pull: odometry comes from the wheels) of"
     rolling = [wheel.name for wheel in settings.wheels if wheel.contact == ROLLING]
     pressed = [wheel.name for wheel in settings.wheels if wheel.contact != ROLLING]
-    found = [f"{what} {', '.join(rolling)}"] if rolling else []
-    found += [f"sinkage of {', '.join(pressed)}"] if pressed else []
-    return found
+    if rolling:
+        found.append(f"{what} {', '.join(rolling)}")
+    if pressed:
+        found.append(f"sinkage of {', '.join(pressed)}")
+    return "; ".join(found)

@@ -14,16 +14,17 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
-from typing import Any, TypeVar
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
+from smallwheel_ros.common.errors import reason
 from smallwheel_ros.onboard.parameters import NODE_NAME, ParametersError
 from smallwheel_ros.ros.diagnostics import ERROR, OK, WARN, status
 from smallwheel_ros.ros.parameters import (
@@ -46,10 +47,10 @@ _SERVICES = {
     "save_soil": (Session.save, "there is no soil to save"),
     "terrain_margins": (Session.terrain_margins, "there are no terrain classes"),
 }
-_Call = TypeVar("_Call", bound=Callable[..., Any])
+_Transition = Callable[[Any, LifecycleState], TransitionCallbackReturn]
 
 
-def _says_why(transition: _Call) -> _Call:
+def _says_why(transition: _Transition) -> _Transition:
     """Log what a transition raises, which rclpy swallows: on_error is next."""
 
     @wraps(transition)
@@ -57,11 +58,11 @@ def _says_why(transition: _Call) -> _Call:
         try:
             return transition(self, state)
         except Exception as error:
-            self.problem = f"{transition.__name__} failed: {' '.join(str(error).split())}"
+            self.problem = f"{transition.__name__} failed: {reason(error)}"
             self.get_logger().error(f"{self.problem}\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
 
-    return guarded  # type: ignore[return-value]  # the same signature, by construction
+    return guarded
 
 
 class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
@@ -75,7 +76,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._table = NodeParameters(self, self._is_active, self._configure_anew)
         for text in self._table.unknown:
             self.get_logger().warning(text)
-        self._description = RobotDescription(self, self._table)
+        self.description = RobotDescription(self, self._table)
         self._frames = VelocityFrame(self, self._table)
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -94,11 +95,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Whether the node is to configure and activate itself."""
         return self._table.values()["autostart"] is not False
 
-    @property
-    def waiting(self) -> str:
-        """What it waits for before it can be configured, in words; empty: nothing."""
-        return self._description.waiting
-
     # --- Transitions
 
     @_says_why
@@ -108,7 +104,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             settings = self._table.read()
             session = Session(self, settings, self._table.overrides(), self._wall)
         except ParametersError as error:
-            why = [str(error), self.waiting, *self._description.lacking]
+            why = [str(error), self.description.waiting, *self.description.lacking]
             self.problem = f"cannot be configured: {'; '.join(filter(None, why))}"
             self.get_logger().error(self.problem)
             return TransitionCallbackReturn.FAILURE
@@ -149,13 +145,10 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._forget()
         return super().on_shutdown(state)
 
+    @_says_why
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything after a transition that failed: the node can be configured again."""
-        try:
-            self._forget()
-        except Exception:
-            self.get_logger().error(f"cleaning up failed:\n{traceback.format_exc()}")
-            return TransitionCallbackReturn.FAILURE
+        self._forget()
         return _SUCCESS
 
     def _forget(self) -> None:
@@ -208,28 +201,28 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         return response
 
     def _publish_diagnostics(self) -> None:
-        name = self.get_fully_qualified_name().lstrip("/")
         if self._session is not None:
             self._frames.look_up(self._session.velocity_frame)
-        unknown = [*self._table.unknown, *self._description.lacking, *self._frames.lacking]
+        unknown = [*self._table.unknown, *self.description.lacking, *self._frames.lacking]
         if self.problem:
-            found, unknown = [status(f"{name}: parameters", ERROR, self.problem)], []
-        elif self._session is None and self.autostart and self.waiting:
-            found = [status(f"{name}: inputs", WARN, self.waiting)]
+            found, unknown = [status("parameters", ERROR, self.problem)], []
+        elif self._session is None and self.autostart and self.description.waiting:
+            found = [status("inputs", WARN, self.description.waiting)]
         elif self._session is None or not self._session.active:
-            text = "not active: it waits for a lifecycle manager"
-            found = [status(f"{name}: inputs", OK, text)]
+            found = [status("inputs", OK, "not active: it waits for a lifecycle manager")]
         else:
-            found = self._session.diagnostics(name)
+            found = self._session.diagnostics()
             unknown += self._session.unused
         if unknown:
-            found.append(status(f"{name}: parameters", WARN, "; ".join(unknown)))
+            found.append(status("parameters", WARN, "; ".join(unknown)))
         doubled = namesakes(self)
         if doubled:
-            found.append(status(f"{name}: name", WARN, doubled))
+            found.append(status("name", WARN, doubled))
         if doubled and not self._doubled:
             self.get_logger().warning(doubled)
         self._doubled = doubled
+        for entry in found:
+            entry.name = f"{self.get_fully_qualified_name().lstrip('/')}: {entry.name}"
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -249,23 +242,18 @@ def namesakes(node: LifecycleNode) -> str:
 
 def _spin(
     node: MobilityEstimator, executor: SingleThreadedExecutor, goes_on: Callable[[], object]
-) -> bool:
-    """Let the node work as long as goes_on says; return False where it is asked to end.
+) -> None:
+    """Let the node work as long as ROS does and goes_on says.
 
     A defect in a callback is loud and ends nothing.
     """
-    while goes_on():
-        if not rclpy.ok():
-            return False
+    while rclpy.ok() and goes_on():
         try:
             executor.spin_once()
-        except (KeyboardInterrupt, ExternalShutdownException):
-            return False
         except Exception:
             # A signal ends ROS at any moment: what was about to be published then fails.
             if rclpy.ok():
                 node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
-    return True
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -278,29 +266,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     except Exception as error:
         # rcl explains what is wrong with ROS arguments or a parameter file, in several lines.
-        reason = " ".join(str(error).split()) or type(error).__name__
+        words = reason(error)
         if type(error).__name__ == "UnknownROSArgsError":  # rclpy makes the type not public
-            reason = f"arguments that ROS does not know: {reason}"
-        print(f"{NODE_NAME}: cannot start: {reason}", file=sys.stderr)
+            words = f"arguments that ROS does not know: {words}"
+        print(f"{NODE_NAME}: cannot start: {words}", file=sys.stderr)
         rclpy.try_shutdown()
         return EXIT_BAD_INPUT
     executor = SingleThreadedExecutor()
     try:
         executor.add_node(node)
-        if node.autostart and node.waiting:
-            node.get_logger().warning(node.waiting)
-            if not _spin(node, executor, lambda: node.waiting):
-                return 0
-        if node.autostart and not (
-            node.trigger_configure() == _SUCCESS and node.trigger_activate() == _SUCCESS
-        ):
+        if node.autostart and (waiting := node.description.waiting):
+            node.get_logger().warning(waiting)
+            _spin(node, executor, lambda: node.description.waiting)
+        steps = (node.trigger_configure, node.trigger_activate) if node.autostart else ()
+        if rclpy.ok() and any(step() != _SUCCESS for step in steps):
             return EXIT_BAD_INPUT
         # What the start has made lives as long as the node: looking it all through for what can be
         # thrown away would hold up messages for a tenth of a second now and then.
         gc.collect()
         gc.freeze()
         _spin(node, executor, lambda: True)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass
     finally:
         # A launch file passes on the signal that the whole group has had: once is enough.

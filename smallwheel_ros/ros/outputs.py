@@ -22,11 +22,9 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_of
-from smallwheel_ros.estimator.identifiability import SoilEstimate
+from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
 from smallwheel_ros.estimator.reading import SECOND
-from smallwheel_ros.msg import MobilityEstimate as MobilityMessage
-from smallwheel_ros.msg import SoilEstimate as SoilMessage
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 from smallwheel_ros.onboard.feed import Feed, angles_of
 from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
@@ -34,14 +32,12 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS, overridable
 
 OUTPUTS = {
-    "~/mobility": (MobilityMessage, ESTIMATE),
-    "~/soil": (SoilMessage, LATCHED),
+    "~/mobility": (MobilityEstimate, ESTIMATE),
+    "~/soil": (SoilEstimate, LATCHED),
     "~/markers": (MarkerArray, ESTIMATE),
     "~/cost": (OccupancyGrid, LATCHED),
 }
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
-
-
 # Takes topic, reason and words of something that went wrong.
 Report = Callable[[str, str, str], None]
 
@@ -72,17 +68,6 @@ def _header(stamp: int, frame: str) -> Header:
     return Header(stamp=time_message(stamp), frame_id=frame)
 
 
-def mobility_message(result: Result) -> MobilityMessage:
-    """Turn a wheel's result into its message."""
-    header = _header(result.reading.stamp, result.wheel)
-    return MobilityMessage(header=header, **mobility_fields(result))
-
-
-def soil_message(soil: SoilEstimate, stamp: int, frame: str, rejected: int) -> SoilMessage:
-    """Turn an estimate of the soil into its message; stamp in ns."""
-    return SoilMessage(header=_header(stamp, frame), **soil_fields(soil, rejected))
-
-
 def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     """Turn a grid into its message; stamp in ns."""
     message = OccupancyGrid(header=_header(stamp, grid.frame))
@@ -95,22 +80,6 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     # An array of the right type is taken as it is; anything else is looked at cell by cell.
     message.data = array("b", grid.cells.tobytes())
     return message
-
-
-def grid_from(message: OccupancyGrid) -> Grid:
-    """Turn a message into a grid. Raises CostMapError if it is malformed."""
-    info = message.info
-    place, turn = info.origin.position, info.origin.orientation
-    if message.header.frame_id == "":
-        raise CostMapError("the grid has no frame: header.frame_id is empty")
-    return grid_of(
-        message.header.frame_id,
-        float(info.resolution),
-        (info.width, info.height),
-        (place.x, place.y, place.z),
-        (turn.x, turn.y, turn.z, turn.w),
-        np.frombuffer(message.data, dtype=np.int8).copy(),
-    )
 
 
 # --- Markers
@@ -260,10 +229,9 @@ class CostPublisher:
         now (ns): its stamp before any measurement.
         """
         again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
-        if self.map.changed:
-            grid = self.map.grid()
-            if grid is not None:
-                self._send(grid_message(grid, self._stamp or now))
+        grid = self.map.grid() if self.map.changed else None
+        if grid is not None:
+            self._send(grid_message(grid, self._stamp or now))
         elif again and self._sent is not None:
             self._send(self._sent)
 
@@ -302,21 +270,14 @@ class Outputs:
         self._soil_sent: int | None = None
         self._soil_waits: Result | None = None
         try:
-            self._mobility, self._soil, self._markers, self._cost = (
-                self._publisher(topic) for topic in OUTPUTS
-            )
-            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, self._cost, report)
+            for topic, (kind, profile) in OUTPUTS.items():
+                how = {"event_callbacks": NO_PUBLISHER_EVENTS, **overridable(profile)}
+                self._publishers.append(node.create_lifecycle_publisher(kind, topic, **how))
+            self._mobility, self._soil, self._markers, cost = self._publishers
+            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report)
         except Exception:
             self.destroy()
             raise
-
-    def _publisher(self, topic: str) -> LifecyclePublisher:
-        kind, profile = OUTPUTS[topic]
-        publisher = self._node.create_lifecycle_publisher(
-            kind, topic, event_callbacks=NO_PUBLISHER_EVENTS, **overridable(profile)
-        )
-        self._publishers.append(publisher)
-        return publisher
 
     def destroy(self) -> None:
         """Take the topics away."""
@@ -351,7 +312,8 @@ class Outputs:
 
     def answer(self, result: Result) -> None:
         """Publish a wheel's mobility."""
-        self._mobility.publish(mobility_message(result))
+        header = _header(result.reading.stamp, result.wheel)
+        self._mobility.publish(MobilityEstimate(header=header, **mobility_fields(result)))
 
     def keep(self, results: Sequence[Result]) -> None:
         """Publish the soil at its rate, and keep what the timers publish."""
@@ -365,17 +327,19 @@ class Outputs:
 
     def publish_waiting_soil(self) -> None:
         """Publish the newest soil unless it has been already."""
-        result, frame = self._soil_waits, self._feed.odometry_frame
+        result = self._soil_waits
         if result is not None:
-            stamp = result.reading.stamp
-            self._soil.publish(soil_message(result.soil, stamp, frame, result.rejected))
-            self._soil_sent, self._soil_waits = stamp, None
+            self._soil_sent, self._soil_waits = result.reading.stamp, None
+            self._publish_soil(soil_fields(result.soil, result.rejected), result.reading.stamp)
 
     def publish_soil(self) -> None:
         """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
-        onboard, stamp = self._feed.onboard, self._node.get_clock().now().nanoseconds
-        frame = self._feed.odometry_frame
-        self._soil.publish(soil_message(onboard.soil, stamp, frame, onboard.rejected))
+        fields = soil_fields(self._feed.onboard.soil, self._feed.onboard.rejected)
+        self._publish_soil(fields, self._node.get_clock().now().nanoseconds)
+
+    def _publish_soil(self, fields: dict[str, Any], stamp: int) -> None:
+        header = _header(stamp, self._feed.odometry_frame)
+        self._soil.publish(SoilEstimate(header=header, **fields))
 
     def publish_cost(self) -> None:
         """Publish the cost map if it has changed."""

@@ -12,6 +12,7 @@ import textwrap
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -34,7 +35,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
 from std_msgs.msg import String
 
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.parameter import Parameter
 from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import (
@@ -50,7 +51,7 @@ from smallwheel_ros.onboard.robot_description import (
     needs_description,
     silent_parameters,
 )
-from smallwheel_ros.onboard.settings import GENERAL, NodeSettings, parameters_for
+from smallwheel_ros.onboard.settings import NodeSettings, parameters_for
 
 try:
     import tf2_ros
@@ -110,7 +111,7 @@ class NodeParameters:
             wheels = []
             self.problems["wheels"] = str(error)
         self.unknown = unknown_parameters(given, wheels) if wheels else []
-        for parameter in parameters_for(wheels) if wheels else GENERAL:
+        for parameter in parameters_for(wheels):
             # `ros2 param dump` writes null for one that is not set, which ROS reads as a text.
             if given.get(parameter.name) == "null" and parameter.default is None:
                 del given[parameter.name]
@@ -129,8 +130,7 @@ class NodeParameters:
 
     def changed(self) -> dict[str, object]:
         """Return the value of each known parameter that is not at its default."""
-        defaults = {name: parameter.default for name, parameter in self._table.items()}
-        return {name: v for name, v in self.values().items() if v != defaults[name]}
+        return {name: v for name, v in self.values().items() if v != self._table[name].default}
 
     def given(self) -> dict[str, object]:
         """Return the value of each known parameter that is not left to URDF or tf."""
@@ -251,17 +251,17 @@ class RobotDescription:
         self.lacking: list[str] = []
         self._topic = ""  # that it listens to
         self._arrived = False
-        topic = table.values()["robot_description_topic"]
-        if not silent_parameters(table.given()) or not isinstance(topic, str) or not topic:
+        topic = str(table.values()["robot_description_topic"])
+        if not topic or not silent_parameters(table.given()):
             return
         try:
             node.create_subscription(
                 String, topic, self._take, LATCHED, event_callbacks=NO_SUBSCRIPTION_EVENTS
             )
             self._topic = node.resolve_topic_name(topic)
-        except Exception as error:  # rcl's; its words have several lines
-            reason = " ".join(str(error).split())
-            self.lacking.append(f"robot description: cannot listen to {topic!r}: {reason}")
+        except Exception as error:  # rcl's, of which rclpy makes no type public
+            words = f"robot description: cannot listen to {topic!r}: {reason(error)}"
+            self.lacking.append(words)
 
     @property
     def waiting(self) -> str:
@@ -320,7 +320,7 @@ class VelocityFrame:
         try:
             found, problem = self._in_base(frame, base)
         except Exception as error:  # tf2's own, or a release with another interface
-            found, problem = {}, f"tf does not connect them ({' '.join(str(error).split())})"
+            found, problem = {}, f"tf does not connect them ({reason(error)})"
         if not problem:
             problem = self._table.fill({name: found[name] for name in silent})
         if problem:
@@ -369,16 +369,15 @@ LATCHED = QoSProfile(
 )
 
 OVERRIDES = "qos_overrides."
-_DEEPEST = 10_000  # messages
-_VALUES: dict[str, tuple[str, ...]] = {
-    name: tuple(policy.name.lower() for policy in kind if policy.name.lower() != "unknown")
+# What users may override: enumerations of ROS, and a number of messages.
+_POLICIES = {
+    name: Parameter(kind="string", choices=tuple(k for k in kind.short_keys() if k != "unknown"))
     for name, kind in (
         ("history", HistoryPolicy),
         ("reliability", ReliabilityPolicy),
         ("durability", DurabilityPolicy),
     )
-}
-_POLICIES = (*_VALUES, "depth")
+} | {"depth": Parameter(kind="integer", low=1, high=10_000)}
 
 
 def overridable(profile: QoSProfile, entity: str | None = None) -> dict[str, Any]:
@@ -405,7 +404,6 @@ def override_problems(
     known = {f"{OVERRIDES}{topic}.{kind}.{name}" for topic, kind in kinds for name in _POLICIES}
     wrong, unused = [], []
     for name, value in values.items():
-        policy = name.rpartition(".")[2]
         if name not in known:
             unused.append(
                 f"parameter {name} is not used: expected {OVERRIDES}TOPIC.KIND.POLICY, with the full"
@@ -413,12 +411,8 @@ def override_problems(
                 f" {', '.join(_POLICIES)}"
             )
             continue
-        if policy == "depth":
-            fits = type(value) is int and 1 <= value <= _DEEPEST
-            expected = f"an integer from 1 to {_DEEPEST}"
-        else:
-            fits = isinstance(value, str) and value.lower() in _VALUES[policy]
-            expected = " or ".join(_VALUES[policy])
-        if not fits:
-            wrong.append(f"parameter {name} is {value!r}, expected {expected}")
+        policy = replace(_POLICIES[name.rpartition(".")[2]], name=name)
+        problem = policy.problem(value.lower() if isinstance(value, str) else value)
+        if problem is not None:
+            wrong.append(problem)
     return wrong, unused

@@ -11,9 +11,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,23 +19,24 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
+from tqdm import tqdm
 
-from smallwheel_ros.bags import BagReader, RawMessage
+from smallwheel_ros.bags import BagReader, BagTopic, RawMessage
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.stop import Stop
-from smallwheel_ros.costmap.grid import Grid
+from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, WheelSinkage
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.ros.outputs import grid_from, message_class, nanoseconds_of, time_message
+from smallwheel_ros.ros.outputs import message_class, nanoseconds_of, time_message
 from smallwheel_ros.ros.parameters import LATCHED
 
 _CLOCK_PERIOD = SECOND // 100
@@ -60,26 +59,15 @@ class PlayError(SmallwheelError):
     """A bag that cannot be published."""
 
 
-@contextmanager
-def own_node(name: str) -> Iterator[Node]:
-    """ROS and a node for as long as it lasts. Ctrl-C ends it like any other program."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = Node(name)
-    try:
-        yield node
-    finally:
-        node.destroy_node()  # left to the garbage collector, it stays on the network for as long
-        rclpy.try_shutdown()
-
-
 class Player:
     """Publishes the messages of one bag in their order; use it in a `with` statement.
 
-    A bag of ROS 1 is converted on the way; a damaged one is played to where it ends.
+    It has a ROS and a node of its own for as long as that lasts. A bag of ROS 1 is converted on the way; a
+    damaged one is played to where it ends.
 
-    rate: times as fast as recorded. start: s after the bag's beginning. loop: again and again. clock:
-    publish /clock from the times of recording, for nodes with use_sim_time. topics: type of each topic
-    that is published. skipped: the same of the topics whose type is not installed here.
+    name: of the node. rate: times as fast as recorded. start: s after the bag's beginning. loop: again
+    and again. clock: publish /clock from the times of recording, for nodes with use_sim_time. topics: type
+    of each topic that is published. skipped: why a topic is not published, in words.
 
     Raises
     ------
@@ -91,7 +79,7 @@ class Player:
 
     def __init__(
         self,
-        node: Node,
+        name: str,
         bag: Path | str,
         *,
         rate: float = 1.0,
@@ -99,13 +87,11 @@ class Player:
         loop: bool = False,
         clock: bool = True,
     ) -> None:
-        if not rate > 0:
-            raise PlayError(f"rate is {rate:g}, expected more than 0")
-        self._node, self._bag, self._rate, self._loop = node, Path(bag), rate, loop
+        self._name, self._bag, self._rate, self._loop = name, Path(bag), rate, loop
         self.stop = Stop()
         with BagReader(self._bag, salvage=True) as reader:
-            types = {topic.name: topic.type for topic in reader.topics}
-            channels = {key: reader.as_channel(*key) for key in types.items()}
+            recorded = {topic.name: topic for topic in reader.topics}
+            self._channels = {t[:2]: reader.as_channel(*t[:2]) for t in reader.topics}
             self.message_count = reader.message_count
             begin = reader.start_time or 0
             duration = ((reader.end_time or 0) - begin) / SECOND
@@ -114,36 +100,35 @@ class Player:
                 f"start is {start:g} s, expected at most {duration:.3f} s: bag {self._bag} is no longer"
             )
         self._begin = begin + round(start * SECOND)
-        classes = {name: message_class(kind) for name, kind in types.items()}
-        self.topics = {name: types[name] for name, found in classes.items() if found is not None}
-        self.skipped = {name: types[name] for name, found in classes.items() if found is None}
+        reasons = {name: _why_not(topic) for name, topic in recorded.items()}
+        self.skipped = {name: why for name, why in reasons.items() if why}
+        self.topics = {name: recorded[name].type for name, why in reasons.items() if not why}
         if not self.topics:
             raise PlayError(f"bag {self._bag} has no message of a type that is installed here")
-        self._newest_match = 0.0  # time.monotonic()
-        self._listeners = dict.fromkeys(self.topics, 0)
-        self._publishers = {}
-        for name, kind in self.topics.items():
-            channel = channels[name, kind]
-            recorded = () if channel is None else channel[0].qos
-            # One that was recorded as latched: who listens late gets its last messages.
-            latched = any(profile.durability.name == "TRANSIENT_LOCAL" for profile in recorded)
-            quality = _KEPT if latched else _RELIABLE
-            self._publishers[name] = self._publisher(name, classes[name], quality)
+        self._wanted = {
+            name: (message_class(kind), _quality(recorded[name]))
+            for name, kind in self.topics.items()
+        }
         self._ticks = clock and _CLOCK not in self.topics
         if self._ticks:
-            self._publishers[_CLOCK] = self._publisher(_CLOCK, Clock, _RELIABLE)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(node)
-
-    def _publisher(self, topic: str, kind: Any, profile: QoSProfile) -> Publisher:
-        events = PublisherEventCallbacks(matched=partial(self._on_match, topic))
-        return self._node.create_publisher(kind, topic, profile, event_callbacks=events)
+            self._wanted[_CLOCK] = (Clock, _RELIABLE)
 
     def __enter__(self) -> Player:
+        # Ctrl-C ends it like any other program.
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node(self._name)
+        self._publishers = {
+            topic: self.node.create_publisher(kind, topic, quality)
+            for topic, (kind, quality) in self._wanted.items()
+        }
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
         return self
 
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
+        self.node.destroy_node()  # left to the garbage collector, it stays on the network for as long
+        rclpy.try_shutdown()
 
     def spin(self, seconds: float) -> None:
         """Let the node's callbacks run for at most so long. Raises KeyboardInterrupt if asked to stop."""
@@ -156,36 +141,34 @@ class Player:
             raise KeyboardInterrupt
 
     def unheard(self) -> list[str]:
-        """Topics that nobody listens to, as far as events have been taken by `spin`."""
-        return [name for name, count in self._listeners.items() if count == 0]
-
-    def _on_match(self, topic: str, event: QoSPublisherMatchedInfo) -> None:
-        # Who listens to our clock need not listen to the bag, but is to have the clock's beginning.
-        if topic in self._listeners:
-            self._listeners[topic] = event.current_count
-        self._newest_match = time.monotonic()
+        """Topics that nobody listens to."""
+        return [name for name in self.topics if not self._publishers[name].get_subscription_count()]
 
     def wait_for_listeners(self, limit: float) -> None:
         """Wait for listeners, at most `limit` s.
 
-        Until every topic is heard, or some are and 2 s have passed since the last listener came:
-        nobody here needs the others, as far as can be known.
+        Until every topic is heard, or some are and 2 s have passed since the last listener came or
+        left: nobody here needs the others, as far as can be known.
         """
-
-        def begin() -> float:
-            unheard = self.unheard()
-            if len(unheard) == len(self.topics):
-                return math.inf
-            return self._newest_match + (_QUIET if unheard else _MUTUAL)
-
         deadline = time.monotonic() + limit
-        while (left := min(begin(), deadline) - time.monotonic()) > 0:
-            self.spin(min(left, 0.05))
+        count, changed = 0, 0.0
+        while True:
+            # Who listens to our clock need not listen to the bag, but is to have the clock's beginning.
+            listeners = [p.get_subscription_count() for p in self._publishers.values()]
+            if sum(listeners) != count:
+                count, changed = sum(listeners), time.monotonic()
+            unheard = self.unheard()
+            begin = changed + (_QUIET if unheard else _MUTUAL)
+            if len(unheard) == len(self.topics):
+                begin = math.inf
+            if time.monotonic() >= min(begin, deadline):
+                return
+            self.spin(0.05)
 
     def nobody_listens(self) -> str:
         """Say which topics have no listener, and to which of them somebody subscribes in vain."""
         unheard = self.unheard()
-        vain = [name for name in unheard if self._node.count_subscribers(name) > 0]
+        vain = [name for name in unheard if self.node.count_subscribers(name) > 0]
         lonely = [name for name in unheard if name not in vain]
         said = []
         if vain:
@@ -213,11 +196,10 @@ class Player:
         """Give the bag's messages that can be published, over and over when it loops."""
         while True:
             with BagReader(self._bag, salvage=True) as reader:
-                channels = {
-                    (t.name, t.type): reader.as_channel(t.name, t.type) for t in reader.topics
-                }
-                for raw in reader.raw_messages(list(self.topics), start=self._begin):
-                    channel = channels[raw.topic, raw.type]
+                for raw in reader.raw_messages(list(self.topics)):
+                    if raw.log_time < self._begin:
+                        continue
+                    channel = self._channels[raw.topic, raw.type]
                     try:
                         data = raw.data if channel is None else channel[1](raw.data)
                     except Exception as error:  # damaged bytes make rosbags raise as it likes
@@ -253,6 +235,23 @@ class Player:
             self._stop_if_asked()
 
 
+def _why_not(topic: BagTopic) -> str:
+    """Why a topic cannot be published; empty: it can."""
+    if message_class(topic.type) is None:
+        return f"its type {topic.type} is not installed here"
+    try:
+        validate_topic_name(topic.name)
+    except InvalidTopicNameException:
+        return "ROS 2 allows no topic of that name"
+    return ""
+
+
+def _quality(topic: BagTopic) -> QoSProfile:
+    """How a topic is offered. One that was recorded as latched: who listens late gets its last messages."""
+    latched = any(profile.durability.name == "TRANSIENT_LOCAL" for profile in topic.qos)
+    return _KEPT if latched else _RELIABLE
+
+
 # --- The node's answers
 
 _MOST_UNANSWERED = 20
@@ -262,7 +261,6 @@ _FURTHEST_BEHIND = SECOND // 2
 _PATIENCE = 120.0
 _LAST = 6.0  # s without an answer at the end: a sinkage that the node refused gets none
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
-_ALARMS = ": alarms"  # end of the name of their entry in the diagnostics
 _EVERYTHING = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -293,15 +291,6 @@ class Recording:
         return self.sinkages - len(self.mobility)
 
 
-def _row(message: Any) -> dict[str, Any]:
-    """Turn a message with a header into a flat row."""
-    fields = {"stamp": nanoseconds_of(message.header.stamp), "frame_id": message.header.frame_id}
-    for name in message.get_fields_and_field_types():
-        if name != "header":
-            fields[name] = getattr(message, name)
-    return fields
-
-
 def drive_through(
     bag: Path | str,
     *,
@@ -309,7 +298,6 @@ def drive_through(
     seconds: float = math.inf,
     by_sinkage: bool = True,
     alive: Callable[[], str | None] = lambda: None,
-    progress: Callable[[], object] = lambda: None,
 ) -> Recording:
     """Play a bag into the running node at most at this rate, and record its answers.
 
@@ -322,8 +310,6 @@ def drive_through(
         not fall behind by more than half a second of the bag.
     alive
         Says why the node is dead, None while it lives.
-    progress
-        Called for each message.
 
     Raises
     ------
@@ -334,19 +320,17 @@ def drive_through(
     """
     if rclpy.ok():
         raise DriveThroughError("rclpy is running in this process already: shut it down first")
-    with own_node("smallwheel_drive_through") as node, Player(node, bag, rate=rate) as player:
-        return _Recorder(node, player, alive, by_sinkage).record(seconds, progress)
+    with Player("smallwheel_drive_through", bag, rate=rate) as player:
+        return _Recorder(player, alive, by_sinkage).record(seconds)
 
 
 class _Recorder:
     """Records what the node publishes, and waits for it."""
 
-    def __init__(
-        self, node: Node, player: Player, alive: Callable[[], str | None], by_sinkage: bool
-    ) -> None:
+    def __init__(self, player: Player, alive: Callable[[], str | None], by_sinkage: bool) -> None:
         self._player, self._alive, self._by_sinkage = player, alive, by_sinkage
-        self._recording = Recording()
-        self._sent: dict[int, float] = {}
+        self._found = Recording()
+        self._sent: dict[int, float] = {}  # time.monotonic() of sinkages, by their stamps
         self._diagnosed = 0  # messages of diagnostics
         for kind, topic, callback, quality in (
             (MobilityEstimate, f"/{NODE_NAME}/mobility", self._on_mobility, _EVERYTHING),
@@ -354,38 +338,32 @@ class _Recorder:
             (OccupancyGrid, f"/{NODE_NAME}/cost", self._on_cost, LATCHED),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
         ):
-            node.create_subscription(kind, topic, callback, quality)
+            player.node.create_subscription(kind, topic, callback, quality)
 
-    def record(self, seconds: float, progress: Callable[[], object]) -> Recording:
+    def record(self, seconds: float) -> Recording:
         """Play everything; wait for the node before it, for its answers meanwhile and after it."""
-        found, player = self._recording, self._player
-
-        def deaf() -> list[str]:
-            unheard = player.unheard() if self._by_sinkage else ()
-            return [name for name in unheard if player.topics[name] == _SINKAGE]
-
-        def answered() -> bool:
-            if self._by_sinkage or not found.mobility:
-                return found.unanswered < _MOST_UNANSWERED
-            return now - int(found.mobility[-1]["stamp"]) < _FURTHEST_BEHIND
-
-        self._wait(lambda: not deaf(), lambda: f"nobody listens to {', '.join(deaf())}")
+        found, player = self._found, self._player
+        self._wait(lambda: not self._deaf(), lambda: f"nobody listens to {', '.join(self._deaf())}")
         # Topics that the node does not need may stay unheard.
         player.wait_for_listeners(_PATIENCE)
         # The node knows that we listen when its first soil has come, and that we publish when it misses
         # nobody who does: what a stranger sends is lost.
         self._wait(lambda: bool(found.soil), lambda: "it published no soil")
-        self._wait(lambda: self._diagnosed > 0)
-        self._wait(lambda: self._missed().isdisjoint(player.topics))
+        self._wait(lambda: self._diagnosed > 0 and self._missed().isdisjoint(player.topics))
+
+        def answered() -> bool:
+            if self._by_sinkage or not found.mobility:
+                return found.unanswered < _MOST_UNANSWERED
+            return raw.log_time - int(found.mobility[-1]["stamp"]) < _FURTHEST_BEHIND
 
         def silent() -> str:
             return f"{len(found.mobility)} answers until then"
 
-        begin, now = -1, 0
-        for raw in player.play():
-            now = raw.log_time
-            begin = now if begin < 0 else begin
-            if now - begin > seconds * SECOND:
+        end = math.inf
+        total = player.message_count
+        for raw in tqdm(player.play(), total=total, unit=" messages", disable=None, leave=False):
+            end = min(end, raw.log_time + seconds * SECOND)
+            if raw.log_time > end:
                 break
             # The node may refuse a sinkage and give no answer: then it is not waited for for ever.
             self._wait(answered, silent if self._by_sinkage else None)
@@ -394,7 +372,6 @@ class _Recorder:
                 self._sent[nanoseconds_of(message.header.stamp)] = time.monotonic()
                 found.sinkages += 1
             found.published += 1
-            progress()
             if found.published % 10 == 0:
                 player.spin(0.0)
         self._wait(lambda: found.unanswered <= 0)
@@ -407,13 +384,13 @@ class _Recorder:
     def _wait(self, done: Callable[[], bool], failure: Callable[[], str] | None = None) -> None:
         """Spin until it is done; too long without an answer is an error where there are words for one."""
         limit = _PATIENCE if failure is not None else _LAST
-        answers, newest = len(self._recording.mobility), time.monotonic()
+        answers, newest = len(self._found.mobility), time.monotonic()
         while not done():
             dead = self._alive()
             if dead is not None:
                 raise DriveThroughError(f"the node {NODE_NAME} has died: {dead}")
-            if len(self._recording.mobility) > answers:
-                answers, newest = len(self._recording.mobility), time.monotonic()
+            if len(self._found.mobility) > answers:
+                answers, newest = len(self._found.mobility), time.monotonic()
             if time.monotonic() - newest > limit:
                 if failure is None:
                     return
@@ -422,27 +399,39 @@ class _Recorder:
                 )
             self._player.spin(0.02)
 
+    def _deaf(self) -> list[str]:
+        """Topics of sinkages that the node is to answer, and does not listen to."""
+        unheard = self._player.unheard() if self._by_sinkage else ()
+        return [name for name in unheard if self._player.topics[name] == _SINKAGE]
+
     def _missed(self) -> set[str]:
         """Topics of which the node says that nobody publishes them; it says so once a second."""
-        inputs = self._recording.diagnostics.get(f"{NODE_NAME}: inputs", "")
+        inputs = self._found.diagnostics.get(f"{NODE_NAME}: inputs", "")
         return set(re.findall(r"waiting for (\S+) \([^)]*\): no publisher", inputs))
 
     def _on_mobility(self, message: Any) -> None:
         sent = self._sent.pop(nanoseconds_of(message.header.stamp), None)
         if sent is not None:
-            self._recording.latencies.append(time.monotonic() - sent)
-        self._recording.mobility.append(_row(message))
+            self._found.latencies.append(time.monotonic() - sent)
+        self._found.mobility.append(_row(message))
 
     def _on_soil(self, message: Any) -> None:
-        self._recording.soil.append(_row(message))
+        self._found.soil.append(_row(message))
 
     def _on_diagnostics(self, message: Any) -> None:
         self._diagnosed += 1
-        newest = self._recording.mobility[-1]["stamp"] if self._recording.mobility else 0
+        newest = self._found.mobility[-1]["stamp"] if self._found.mobility else 0
         for status in message.status:
-            self._recording.diagnostics[status.name] = status.message
-            if status.name.endswith(_ALARMS) and status.level != DiagnosticStatus.OK:
-                self._recording.warnings.append((newest, status.message))
+            self._found.diagnostics[status.name] = status.message
+            if status.name.endswith(": alarms") and status.level != DiagnosticStatus.OK:
+                self._found.warnings.append((newest, status.message))
 
     def _on_cost(self, message: Any) -> None:
-        self._recording.cost = grid_from(message)
+        self._found.cost = grid_from(message)
+
+
+def _row(message: Any) -> dict[str, Any]:
+    """Turn a message with a header into a flat row."""
+    names = [name for name in message.get_fields_and_field_types() if name != "header"]
+    header = {"stamp": nanoseconds_of(message.header.stamp), "frame_id": message.header.frame_id}
+    return header | {name: getattr(message, name) for name in names}

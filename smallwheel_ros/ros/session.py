@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,13 +11,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
-from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import read_map, write_map
 from smallwheel_ros.estimator.saved_state import check_may_replace
@@ -69,9 +69,8 @@ def _check_topics(node: LifecycleNode, feed: Feed, overrides: Mapping[str, objec
     for given, kind in listened:
         try:
             name = node.resolve_topic_name(given)
-        except Exception as error:  # rcl's; its words have several lines
-            reason = " ".join(str(error).split())
-            raise ParametersError(f"topic {given!r} is not possible: {reason}") from None
+        except Exception as error:  # rcl's, of which rclpy makes no type public
+            raise ParametersError(f"topic {given!r} is not possible: {reason(error)}") from None
         if types.setdefault(name, kind) != kind:
             raise ParametersError(
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
@@ -89,7 +88,8 @@ class Session:
 
     overrides: values of the parameters `qos_overrides.*` that were given. wall: a clock that goes on
     while /clock stands still. unused: a sentence for each of those parameters that nobody uses.
-    restored: what saved soil and cost map it goes on from, in words; empty where there is none.
+    warnings: what is to be said once of the configuration. restored: what saved soil and cost map it goes
+    on from, in words; empty where there is none.
     velocity_frame: frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
@@ -106,53 +106,40 @@ class Session:
         wall: Clock,
     ) -> None:
         self._node, self._settings, self._wall = node, settings, wall
-        self._feed = self._new_feed()
-        self.unused = _check_topics(node, self._feed, overrides)
+        self._onboard = Onboard(settings.onboard)
+        feed = Feed(self._onboard, settings)
+        self.unused = _check_topics(node, feed, overrides)
         self._soil_file = SoilFile(settings.soil_file)
-        restored = self._soil_file.restore(self._feed.onboard)
-        if self._soil_file.problem:
-            self._feed = self._new_feed()  # it may be half restored
-        self._onboard = self._feed.onboard
-        self._inputs = Inputs(
-            node,
-            self._feed,
-            self._take,
-            lambda message: self._safely(TERRAIN_CLASSES, self._outputs.cost.on_classes, message),
-            lambda message: self._safely("/tf", self._outputs.cost.on_transforms, message),
-        )
+        restored = self._soil_file.restore(self._onboard)
+        problem = filter(None, [self._soil_file.problem])
+        self.warnings = [*self._onboard.undeterminable, *problem, *self.unused]
+        self._inputs = Inputs(node, feed)
         self._timers: list[Timer] = []
         self.velocity_frame = ""
         self._time_jumps = 0
         self._alarms: dict[Kind, Statement] = {}  # as they were when they were looked at last
         self._last_arrival = time.monotonic()
-        self._outputs = Outputs(node, self._feed, self._report)
+        self._outputs = Outputs(node, feed, self._report)
+        # A result is published at once: those of the other wheels are worked out after it.
+        self._onboard.on_result = partial(self._safely, "~/mobility", self._outputs.answer)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
         self.restored = "; ".join(filter(None, [restored, remembered]))
-
-    def _new_feed(self) -> Feed:
-        # A result is published at once: those of the other wheels are worked out after it.
-        def publish(result: Result) -> None:
-            self._safely("~/mobility", self._outputs.answer, result)
-
-        return Feed(Onboard(self._settings.onboard, on_result=publish), self._settings)
 
     @property
     def active(self) -> bool:
         """Whether it listens and publishes."""
-        return self._inputs.on
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is to be said once of the configuration."""
-        problem = [self._soil_file.problem] if self._soil_file.problem else []
-        return [*self._onboard.undeterminable, *problem, *self.unused]
+        return bool(self._timers)
 
     # --- Transitions, services
 
     def activate(self) -> None:
         """Listen, and publish the soil as it is believed before any measurement."""
         self._last_arrival = time.monotonic()
-        self._inputs.listen()
+        self._inputs.listen(
+            self._take,
+            partial(self._safely, TERRAIN_CLASSES, self._outputs.cost.on_classes),
+            partial(self._safely, "/tf", self._outputs.cost.on_transforms),
+        )
         self._inputs.say_what_is_expected()
         for name, period, work in (
             ("flush", 0.5, self._flush),
@@ -185,12 +172,10 @@ class Session:
     def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
         classes = self._outputs.cost.map.classes
-        found = {}
-        for terrain, places in classes.places().items():
-            margin = classes.margin(terrain)
-            if margin is not None:
-                known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
-                found[str(terrain)] = known | {"places": places}
+        found, places = {}, classes.places()
+        for terrain, margin in classes.margins().items():
+            known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
+            found[str(terrain)] = known | {"places": places[terrain]}
         return True, json.dumps(found)
 
     def reset(self) -> tuple[bool, str]:
@@ -247,16 +232,15 @@ class Session:
         self._outputs.publish_waiting_soil()
         self._inputs.say_when_all_are_here()
 
-    def diagnostics(self, name: str) -> list[DiagnosticStatus]:
-        """Return the entries of an active node of that name; log which alarms begin and end."""
+    def diagnostics(self) -> list[DiagnosticStatus]:
+        """Return the entries of an active node; log which alarms begin and end."""
         newest = self._outputs.newest.values()
         self._outputs.report_deaf_subscribers()
         self._onboard.look_for_slip_tests()
-        found = [self._inputs.status(f"{name}: inputs")]
-        found += entries(name, self._onboard, newest, self._outputs.cost)
+        found = [self._inputs.status(), *entries(self._onboard, newest, self._outputs.cost)]
         self._log_alarms(newest)
         if self._soil_file.problem:
-            found.append(status(f"{name}: saved soil", WARN, self._soil_file.problem))
+            found.append(status("saved soil", WARN, self._soil_file.problem))
         return found
 
     def _log_alarms(self, newest: Iterable[Result]) -> None:
@@ -288,10 +272,7 @@ class SoilFile:
         self.problem = ""
 
     def restore(self, onboard: Onboard) -> str:
-        """Let a new estimate go on from the file; return in words what it goes on from.
-
-        Where there is a `problem`, the estimate may be half restored: it is not to be used.
-        """
+        """Let a new estimate go on from the file; return in words what it goes on from."""
         if self._path is None or not self._path.exists():
             return ""
         try:
@@ -305,6 +286,7 @@ class SoilFile:
                 " the file to begin with the prior"
             )
         if self.problem:
+            onboard.reset()  # it may be half restored
             return ""
         return f"soil restored from {self._path}: {onboard.soil.accepted} measurements"
 
@@ -352,6 +334,5 @@ class SoilFile:
 
 def _check_finite(fields: dict[str, Any]) -> None:
     for name, value in fields.items():
-        for number in value if name == "covariance" else [value]:
-            if isinstance(number, float) and not math.isfinite(number):
-                raise ValueError(f"{name} would be {number}")
+        if not isinstance(value, str) and not np.isfinite(value).all():
+            raise ValueError(f"{name} would be {value}")

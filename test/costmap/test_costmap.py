@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
+from smallwheel_ros.bags import message_type
 from smallwheel_ros.costmap.cost_map import CostMap, CostRules, CostSettings, TerrainClasses
 from smallwheel_ros.costmap.crossed_ground import CrossedGround, Line
 from smallwheel_ros.costmap.grid import (
@@ -18,7 +19,7 @@ from smallwheel_ros.costmap.grid import (
     CostMapError,
     Grid,
     Pose,
-    grid_of,
+    grid_from,
     lay_over,
     spread,
     union,
@@ -28,7 +29,6 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel
 RULES = CostRules()
 margins = st.floats(-2.0, 2.0)
 deviations = st.floats(0.0, 3.0)
-STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 def cost(margin: float, deviation: float, rules: CostRules = RULES) -> int:
@@ -121,6 +121,7 @@ def cross(
     """Lay a strip; own: y of the wheel's edges, if it is narrower than the vehicle."""
     whole = line(*at, width, heading)
     wheels = whole if own is None else ((at[0], own[0]), (at[0], own[1]))
+    ground.follow(*at)
     return ground.cross(wheel, (whole, wheels), travel, cost, stuck=stuck)
 
 
@@ -223,13 +224,18 @@ class TestCrossedGround:
         assert self.at(ground, 0.05, 0.25) == self.at(ground, 0.05, -0.25) == 10
         assert self.at(ground, -0.25, 0.0) == 10
 
+    def test_without_a_place_or_a_frame_there_is_no_grid(self) -> None:
+        ground = CrossedGround(1.0, 0.1)
+        assert ground.grid("odom") is None
+        ground.follow(0.0, 0.0)
+        assert ground.grid("odom") is not None
+        assert ground.grid("") is ground.whole("") is None
+
     def test_refusals(self) -> None:
         with pytest.raises(CostMapError, match="expected at most"):
             CrossedGround(500.0, 0.01)
         with pytest.raises(CostMapError, match="resolution"):
             CrossedGround(1.0, 2.0)
-        with pytest.raises(CostMapError, match="no place yet"):
-            CrossedGround(1.0, 0.1).grid("odom")
 
 
 class TestSpread:
@@ -257,11 +263,10 @@ class TestTerrainClasses:
         classes = TerrainClasses(RULES, 0.1)
         for i in range(40):
             assert classes.learn("a", 0.2 * i, 0.0, 3, Quantity(0.1 + 0.02 * (-1) ** i, 0.01))
-        found = classes.margin(3)
-        assert found is not None
+        found = classes.margins()[3]
         assert found.value == pytest.approx(0.1)
         assert found.standard_deviation == pytest.approx(math.hypot(0.02, 0.01), rel=0.15)
-        assert classes.margin(4) is None
+        assert set(classes.margins()) == {3}
 
     def test_first_touch_costs_more_than_a_long_crossing(self) -> None:
         classes = TerrainClasses(RULES, 0.1)
@@ -298,7 +303,7 @@ class TestTerrainClasses:
         costs = classes.costs(grid)
         assert costs.geometry == grid.geometry
         for terrain, value in zip(cells, costs.cells[0].tolist(), strict=True):
-            margin = classes.margin(terrain)
+            margin = classes.margins().get(terrain)
             if margin is None:
                 assert value == -1
             else:
@@ -566,22 +571,31 @@ class TestRemembered:
             assert whole.cells[whole.cell(*pose.place(u, v))] == 5
 
 
-class TestGridOf:
+class TestGridFrom:
     def make(self, **changes: object) -> Grid:
-        arguments: dict[str, object] = {
-            "frame": "map",
-            "resolution": 0.1,
-            "size": (3, 2),
-            "position": (0.0, 1.0, 0.0),
-            "orientation": STRAIGHT,
-            "data": np.arange(6, dtype=np.int8),
-            **changes,
-        }
-        return grid_of(**arguments)  # type: ignore[arg-type]
+        """Of a message as it comes from a bag. turn: z and w of the origin's quaternion."""
+        wanted = {"frame": "map", "resolution": 0.1, "size": (3, 2), "place": (0.0, 1.0)}
+        wanted |= {"turn": (0.0, 1.0), "data": np.arange(6, dtype=np.int8), **changes}
+        (width, height), (x, y), (z, w) = wanted["size"], wanted["place"], wanted["turn"]
+        stamp = message_type("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
+        header = message_type("std_msgs/msg/Header")(stamp=stamp, frame_id=wanted["frame"])
+        origin = message_type("geometry_msgs/msg/Pose")(
+            position=message_type("geometry_msgs/msg/Point")(x=x, y=y, z=0.0),
+            orientation=message_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=z, w=w),
+        )
+        info = message_type("nav_msgs/msg/MapMetaData")(
+            map_load_time=stamp,
+            resolution=wanted["resolution"],
+            width=width,
+            height=height,
+            origin=origin,
+        )
+        grid = message_type("nav_msgs/msg/OccupancyGrid")
+        return grid_from(grid(header=header, info=info, data=wanted["data"]))
 
     def test_row_major(self) -> None:
         assert self.make().cells.tolist() == [[0, 1, 2], [3, 4, 5]]
-        assert self.make(orientation=(0.0, 0.0, 0.0, -1.0)).origin == (0.0, 1.0)
+        assert self.make(turn=(0.0, -1.0)).origin == (0.0, 1.0)
 
     @pytest.mark.parametrize(
         ("changes", "words"),
@@ -590,10 +604,11 @@ class TestGridOf:
             ({"resolution": 0.0}, "resolution is 0.0 m"),
             ({"resolution": math.nan}, "resolution is nan m"),
             ({"size": (3, 3)}, r"has 6 cells, expected width \* height = 3 \* 3"),
-            ({"size": (0, 0), "data": np.empty(0, np.int8)}, "is empty"),
-            ({"position": (math.inf, 0.0, 0.0)}, "origin is not finite"),
-            ({"orientation": (0.0, 0.0, 0.7071, 0.7071)}, "is turned"),
-            ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "is turned"),
+            ({"size": (0, 0), "data": np.empty(0, np.int8)}, "expected .* at least one cell"),
+            ({"place": (math.inf, 0.0)}, "origin is .*inf.*, expected finite numbers"),
+            ({"turn": (0.7071, 0.7071)}, "is turned"),
+            ({"turn": (0.0, 0.0)}, "is turned"),
+            ({"turn": (0.0, math.nan)}, "is turned"),
         ],
     )
     def test_refusals(self, changes: dict[str, object], words: str) -> None:

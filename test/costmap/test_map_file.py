@@ -50,7 +50,7 @@ def test_it_is_as_map_server_reads_it(tmp_path: Path) -> None:
         ("m.yaml", b"mode: raw", b"mode: trinary", "expected mode raw"),
         ("m.yaml", b"resolution: 0.1", b"resolution: -1", "resolution"),
         ("m.yaml", b"frame", b"frames", "frame"),
-        ("m.yaml", b"image", b"- image", "not a map"),
+        ("m.yaml", b"image", b"- image", "not YAML text: line 2"),
         ("m.pgm", b"P5", b"P2", "no binary PGM"),
         ("m.pgm", b"255\n", b"255\n\x00", "has 5 pixels, expected 2 . 2"),
     ],

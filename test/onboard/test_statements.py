@@ -47,9 +47,9 @@ def test_node_and_replay_say_the_same(world: str) -> None:
     said = statements(onboard, newest)
     assert said
     cost = CostPublisher(CostSettings(), onboard.settings.wheels, None, lambda *_: None)
-    found = {entry.name: entry for entry in entries("node", onboard, newest, cost)}
+    found = {entry.name: entry for entry in entries(onboard, newest, cost)}
     for statement in said:
-        entry = found[f"node: {statement.entry}"]
+        entry = found[statement.entry]
         assert statement.text in entry.message
         assert int.from_bytes(entry.level, "big") >= int.from_bytes(WARN, "big")
     kinds = {event.kind for event in summary.events}

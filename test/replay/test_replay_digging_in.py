@@ -48,8 +48,9 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     driving = whole.with_name("driving")
     with BagReader(whole) as reader, BagWriter(driving) as writer:
         assert reader.end_time is not None
-        for topic, kind, log_time, message in reader.messages(stop=reader.end_time - 4 * SECOND):
-            writer.write(topic, kind, log_time, message)
+        for raw in reader.raw_messages():
+            if raw.log_time < reader.end_time - 4 * SECOND:
+                writer.write_raw(*raw)
     return driving
 
 

@@ -19,7 +19,7 @@ from bag_kinds import beginning
 from click.testing import CliRunner
 from readings import Given as Onboard
 
-from smallwheel_ros.bags import BagReader
+from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
@@ -272,7 +272,6 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
 def test_player_waits_for_some_listener_and_names_what_nobody_hears(
     bag: Path, ros_domain: int
 ) -> None:
-    import rclpy
     from nav_msgs.msg import Odometry
     from rclpy.node import Node
     from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -281,10 +280,9 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
     from smallwheel_ros.ros.play import Player
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    rclpy.init(args=[])
-    node, listener = Node("player"), Node("listener")
-    try:
-        with Player(node, bag) as player:
+    with Player("player", bag) as player:
+        listener = Node("listener")
+        try:
             player.wait_for_listeners(0.0)
             assert player.unheard() == list(player.topics)
             assert player.nobody_listens() == "nobody listens to any topic: played all the same"
@@ -302,10 +300,8 @@ def test_player_waits_for_some_listener_and_names_what_nobody_hears(
             while "/odom" not in player.unheard():
                 assert time.monotonic() < deadline
                 player.spin(0.05)
-    finally:
-        node.destroy_node()
-        listener.destroy_node()
-        rclpy.try_shutdown()
+        finally:
+            listener.destroy_node()
 
 
 def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -346,15 +342,26 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
     assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
 
 
+def test_play_leaves_out_a_topic_that_ros_2_cannot_have(bag: Path, tmp_path: Path) -> None:
+    """ROS 1 takes names that ROS 2 does not, such as /camera/1/image."""
+    from smallwheel_ros.ros.play import Player
+
+    with BagReader(bag) as reader, BagWriter(tmp_path / "odd") as writer:
+        for raw in reader.raw_messages({"/odom", "/imu"}):
+            writer.write_raw(raw.topic.replace("/imu", "/1/imu"), *raw[1:])
+    with Player("player", tmp_path / "odd") as player:
+        assert list(player.topics) == ["/odom"]
+        assert player.skipped == {"/1/imu": "ROS 2 allows no topic of that name"}
+
+
 def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.play import Player, PlayError, own_node
+    from smallwheel_ros.ros.play import Player, PlayError
 
     old = tmp_path / "old.bag"
     old.write_bytes(b"")
-    with own_node("player") as node:
-        with pytest.raises(SmallwheelError, match="does not exist"):
-            Player(node, tmp_path / "nothing")
-        with pytest.raises(SmallwheelError, match="cannot be read"):
-            Player(node, old)
-        with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
-            Player(node, bag, start=1000.0, loop=True)
+    with pytest.raises(SmallwheelError, match="does not exist"):
+        Player("player", tmp_path / "nothing")
+    with pytest.raises(SmallwheelError, match="cannot be read"):
+        Player("player", old)
+    with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
+        Player("player", bag, start=1000.0, loop=True)
