@@ -13,6 +13,7 @@ from typing import Any, Literal
 from smallwheel_ros.bags import BagReader, BagTopic, Key
 from smallwheel_ros.bags.storage import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError, reason
+from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.version import __version__
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.init import from_bag
@@ -170,7 +171,7 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
         like.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InitError(f"folder {like.folder} cannot be used: {error.strerror or error}") from None
-    rover.save(path)
+    write_bytes(path, text.encode())
     remaps = read_remaps(f"{a}:={b}" for a, b in rover.remaps.items())
     said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
     return replace(like, config=path, remaps={**remaps, **like.remaps}, notes=(said, *rover.notes))
