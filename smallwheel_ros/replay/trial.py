@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turn a recorded indentation trial into a bag that the node understands.
+"""`smallwheel convert-trial`: a recorded indentation trial as a bag that the node understands.
 
 A trial is what a rig records while it presses a wheel straight into the soil: a bag with the force
 sensor's messages, a bag with those of the unloaded sensor, and the log of the axis, a text table
@@ -23,9 +23,11 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.bags import BagReader, BagWriter, Message, header
+from smallwheel_ros.bags import BagReader, BagWriter, Message, check_new_bag, header
+from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.common.options import Option
+from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.options import Option, settings_options
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.streams import nanoseconds
 
@@ -36,6 +38,7 @@ _MOST_COLUMNS = 8  # later logs of that rig end with one more
 _Z, _UNIX_TIME = 4, 6
 _LOAD = "geometry_msgs/msg/WrenchStamped"
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+_PATH = click.Path(path_type=Path)
 
 
 class TrialError(SmallwheelError):
@@ -205,3 +208,45 @@ def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str,
         if sinkage >= 0:
             message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
             yield time, f"/{wheel}/sinkage", _SINKAGE, message
+
+
+# --- The command
+
+
+@click.command("convert-trial")
+@click.argument("bag", type=_PATH)
+@click.option("--zero", type=_PATH, required=True, metavar="BAG",
+              help="Bag of the unloaded force sensor.")  # fmt: skip
+@click.option("--log", type=_PATH, required=True,
+              help="Log of the axis: X, Vx, rim speed, slip angle, Z [mm, up], controller clock, "
+              "unix time.")  # fmt: skip
+@click.option("-o", "--output", type=_PATH, required=True, metavar="BAG",
+              help="Folder for the new bag; it must not exist.")  # fmt: skip
+@settings_options(TrialSettings)
+@JSON
+def convert_trial(
+    bag: Path, zero: Path, log: Path, output: Path, json_file: str | None, **given: Any
+) -> None:
+    """Turn a recorded indentation trial into a bag that the node understands.
+
+    BAG holds the force sensor's messages while a wheel is pressed straight into the soil.
+    """
+    check_new_bag(output)
+    check_targets([json_file], [bag, zero, log])
+    settings = TrialSettings(**given)
+    trial = read_trial(bag, zero, log, settings)
+    count = write_trial(trial, output, settings)
+    content = {
+        "bag": str(output),
+        "messages": count,
+        "loads": len(trial.load),
+        "sinkages": len(trial.sinkage),
+        "largest_load": float(trial.load.max()),
+        "largest_sinkage": float(trial.sinkage.max()),
+        "zero": trial.zero,
+    }
+    text = (
+        f"{output}: {len(trial.load)} loads to {trial.load.max():.1f} N,"
+        f" {len(trial.sinkage)} sinkages to {trial.sinkage.max() * 1e3:.1f} mm"
+    )
+    tell(content, text, json_file)
