@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plain text tables and JSON for the command line."""
+"""Tables as plain text and as CSV; JSON for the command line."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -81,3 +84,12 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         click.echo(text, nl=False)
     else:
         write_bytes(target, text.encode())
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows of the same columns as CSV; None is a blank cell. Raises OutputError."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_bytes(path, text.getvalue().encode())

@@ -21,6 +21,7 @@ from smallwheel_ros.bags import (
 )
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
+from smallwheel_ros.common.tables import write_rows
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Grid, wide, write_map
 from smallwheel_ros.estimator.reading import SECOND, Reading
@@ -56,13 +57,12 @@ from smallwheel_ros.replay.tables import (
     SteadySegments,
     columns,
     table,
-    write_rows,
 )
 
 _Handler = Callable[[Any, int | None], object]
 Progress = Callable[[int, int], None]
 Report = Callable[[Replayed, Path], object]
-_AddRow = Callable[[list[Any]], None]
+_AddRow = Callable[[list[Any]], object]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
@@ -117,7 +117,9 @@ def replay(
             bag = _NewBag(folder / BAG, reader, session.copied)
             with table(folder / ESTIMATES, columns()) as add_row, bag:
                 session.run(add_row, bag, stop, progress)
-            write_rows(folder / MEASUREMENTS, list(result.segments.table()))
+            measured = result.segments.table()
+            if measured:
+                write_rows(folder / MEASUREMENTS, measured)
             session.write_map(folder / FILES["cost_map"])
             report(result, folder / FILES["report"])
             write_summary(folder, result.to_dict())
@@ -152,7 +154,7 @@ class _Session:
         if self._has_clock:
             handlers[_CLOCK] = [self._on_clock]
         unusable = self._open(handlers, present)
-        inputs = inputs_of(spec, self._feed.topics, reader.topics, description, unusable)
+        inputs = inputs_of(spec, self._feed, reader, unusable)
         check_enough(self._onboard, inputs, reader)
         described = (spec.in_bag(description), DESCRIPTION_TYPE)
         used = {*handlers, _CLOCK, described} & present

@@ -59,13 +59,13 @@ def files_in(folder: Path) -> dict[str, str]:
     return {what: name for what, name in FILES.items() if (folder / name).exists()}
 
 
-def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Return what a replay into that folder said of itself; None where there is none."""
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return what a replay into that folder said of itself; empty where there is none."""
     try:
         content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return None
-    return content if isinstance(content, dict) else None
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def write_summary(folder: Path, content: dict[str, Any]) -> None:
@@ -76,13 +76,13 @@ def write_summary(folder: Path, content: dict[str, Any]) -> None:
 def is_done(spec: ReplaySpec) -> bool:
     """Whether the folder holds all that came of the same replay."""
     summary = read_summary(spec.folder)
-    if summary is None or summary.get("state") not in ("complete", "ended_early"):
+    if summary.get("state") not in ("complete", "ended_early"):
         return False
     try:
-        same = summary.get("fingerprint") == spec.fingerprint()
+        same = summary["fingerprint"] == spec.fingerprint()
     except OSError:
         return False
-    return same and all((spec.folder / name).exists() for name in summary.get("files", {}).values())
+    return same and all((spec.folder / name).exists() for name in summary["files"].values())
 
 
 @contextmanager
@@ -145,26 +145,24 @@ def begin(spec: ReplaySpec) -> bool:
     """
     folder, before = spec.folder, read_summary(spec.folder)
     names = (*FILES.values(), _UNFINISHED, SUMMARY)
+    there = [name for name in names if (folder / name).exists()]
+    if there and not before:
+        raise ReplayError(
+            f"folder {folder} has {there[0]}, which no replay has made: give another folder, or"
+            " remove it"
+        )
+    # What a replay that was killed had not put in its place yet.
+    drafts = [path for name in names for path in folder.glob(f".{name}[.-]*") if before]
     try:
-        if before is None:
-            for name in names:
-                if (folder / name).exists():
-                    raise ReplayError(
-                        f"folder {folder} has {name}, which no replay has made: give another"
-                        " folder, or remove it"
-                    )
-        else:
-            # What a replay that was killed had not put in its place yet.
-            drafts = (path for name in names for path in folder.glob(f".{name}[.-]*"))
-            for path in (*(folder / name for name in names), *drafts):
-                if path.is_dir():
-                    shutil.rmtree(path, ignore_errors=True)
-                else:
-                    path.unlink(missing_ok=True)
-        write_summary(folder, {"schema": 1, "state": "running", "bag": str(spec.bag)})
+        for path in (*(folder / name for name in there), *drafts):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
     except OSError as error:
         raise _unusable(folder, error) from error
-    return before is not None and before.get("state") == "running"
+    write_summary(folder, {"schema": SCHEMA, "state": "running", "bag": str(spec.bag)})
+    return before.get("state") == "running"
 
 
 # --- What happened

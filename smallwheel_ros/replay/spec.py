@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from smallwheel_ros.bags import BagReader, BagTopic, Key
+from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.bags.storage import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.files import write_bytes
@@ -19,7 +19,7 @@ from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.init import from_bag
 from smallwheel_ros.init.from_bag import JOINTS, joint_names, rover_of_bag
 from smallwheel_ros.init.rover import InitError, best_match, only_or_best_match
-from smallwheel_ros.onboard.feed import Topic
+from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import (
     NODE_NAME,
@@ -271,32 +271,31 @@ class Input:
 
 
 def inputs_of(
-    spec: ReplaySpec,
-    topics: Sequence[Topic],
-    there: Sequence[BagTopic],
-    description_topic: str,
-    unusable: Mapping[Key, str],
+    spec: ReplaySpec, feed: Feed, reader: BagReader, unusable: Mapping[Key, str]
 ) -> tuple[Input, ...]:
     """Say by which topic each stream of the estimate comes, and why not where it does not.
 
-    topics: the node's. there: the bag's. description_topic: of the robot description, which is no stream,
-    but may be remapped too. unusable: topics and types of which the bag's definition cannot be used, and why.
+    unusable: topics and types of which the bag's definition cannot be used, and why.
 
     Raises
     ------
     ReplayError
         If a remap names no input of the node.
     """
-    known = {_resolved(name) for name in (*(t.name for t in topics), description_topic) if name}
+    # The robot description is no stream, but may be remapped too.
+    names = [*(topic.name for topic in feed.topics), feed.settings.robot_description_topic]
+    known = {_resolved(name) for name in names if name}
     for name in spec.remaps:
         if name not in known:
             raise ReplayError(
                 f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
             )
     inputs = []
-    for topic in topics:
+    for topic in feed.topics:
         name = spec.in_bag(topic.name)
-        types = [found.type for found in there if found.name == name and found.message_count]
+        types = [
+            found.type for found in reader.topics if found.name == name and found.message_count
+        ]
         lacking = unusable.get((name, topic.type), "")
         if not types:
             lacking = "not in the bag"
