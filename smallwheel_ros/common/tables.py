@@ -62,7 +62,7 @@ def each(value: Any, single: Callable[[Any], Any]) -> Any:
         return {str(key): each(item, single) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [each(item, single) for item in value]
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "tolist"):  # an array, a column of a table, a number of numpy
         return each(value.tolist(), single)
     return single(value)
 
@@ -73,7 +73,6 @@ def plain(value: Any) -> Any:
 
 
 def _single(value: Any) -> Any:
-    value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
