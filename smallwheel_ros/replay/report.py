@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.costmap.cost_map import CostRules
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.onboard.result import Status
-from smallwheel_ros.replay.result import FILES, Event, Replayed
+from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.page import Page
 
@@ -187,7 +187,7 @@ def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
     if not courses:
         return []
-    data = _drive_data(courses, result.summary.events, result.settings.cost.rules)
+    data = _drive_data(courses, summary["events"], result.settings.cost.rules)
     choice = "" if data["way"] is None else _MAP
     thinned = f" One estimate in {every} is shown." if every > 1 else ""
     inside = (
@@ -343,14 +343,14 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     return {wheel: pd.concat(parts) for wheel, parts in found.items()}
 
 
-def _drive_data(courses: _Courses, events: Sequence[Event], rules: CostRules) -> dict[str, Any]:
+def _drive_data(courses: _Courses, events: list[Any], rules: CostRules) -> dict[str, Any]:
     """Everything that the page draws of a drive; a number that is not known is a gap."""
     rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
     return {
         "wheels": [_wheel_data(name, course, rules) for name, course in courses.items()],
         "way": _way(rows, rules),
         "soil": _soil_data(rows),
-        "events": [event._asdict() for event in events],
+        "events": events,
     }
 
 

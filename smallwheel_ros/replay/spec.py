@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -151,6 +152,15 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 # --- Parameters
 
 
+@contextmanager
+def using(folder: Path) -> Iterator[None]:
+    """Raise ReplayError, which names the folder, where the system does not let us use it."""
+    try:
+        yield
+    except OSError as error:
+        raise ReplayError(f"folder {folder} cannot be used: {reason(error)}") from error
+
+
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     """The replay with what its bag tells as the parameter file, which is put into its folder.
 
@@ -167,10 +177,8 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     path, text = like.folder / _CONFIG, rover.parameter_file()
     if path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
         raise InitError(f"{path} is not what the bag tells: give it with --config, or remove it")
-    try:
+    with using(like.folder):
         like.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InitError(f"folder {like.folder} cannot be used: {error.strerror or error}") from None
     write_bytes(path, text.encode())
     remaps = read_remaps(f"{a}:={b}" for a, b in rover.remaps.items())
     said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
