@@ -82,25 +82,12 @@ def run_demo(
 ) -> DemoResult:
     """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
 
-    Parameters
-    ----------
-    folder
-        For everything that is made; files of an earlier run are replaced.
-    seed, distance
-        Of the drive; m before the slope that ends it.
-    rate
-        Times as fast as real time, at most: the player waits for the node.
-    say
-        Gets a line at the beginning of each step.
+    folder: for everything that is made; files of an earlier run are replaced. distance: m before the
+    slope that ends the drive. rate: times as fast as real time, at most. say: gets a line at the
+    beginning of each step.
 
-    Raises
-    ------
-    NodeProcessError
-        If there is no ROS.
-    DriveThroughError
-        If the node dies or does not answer.
-    DemoError
-        If the folder cannot be used.
+    Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer,
+    DemoError if the folder cannot be used.
     """
     start = time.monotonic()
     check_ros()
@@ -173,27 +160,10 @@ def recorded(
 ) -> Recording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
-    Parameters
-    ----------
-    parameters
-        The node's parameter files; later ones win.
-    folder
-        For the node's log.
-    rate
-        Times as fast as recorded, at most.
-    overrides
-        Further parameters.
-    seconds, by_sinkage
-        As in `drive_through`.
-    log
-        Name of the node's log in the folder.
+    parameters: the node's parameter files; later ones win. folder, log: for the node's log, and its
+    name. overrides: further parameters. rate, seconds, by_sinkage: as in `drive_through`.
 
-    Raises
-    ------
-    NodeProcessError
-        If there is no ROS.
-    DriveThroughError
-        If the node dies or does not answer.
+    Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer.
     """
     check_ros()
     from smallwheel_ros.ros.play import drive_through  # needs ROS

@@ -40,12 +40,7 @@ _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
 def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], path: Path) -> None:
     """Write a PNG of a drive of four wheels that was played into the node.
 
-    Parameters
-    ----------
-    truth
-        Answer of the simulated drive.
-    warned
-        Times (s) at which the node warned of something.
+    truth: answer of the simulated drive. warned: times (s) at which the node warned of something.
     """
     wheels = sorted(truth["wheels"])
     figure = new_figure(13.0, 16.0)

@@ -287,21 +287,11 @@ def replay_all(
 ) -> Generator[Outcome, None, None]:
     """Replay bag by bag; outcomes as they come.
 
-    With one job that is done in this process, and ends after a bag that somebody interrupted. A process
-    that dies costs only its own bag. KeyboardInterrupt ends all of them: what they had finished stays.
-
-    Parameters
-    ----------
-    jobs
-        Processes at a time.
-    scheduler
-        Address of a Dask cluster, which gets one bag a task. The workers need this package, and the bags,
-        the parameter file and the output folder under the same paths as here.
-
-    Raises
-    ------
-    ReplayError
-        If dask.distributed is not installed, or nobody answers at the address.
+    jobs: processes at a time. With one job that is done in this process, and ends after a bag that
+    somebody interrupted. A process that dies costs only its own bag. KeyboardInterrupt ends all of them:
+    what they had finished stays. scheduler: address of a Dask cluster, which gets one bag a task. The
+    workers need this package, and the bags, the parameter file and the output folder under the same
+    paths as here; ReplayError if dask.distributed is not installed, or nobody answers there.
     """
     if scheduler is None and jobs == 1:
         for spec in specs:
@@ -415,12 +405,7 @@ def _merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
 
     Estimates get a column `bag`; runs and soils of the measurements begin with the bag's name,
     since no two drives share them. Of the measurements' columns those stay that all bags have: not
-    every drive tells the pass number.
-
-    Raises
-    ------
-    ReplayError, OutputError
-        If a table cannot be written.
+    every drive tells the pass number. Raises ReplayError, OutputError if a table cannot be written.
     """
     measured: list[dict[str, str]] = []
     with table(folder / ESTIMATES, {"bag": "string", **columns()}) as add:
@@ -450,12 +435,8 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
 def _merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Lay the cost maps of all bags into one, the newest on top; return the files' names.
 
-    Where any of them has 100 it stays: a robot was stuck there.
-
-    Raises
-    ------
-    ReplayError, CostMapError, OutputError
-        If there is no map, if they are not in one frame, or if one cannot be read or written.
+    Where any of them has 100 it stays: a robot was stuck there. Raises ReplayError, CostMapError,
+    OutputError if there is no map, if they are not in one frame, or if one cannot be read or written.
     """
     found: dict[str, Grid] = {}  # by the bag's path, the newest last
     for outcome in sorted(outcomes, key=lambda one: float((one.summary or {})["start"])):
@@ -482,17 +463,13 @@ def _many_text(outcomes: Sequence[Outcome]) -> str:
     rows = []
     for outcome in outcomes:
         state = outcome.state.replace("_", " ") + (" (before)" if outcome.done_before else "")
-        found, summary = ["-"] * 4, outcome.summary
+        row, summary = [outcome.name, state, "-", "-", "-", "-"], outcome.summary
         if summary is not None:
             soil = summary["soil"]
-            pressure = soil["reference_pressure"]
-            found = [
-                f"{summary['travel']:.1f}",
-                str(summary["estimates"]),
-                str(soil["changes"]),
-                f"{pressure['value'] / 1e3:.3g} +- {pressure['std'] / 1e3:.2g}",
-            ]
-        rows.append([outcome.name, state, *found])
+            pressure, deviation = (soil["reference_pressure"][n] / 1e3 for n in ("value", "std"))
+            row[2:4] = [f"{summary['travel']:.1f}", str(summary["estimates"])]
+            row[4:] = [str(soil["changes"]), f"{pressure:.3g} +- {deviation:.2g}"]
+        rows.append(row)
     header = ["bag", "", "way [m]", "estimates", "soil changes", "reference pressure [kPa]"]
     lines = [text_table(header, rows)]
     lines += [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]

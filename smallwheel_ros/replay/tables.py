@@ -66,19 +66,9 @@ def table(stem: Path, columns: Mapping[str, str]) -> Iterator[Callable[[Iterable
     """Write NAME.csv and, where pyarrow is installed, NAME.parquet, by a function that takes a row.
 
     While the `with` block lasts, the first is called NAME.csv.part. What is in it is whole rows,
-    readable at any time, whatever becomes of the program.
-
-    Parameters
-    ----------
-    stem
-        Path without suffix; files that are there are replaced.
-    columns
-        Names, and types (Arrow's), in the order of a row's cells, of which None is a blank one.
-
-    Raises
-    ------
-    ReplayError
-        If a file cannot be written.
+    readable at any time, whatever becomes of the program. stem: path without suffix; files that are
+    there are replaced. columns: names, and types (Arrow's), in the order of a row's cells, of which None
+    is a blank one. Raises ReplayError if a file cannot be written.
     """
     whole, parquet, part = (Path(f"{stem}{suffix}") for suffix in (".csv", ".parquet", ".csv.part"))
     try:

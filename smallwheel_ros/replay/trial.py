@@ -33,8 +33,7 @@ from smallwheel_ros.onboard.streams import nanoseconds
 
 Array = NDArray[np.float64]
 
-_COLUMNS = 7
-_MOST_COLUMNS = 8  # later logs of that rig end with one more
+_COLUMNS = (7, 8)  # later logs of that rig end with one more
 _Z, _UNIX_TIME = 4, 6
 _LOAD = "geometry_msgs/msg/WrenchStamped"
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -49,9 +48,8 @@ class TrialError(SmallwheelError):
 class TrialSettings:
     """How the recordings of a trial belong together: the options of `smallwheel convert-trial`.
 
-    The wheel's topics are `/<wheel>/load` and `/<wheel>/sinkage`. From start to end, s after the bag's
-    first message, is what is converted: the unloading must not be in it. A sinkage_std of 0 leaves it
-    to the node's parameter noise.sinkage.
+    The wheel's topics are `/<wheel>/load` and `/<wheel>/sinkage`. From start to end is what is converted:
+    the unloading must not be in it. A sinkage_std of 0 leaves it to the node's parameter noise.sinkage.
     """
 
     wheel: Annotated[str, Option("Name of the wheel.")] = "wheel"
@@ -93,14 +91,9 @@ def read_trial(
 ) -> Trial:
     """Read what was recorded of a trial.
 
-    Load is minus the force's z component less the mean of the zero bag, sinkage is minus Z.
-
-    Raises
-    ------
-    BagError
-        If a bag cannot be read.
-    TrialError
-        If there is no force in a bag, the log is not such a table, or nothing is in the window.
+    Load is minus the force's z component less the mean of the zero bag, sinkage is minus Z. Raises
+    BagError if a bag cannot be read, TrialError if there is no force in one, the log is not such a table,
+    or nothing is in the window.
     """
     begin, time, force = _forces(Path(bag))
     _, _, unloaded = _forces(Path(zero_bag))
@@ -110,35 +103,29 @@ def read_trial(
     load, sinkage = zero - force, -1e-3 * z
     # Far from the trial the load is held: nothing is converted there.
     sinkage = sinkage - settings.compliance * np.interp(log_time, time, load)
-    first = begin + nanoseconds(settings.start)
-    last = begin + nanoseconds(settings.end) if np.isfinite(settings.end) else 2**62
-    loads, sinkages = (t[(t >= first) & (t <= last)] for t in (time, log_time))
-    if not (loads.size and sinkages.size):
+    felt, seen = (
+        (since >= settings.start) & (since <= settings.end)
+        for since in ((time - begin) / SECOND, (log_time - begin) / SECOND)
+    )
+    if not (felt.any() and seen.any()):
         raise TrialError(
-            f"bag {bag} has {loads.size} forces and log {log} has {sinkages.size} lines in the"
+            f"bag {bag} has {felt.sum()} forces and log {log} has {seen.sum()} lines in the"
             f" window from {settings.start:g} to {settings.end:g} s after the bag's beginning: the"
             f" log begins {(log_time[0] - begin) / SECOND:.3f} s after it with"
             f" {settings.log_behind:g} s for its clock's lag"
         )
-    load, sinkage = load[np.isin(time, loads)], sinkage[np.isin(log_time, sinkages)]
-    return Trial(loads, load, sinkages, sinkage, zero)
+    return Trial(time[felt], load[felt], log_time[seen], sinkage[seen], zero)
 
 
 def write_trial(trial: Trial, path: Path | str, settings: TrialSettings) -> int:
-    """Write a trial as a rosbag2 bag; return the number of messages.
+    """Write a trial as a rosbag2 bag; return the number of messages. Raises BagError.
 
     Sinkages below zero are left out: the wheel is in the air.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be written.
     """
-    messages = sorted(_messages(trial, settings), key=itemgetter(0))
     with BagWriter(path) as writer:
-        for time, topic, kind, message in messages:
+        for time, topic, kind, message in sorted(_messages(trial, settings), key=itemgetter(0)):
             writer.write(topic, kind, time, message)
-    return len(messages)
+    return writer.message_count
 
 
 def _forces(path: Path) -> tuple[int, NDArray[np.int64], Array]:
@@ -157,9 +144,7 @@ def _forces(path: Path) -> tuple[int, NDArray[np.int64], Array]:
     if not np.all(np.isfinite(forces)):
         bad = int(np.flatnonzero(~np.isfinite(forces))[0])
         raise TrialError(f"bag {path}: force {bad + 1} of {len(forces)} is {forces[bad]} N")
-    # A stamp that comes twice would be refused by the node.
-    time, kept = np.unique(np.array(times, dtype=np.int64), return_index=True)
-    return begin, time, np.array(forces)[kept]
+    return begin, *_once(times, forces)
 
 
 def _wrench(message: Any) -> Any | None:
@@ -184,21 +169,25 @@ def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
             values = [float(text) for text in line.split(",")]
         except ValueError:
             raise TrialError(f"log {path}, line {number}: not numbers: {line[:60]!r}") from None
-        enough = _COLUMNS <= len(values) <= _MOST_COLUMNS
-        if not enough or not np.all(np.isfinite(values)):
+        if len(values) not in _COLUMNS or not np.all(np.isfinite(values)):
             raise TrialError(
-                f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS} finite"
+                f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS[0]} finite"
                 " numbers (X, Vx, rim speed, slip angle, Z, controller clock, unix time)"
             )
         times.append(round(values[_UNIX_TIME] * SECOND))
         z.append(values[_Z])
     if not times:
         raise TrialError(f"log {path} has no lines")
-    time, kept = np.unique(np.array(times, dtype=np.int64), return_index=True)
-    return time, np.array(z)[kept]
+    return _once(times, z)
 
 
-def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Any]]:
+def _once(times: list[int], values: list[float]) -> tuple[NDArray[np.int64], Array]:
+    """By time, the first of each: the node would refuse a stamp that comes twice."""
+    time, first = np.unique(np.array(times, dtype=np.int64), return_index=True)
+    return time, np.array(values)[first]
+
+
+def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Message]]:
     wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
     for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
         wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
@@ -235,10 +224,9 @@ def convert_trial(
     check_targets([json_file], [bag, zero, log])
     settings = TrialSettings(**given)
     trial = read_trial(bag, zero, log, settings)
-    count = write_trial(trial, output, settings)
     content = {
         "bag": str(output),
-        "messages": count,
+        "messages": write_trial(trial, output, settings),
         "loads": len(trial.load),
         "sinkages": len(trial.sinkage),
         "largest_load": float(trial.load.max()),
