@@ -30,26 +30,15 @@ def demo(output: Path, seed: int, distance: float, rate: float, json_file: str |
     played into the node mobility_estimator, which runs in a process of its own and sees only what
     sensors measure; the beginning of it once more, into a node that is given load and slip only.
     """
-    from smallwheel_ros.demo.demo import run_demo, summary
+    from smallwheel_ros.demo.demo import run_demo
 
     def say(line: str) -> None:
         click.echo(line, err=True)
 
-    result = run_demo(output, seed=seed, distance=distance, rate=rate, say=say)
-    found = result.full.recording
-    content = {
-        "picture": str(result.pictures[0]),
-        "pictures": [str(path) for path in result.pictures],
-        "mobility": str(result.tables[0]),
-        "soil": str(result.tables[1]),
-        "messages": found.published,
-        "estimates": len(result.full.mobility),
-        "unanswered": found.unanswered,
-        "seconds": round(result.seconds, 1),
-    }
-    tell(content, summary(result), json_file)
-    if found.unanswered > 0:
-        click.echo(f"{found.unanswered} sinkages got no answer from the node", err=True)
+    document, text = run_demo(output, seed=seed, distance=distance, rate=rate, say=say)
+    tell(document, text, json_file)
+    if document["unanswered"] > 0:
+        click.echo(f"{document['unanswered']} sinkages got no answer from the node", err=True)
         raise SystemExit(1)
 
 

@@ -13,7 +13,6 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -60,31 +59,14 @@ class Clip(NamedTuple):
     recording: Recording
 
 
-@dataclass(frozen=True)
-class DemoResult:
-    """What the demo made: files, and what is in them.
-
-    full: the drive with everything measured. bare: its beginning, with load and slip only. pictures: the
-    drive, the cost map, and what was known with and without sensors. tables: mobility and soil of the
-    drive, mobility of the bare one.
-    """
-
-    full: Clip
-    bare: Clip
-    answer: dict[str, Any]
-    pictures: list[Path]
-    tables: list[Path]
-    seconds: float
-
-
 def run_demo(
     folder: Path, *, seed: int, distance: float, rate: float, say: Callable[[str], None]
-) -> DemoResult:
+) -> tuple[dict[str, Any], str]:
     """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
 
     folder: for everything that is made; files of an earlier run are replaced. distance: m before the
     slope that ends the drive. rate: times as fast as real time, at most. say: gets a line at the
-    beginning of each step.
+    beginning of each step. Returns what was made as plain values, and what was found in words.
 
     Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer,
     DemoError if the folder cannot be used.
@@ -130,7 +112,21 @@ def run_demo(
         title = "What the soil costs, as the node tells it to a planner"
         draw_cost(full.recording.cost, pictures[1], way=way, title=title)
     draw_known({_WITH_ALL: full, _BARE: bare}, answer, pictures[2])
-    return DemoResult(full, bare, answer, pictures, tables, time.monotonic() - start)
+    seconds = time.monotonic() - start
+    document = {
+        "picture": str(pictures[0]),
+        "pictures": [str(path) for path in pictures],
+        "mobility": str(tables[0]),
+        "soil": str(tables[1]),
+        "messages": full.recording.published,
+        "estimates": len(full.mobility),
+        "unanswered": full.recording.unanswered,
+        "seconds": round(seconds, 1),
+    }
+    lines = [summary(full, bare, answer), f"took {seconds:.0f} s", ""]
+    lines += [f"picture  {path}" for path in pictures]
+    lines += [f"table    {path}" for path in tables]
+    return document, "\n".join(lines)
 
 
 def _prepare(folder: Path) -> None:
@@ -238,9 +234,8 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
 # --- In words: what the node found, against what was true
 
 
-def summary(result: DemoResult) -> str:
-    """Put the result into a few lines for people."""
-    full, bare, answer = result.full, result.bare, result.answer
+def summary(full: Clip, bare: Clip, answer: dict[str, Any]) -> str:
+    """What the node found in the whole drive, and in its beginning with load and slip only."""
     found = full.recording
     latencies = np.array(found.latencies) * 1e3
     lines = [
@@ -260,10 +255,6 @@ def summary(result: DemoResult) -> str:
         f"from a sinkage to its estimate: median {np.median(latencies):.0f} ms, while"
         " it waits for the other wheels' sinkages; 99 % within"
         f" {np.percentile(latencies, 99):.0f} ms",
-        f"took {result.seconds:.0f} s",
-        "",
-        *(f"picture  {path}" for path in result.pictures),
-        *(f"table    {path}" for path in result.tables),
     ]
     return "\n".join(lines)
 

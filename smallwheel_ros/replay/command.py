@@ -236,7 +236,7 @@ def _many(
                 said = outcome.error or outcome.state.replace("_", " ")
                 with tqdm.external_write_mode():
                     click.echo(f"{outcome.bag}: {said}", err=True)
-        outcomes = [found.get(spec.name) or _found_on_disk(spec) for spec in specs]
+        outcomes = [found.get(spec.name) or _outcome(spec) for spec in specs]
         done = [o for o in outcomes if o.state in ("complete", "ended_early")]
         files = _merge(folder, done) if done else {}
         if one_map and done:
@@ -309,9 +309,9 @@ def replay_all(
             except BrokenProcessPool:
                 lost.append(futures[future])
             except Exception as error:  # a worker of a cluster died, or has not this package
-                yield _failed(futures[future], f"{type(error).__name__}: {error}")
+                yield _outcome(futures[future], f"{type(error).__name__}: {error}")
     if lost and len(specs) == 1:
-        yield _failed(lost[0], "the process that replayed it died (killed, or out of memory)")
+        yield _outcome(lost[0], "the process that replayed it died (killed, or out of memory)")
         return
     for spec in lost:  # each alone, to see whose fault it was
         yield from replay_all([spec], report, jobs=jobs)
@@ -323,33 +323,23 @@ def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
         before = is_done(spec)
         if not before:
             replay_bag(spec, report=report)
-        return _as_told(spec, before)
+        return _outcome(spec, before=before)
     except SmallwheelError as error:
-        return _failed(spec, str(error))
+        return _outcome(spec, str(error))
     except Exception as error:  # one bag's trouble must not be that of the others
-        return _failed(spec, f"{type(error).__name__}: {error}")
+        return _outcome(spec, f"{type(error).__name__}: {error}")
 
 
-def _failed(spec: ReplaySpec, error: str) -> Outcome:
-    return Outcome(str(spec.bag), str(spec.folder), "failed", error)
-
-
-def _found_on_disk(spec: ReplaySpec) -> Outcome:
-    """What became of a bag whose process could not tell any more."""
-    state = read_summary(spec.folder).get("state")
+def _outcome(spec: ReplaySpec, error: str = "", before: bool = False) -> Outcome:
+    """What became of a bag, as its folder says; error: what went wrong instead."""
+    bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
+    state = found.get("state")
+    if error:
+        return Outcome(bag, folder, "failed", error)
     if state == "interrupted" or is_done(spec):
-        return _as_told(spec)
-    # A replay that was killed says that it is at work; any other is an earlier one.
-    state = "interrupted" if state == "running" else "not_begun"
-    return Outcome(str(spec.bag), str(spec.folder), state)
-
-
-def _as_told(spec: ReplaySpec, before: bool = False) -> Outcome:
-    """What the replay said of itself in its folder."""
-    found = read_summary(spec.folder)
-    return Outcome(
-        str(spec.bag), str(spec.folder), found["state"], found["ended"], before, summary=found
-    )
+        return Outcome(bag, folder, found["state"], found["ended"], before, found)
+    # A replay that was killed says that it is at work; what else is there is of an earlier one.
+    return Outcome(bag, folder, "interrupted" if state == "running" else "not_begun")
 
 
 @contextmanager

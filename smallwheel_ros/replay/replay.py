@@ -39,7 +39,6 @@ from smallwheel_ros.replay.result import (
     DriveSummary,
     Replayed,
     begin,
-    check_folder,
     claimed,
     write_summary,
 )
@@ -90,7 +89,6 @@ def replay(
     parameter file cannot be used; ReplayError if nothing can be estimated from the bag, a file cannot be
     written, or another replay is at work in the folder.
     """
-    check_folder(spec)
     stop, folder = Stop(), spec.folder
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():
         session = _Session(spec, reader)

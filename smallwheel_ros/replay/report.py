@@ -22,12 +22,9 @@ from smallwheel_ros.report.page import Page
 
 _Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
 
-_REASONS = {
+_REASONS = {  # those that are not words already
     "gate": "does not fit the soil (outlier gate)",
     "load_missing": "no usable load near it",
-    "load_not_positive": "load is not positive",
-    "not_finite": "not a finite number",
-    "not_plausible": "not a plausible number",
     "stamp_zero": "header stamp is zero",
     "stamp_in_future": "header stamp ahead of the clock",
     "stamp_too_old": "header stamp far behind the clock",
@@ -36,8 +33,6 @@ _REASONS = {
     "time_jump": "time went back: all began anew",
     "dropped_by_reset": "still waited when time went back",
     "undecodable": "cannot be deserialised",
-    "no_velocities": "no velocities in the message",
-    "no_efforts": "no efforts in the message",
     "out_of_range": "means a soil outside the model's range",
     "range_out_of_limits": "outside the range sensor's limits",
 }
@@ -62,21 +57,7 @@ _MOST_OF_ALL = 12_000  # of all wheels: what a page of two megabytes holds
 _GAP = 5.0  # times the usual step of time: a longer one is a gap
 _BLOCK = 100_000  # rows of a long drive that are in memory at a time
 
-_WITH_DEVIATION = (
-    "sinkage_predicted",
-    "drawbar_pull",
-    "mobility_margin",
-    "soil_k",
-    "soil_n",
-    "soil_m",
-    "soil_reference_pressure",
-)
 _MARGIN, _MARGIN_STD = "mobility_margin", "mobility_margin_standard_deviation"
-_NUMBERS = (
-    *("time", "x", "y", "travel", "load", "slip", "sinkage_measured"),
-    *_WITH_DEVIATION,
-    *(f"{name}_standard_deviation" for name in _WITH_DEVIATION),
-)
 _SOIL = (
     ("soil_reference_pressure", "reference pressure [kPa]", 1e-3, True),
     ("soil_k", "k [Pa/m^(n+m)]", 1.0, True),
@@ -205,17 +186,14 @@ def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
 
 
 def _match_rates(summary: dict[str, Any]) -> Table:
-    rows = [
-        [
-            name,
-            str(wheel["estimates"]),
-            _share(wheel["with_load"], wheel["estimates"]),
-            _share(wheel["with_slip"], wheel["estimates"]) if wheel["rolls"] else "-",
-            _share(wheel["used_for_soil"], wheel["estimates"]),
-            "-" if wheel["sinkage_rms"] is None else number(1e3 * wheel["sinkage_rms"]),
-        ]
-        for name, wheel in summary["wheels"].items()
-    ]
+    rows = []
+    for name, wheel in summary["wheels"].items():
+        count, rms = wheel["estimates"], wheel["sinkage_rms"]
+        load, slip, used = (
+            _share(wheel[part], count) for part in ("with_load", "with_slip", "used_for_soil")
+        )
+        off = "-" if rms is None else number(1e3 * rms)
+        rows.append([name, str(count), load, slip if wheel["rolls"] else "-", used, off])
     header = ["wheel", "estimates", "with a load", "with slip", "used for the soil",
               "measured - predicted [mm rms]"]  # fmt: skip
     caption = "How many measurements had what they need at their instant"
@@ -229,11 +207,10 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
     rows = []
     for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
         found = soil[name]
+        unit = "-" if found["unit"] == "1" else found["unit"]
         verdict = "yes" if found["determined"] else "no: essentially what was configured"
-        rows.append(
-            [name.replace("_", " "), number(found["value"], 4), number(found["std"], 2),
-             "-" if found["unit"] == "1" else found["unit"], verdict]
-        )  # fmt: skip
+        value, deviation = number(found["value"], 4), number(found["std"], 2)
+        rows.append([name.replace("_", " "), value, deviation, unit, verdict])
     header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
     caption = "Under the law p = k z^n D^m"
     blocks: list[Block] = [Table(header, rows, caption, numbers=(1, 2))]
@@ -248,11 +225,8 @@ def _events(summary: dict[str, Any]) -> list[Block]:
         place = "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
         rows.append([f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"]])
     if not rows:
-        return [
-            Text(
-                "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
-            )
-        ]
+        text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
+        return [Text(text)]
     header = ["time [s]", "way [m]", "place [m]", "what"]
     blocks: list[Block] = [Table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
@@ -267,17 +241,10 @@ def _not_used(summary: dict[str, Any]) -> list[Block]:
     received = {item["stream"]: item["messages"] for item in summary["inputs"]}
     rows = []
     for drop in summary["not_used"]:
-        first = drop["first_time"]
-        rows.append(
-            [
-                drop["topic"],
-                _REASONS.get(drop["reason"], drop["reason"].replace("_", " ")),
-                str(drop["count"]),
-                _share(drop["count"], received.get(drop["stream"], 0)),
-                "-" if first is None else f"{first:.1f}",
-                drop["example"],
-            ]
-        )
+        why = _REASONS.get(drop["reason"], drop["reason"].replace("_", " "))
+        share = _share(drop["count"], received.get(drop["stream"], 0))
+        first = "-" if drop["first_time"] is None else f"{drop['first_time']:.1f}"
+        rows.append([drop["topic"], why, str(drop["count"]), share, first, drop["example"]])
     if not rows:
         return [Text("Every message was used.")]
     header = ["topic", "why", "messages", "share", "first [s]", "the first one"]
@@ -331,10 +298,7 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     """
     found: dict[str, list[pd.DataFrame]] = {}
     seen: Counter[str] = Counter()
-    names = ["wheel", "status", *_NUMBERS]
-    for block in pd.read_csv(
-        table, usecols=names, dtype=dict.fromkeys(_NUMBERS, float), chunksize=_BLOCK
-    ):
+    for block in pd.read_csv(table, chunksize=_BLOCK):
         known = block["load"].notna() & block["sinkage_measured"].notna()
         block["used"] = known & (block["status"] != Status.REJECTED.name)
         for wheel, rows in block.groupby("wheel"):

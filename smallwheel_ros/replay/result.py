@@ -109,9 +109,13 @@ def claimed(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def check_folder(spec: ReplaySpec) -> None:
-    """Raise ReplayError if the folder is the bag, or the bag is what would be cleared."""
-    folder, bag = spec.folder, spec.bag.resolve()
+def begin(spec: ReplaySpec) -> bool:
+    """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
+
+    Returns whether the earlier one was killed in its midst. Raises ReplayError if the folder is the bag,
+    would lose the bag, holds something else under the names needed, or cannot be cleared.
+    """
+    folder, bag, before = spec.folder, spec.bag.resolve(), read_summary(spec.folder)
     if folder.resolve() == bag:
         raise ReplayError(f"folder {folder} is the bag itself: give another one with -o")
     if bag.is_relative_to((folder / BAG).resolve()):
@@ -119,15 +123,6 @@ def check_folder(spec: ReplaySpec) -> None:
             f"bag {spec.bag} is what an earlier replay has written into folder {folder}, which a"
             " new one clears: give another one with -o"
         )
-
-
-def begin(spec: ReplaySpec) -> bool:
-    """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
-
-    Returns whether the earlier one was killed in its midst. Raises ReplayError if the folder holds
-    something else under the names needed, or cannot be cleared.
-    """
-    folder, before = spec.folder, read_summary(spec.folder)
     names = (*FILES.values(), _UNFINISHED, SUMMARY)
     there = [folder / name for name in names if (folder / name).exists()]
     if there and not before:
