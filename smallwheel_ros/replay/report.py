@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.page import Page
-
-_Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
 
 _REASONS = {  # those that are not words already
     "gate": "does not fit the soil (outlier gate)",
@@ -164,11 +162,19 @@ def _times(count: int) -> str:
 
 def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
-    every = _stride([wheel["estimates"] for wheel in summary["wheels"].values()])
+    counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
+    every = max(1, math.ceil(max(counts) / min(_MOST_POINTS, _MOST_OF_ALL // len(counts))))
     courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
     if not courses:
         return []
-    data = _drive_data(courses, summary["events"], result.settings.cost.rules)
+    rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
+    rules = result.settings.cost.rules
+    data = {
+        "wheels": [_wheel_data(name, course, rules) for name, course in courses.items()],
+        "way": _way(rows, rules),
+        "soil": _soil_data(rows),
+        "events": summary["events"],
+    }
     choice = "" if data["way"] is None else _MAP
     thinned = f" One estimate in {every} is shown." if every > 1 else ""
     inside = (
@@ -282,17 +288,11 @@ def _caveats(summary: dict[str, Any]) -> Block:
     return Text(items=lines)
 
 
-# --- The drive as the data that the page draws
-
-
-def _stride(estimates: Sequence[int]) -> int:
-    """Every how many-th estimate is shown. estimates: how many there are of each wheel."""
-    most = min(_MOST_POINTS, _MOST_OF_ALL // len(estimates))
-    return max(1, math.ceil(max(estimates) / most))
+# --- The drive as the data that the page draws; a number that is not known is a gap
 
 
 def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
-    """Return every so many-th row of each wheel of a table of estimates (CSV).
+    """Return every so many-th row of each wheel of a table of estimates (CSV), by wheel.
 
     With a column `used`: whether the measured sinkage was used for the soil.
     """
@@ -305,17 +305,6 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
             found.setdefault(str(wheel), []).append(rows.iloc[-seen[str(wheel)] % every :: every])
             seen[str(wheel)] += len(rows)
     return {wheel: pd.concat(parts) for wheel, parts in found.items()}
-
-
-def _drive_data(courses: _Courses, events: list[Any], rules: CostRules) -> dict[str, Any]:
-    """Everything that the page draws of a drive; a number that is not known is a gap."""
-    rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
-    return {
-        "wheels": [_wheel_data(name, course, rules) for name, course in courses.items()],
-        "way": _way(rows, rules),
-        "soil": _soil_data(rows),
-        "events": events,
-    }
 
 
 def _wheel_data(name: str, course: pd.DataFrame, rules: CostRules) -> dict[str, Any]:

@@ -23,12 +23,12 @@ from smallwheel_ros.common.tables import plain
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result as Estimated
-from smallwheel_ros.onboard.result import Status
+from smallwheel_ros.onboard.result import Status, soil_fields
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.statements import Statement, alarms, statements
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec, using
-from smallwheel_ros.replay.tables import SteadySegments
+from smallwheel_ros.replay.tables import SteadySegments, deviations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +49,8 @@ _UNFINISHED = f"{ESTIMATES}.csv.part"
 _MOST_EVENTS = 200
 _LOOK = 1.0  # s: as often as the node says it
 _PAUSE = 5.0  # s: what is not said for so long begins anew
+_UNITS = {"k": "Pa/m^(n+m)", "n": "1", "m": "1"}
+_UNITS |= {"effective_modulus": "Pa/m^n", "reference_pressure": "Pa"}
 _Say = Callable[[Onboard, Iterable[Estimated]], Iterable[Statement]]
 
 
@@ -80,10 +82,10 @@ def is_done(spec: ReplaySpec) -> bool:
     if summary.get("state") not in ("complete", "ended_early"):
         return False
     try:
-        same = summary["fingerprint"] == spec.fingerprint()
+        same = summary.get("fingerprint") == spec.fingerprint()
     except OSError:
         return False
-    return same and all((spec.folder / name).exists() for name in summary["files"].values())
+    return same and all((spec.folder / name).exists() for name in summary.get("files", {}).values())
 
 
 @contextmanager
@@ -343,6 +345,12 @@ class Replayed(Result):
         """As replay.json has it: SI units, times in s since the bag's beginning."""
         summary, received = self.summary, self.onboard.received
         rolling = {w.name for w in self.settings.onboard.wheels if w.contact == ROLLING}
+        topics = {item.stream: item.topic for item in self.inputs}
+        not_used: list[dict[str, Any]] = []
+        for (stream, why), count in sorted(self.onboard.counts.items()):
+            drop = {"topic": topics.get(stream, stream), "stream": stream, "reason": why}
+            text, time = summary.examples.get((stream, why), ("", None))
+            not_used.append({**drop, "count": count, "first_time": time, "example": text})
         content = {
             "schema": SCHEMA,
             "state": self.state,
@@ -377,9 +385,7 @@ class Replayed(Result):
                 for item in self.inputs
             ],
             "missing": [str(item) for item in self.inputs if item.lacking],
-            "not_used": [
-                self._not_used(*key, count) for key, count in sorted(self.onboard.counts.items())
-            ],
+            "not_used": not_used,
             "measurements": {
                 "rows": len(self.segments),
                 "stretches_not_steady": self.segments.unsteady,
@@ -394,21 +400,17 @@ class Replayed(Result):
         return dict(plain(content))
 
     def _soil(self) -> dict[str, Any]:
-        soil = self.onboard.soil
-        alarm = soil.missing_effect
-        k_std, n_std, m_std = soil.covariance.diagonal() ** 0.5
-        values = {
-            "k": (soil.k, k_std, "Pa/m^(n+m)"),
-            "n": (soil.n, n_std, "1"),
-            "m": (soil.m, m_std, "1"),
-            "effective_modulus": (*soil.effective_modulus(), "Pa/m^n"),
-            "reference_pressure": (soil.reference_pressure, soil.reference_pressure_std, "Pa"),
-        }
-        known = soil.identifiable._asdict()
+        soil, alarm = self.onboard.soil, self.onboard.soil.missing_effect
+        told = soil_fields(soil, rejected=0) | deviations(soil)
         return {
             **{
-                name: {"value": value, "std": std, "unit": unit, "determined": known[name]}
-                for name, (value, std, unit) in values.items()
+                name: {
+                    "value": told[name],
+                    "std": told[f"{name}_standard_deviation"],
+                    "unit": unit,
+                    "determined": told[f"{name}_identifiable"],
+                }
+                for name, unit in _UNITS.items()
             },
             "reference_sinkage": soil.reference_sinkage,
             "reference_diameter": soil.reference_diameter,
@@ -421,16 +423,4 @@ class Replayed(Result):
                 "follows": alarm.follows,
                 "text": alarm.message,
             },
-        }
-
-    def _not_used(self, stream: str, reason: str, count: int) -> dict[str, Any]:
-        """Say how many messages of an input could not be used for one reason, and the first one."""
-        text, time = self.summary.examples.get((stream, reason), ("", None))
-        return {
-            "topic": next((item.topic for item in self.inputs if item.stream == stream), stream),
-            "stream": stream,
-            "reason": reason,
-            "count": count,
-            "first_time": time,
-            "example": text,
         }

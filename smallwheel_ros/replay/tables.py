@@ -30,6 +30,7 @@ from smallwheel_ros.bags import Message, header
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.tables import plain
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.result import VALID, Result, mobility_fields, soil_fields
 from smallwheel_ros.physics.conditions import PRESSED
@@ -50,6 +51,7 @@ _FIRST = {
     "status": "string",
     "status_text": "string",
 }
+_DEVIATIONS = tuple(f"{name}_standard_deviation" for name in "knm")
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
@@ -117,8 +119,14 @@ def columns() -> dict[str, str]:
         for name, kind in plain_fields(message).items():
             if name not in VALID:
                 found.setdefault(f"{prefix}{name}", _ARROW.get(kind, "int64"))
-    deviations = {f"soil_{name}_standard_deviation": "float64" for name in "knm"}
-    return {**found, **deviations, "soil_changes": "int64"}
+    found |= {f"soil_{name}": "float64" for name in _DEVIATIONS}
+    return {**found, "soil_changes": "int64"}
+
+
+def deviations(soil: SoilEstimate) -> dict[str, float]:
+    """Return the standard deviations of k, n and m, which the message has as a covariance."""
+    spread = np.sqrt(np.maximum(soil.covariance.diagonal(), 0.0)).tolist()
+    return dict(zip(_DEVIATIONS, spread, strict=True))
 
 
 class Estimate:
@@ -137,12 +145,11 @@ class Estimate:
         self._soil_cells: dict[str, str]
         if before is not None and before._state == self._state:
             self._soil, self._soil_cells = before._soil, before._soil_cells
-        else:
-            self._soil = soil_fields(soil, result.rejected)
-            cells = {f"soil_{name}": value for name, value in self._soil.items()}
-            for name, variance in zip("knm", soil.covariance.diagonal().tolist(), strict=True):
-                cells[f"soil_{name}_standard_deviation"] = max(variance, 0.0) ** 0.5
-            self._soil_cells = {name: str(cells[name]) for name in cells.keys() & columns().keys()}
+            return
+        self._soil = soil_fields(soil, result.rejected)
+        cells = self._soil | deviations(soil)
+        del cells["covariance"]
+        self._soil_cells = {f"soil_{name}": str(cell) for name, cell in cells.items()}
 
     def row(self, start: int) -> list[Any]:
         """Return the cells in the order of `columns`, None for a blank one.
@@ -217,7 +224,7 @@ class SteadySegments:
         self._wheels, self._pulls = tuple(wheels), pulls
         self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
-        self._open: dict[int, tuple[_Key, list[_Row]]] = {}  # stretches that still go on, by wheel
+        self._open: dict[_Key, list[_Row]] = {}  # stretches that still go on, one of each wheel
         self._rows: dict[_Key, _Row] = {}
         self._soil = 1
         self._changing = False
@@ -236,30 +243,23 @@ class SteadySegments:
         if changing:
             self.at_changes += 1
             return
-        order = self._order[reading.wheel.name]
-        pressed = reading.wheel.contact == PRESSED
-        load, sinkage, slip, speed = reading.load, reading.sinkage, reading.slip, reading.speed
-        still = not pressed and (slip is None or speed is None)
-        if load is None or sinkage is None or still:
+        order, pressed = self._order[reading.wheel.name], reading.wheel.contact == PRESSED
+        load, sinkage, slip, pull = (
+            quantity or _UNKNOWN
+            for quantity in (reading.load, reading.sinkage, reading.slip, reading.drawbar_pull)
+        )
+        speed = math.nan if reading.speed is None else abs(reading.speed)
+        passes = math.nan if reading.pass_number is None else float(reading.pass_number)
+        needed = (load.value, sinkage.value, *(() if pressed else (slip.value, speed)))
+        if any(map(math.isnan, needed)):
             self.unusable += 1
             return
         key = _Key(self._soil, int(way / (_DEPTH if pressed else self._turn)), order)
-        if order not in self._open or self._open[order][0] != key:
-            self._close(order)
-            self._open[order] = (key, [])
-        pull = reading.drawbar_pull or _UNKNOWN
-        self._open[order][1].append(
-            _Row(
-                load.value,
-                sinkage.value,
-                pull.value,
-                math.nan if slip is None else slip.value,
-                math.nan if speed is None else abs(speed),
-                sinkage.standard_deviation,
-                pull.standard_deviation,
-                math.nan if reading.pass_number is None else float(reading.pass_number),
-            )
-        )
+        if key not in self._open:
+            self._close([old for old in self._open if old.wheel == order])
+        row = _Row(load.value, sinkage.value, pull.value, slip.value, speed,
+                   sinkage.standard_deviation, pull.standard_deviation, passes)  # fmt: skip
+        self._open.setdefault(key, []).append(row)
 
     def _next_soil(self) -> None:
         """Begin another soil; the stretches where it was not yet noticed belong to neither."""
@@ -271,21 +271,18 @@ class SteadySegments:
         self._open.clear()
         self._soil += 1
 
-    def _close(self, order: int) -> None:
-        """End the stretch of a wheel, if one goes on."""
-        key, readings = self._open.pop(order, (None, []))
-        if key is None:
-            return
-        row = _median(readings, self._wheels[order])
-        if row is None:
-            self.unsteady += 1
-        else:
-            self._rows[key] = row
+    def _close(self, keys: Sequence[_Key]) -> None:
+        """End these stretches."""
+        for key in keys:
+            row = _median(self._open.pop(key), self._wheels[key.wheel])
+            if row is None:
+                self.unsteady += 1
+            else:
+                self._rows[key] = row
 
     def finish(self) -> None:
         """Close the last stretches: nothing more will come."""
-        for order in list(self._open):
-            self._close(order)
+        self._close(list(self._open))
 
     def __len__(self) -> int:
         return len(self._rows)

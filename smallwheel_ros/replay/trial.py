@@ -13,7 +13,6 @@ as that of the rig of Carnegie Mellon University (github.com/robomechanics/3d-te
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -122,10 +121,20 @@ def write_trial(trial: Trial, path: Path | str, settings: TrialSettings) -> int:
 
     Sinkages below zero are left out: the wheel is in the air.
     """
+    wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
+    messages = []
+    for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
+        wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
+        messages.append((time, "load", _LOAD, Message(header=header(time, wheel), wrench=wrench)))
+    variance = settings.sinkage_std**2
+    for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
+        if sinkage >= 0:
+            message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
+            messages.append((time, "sinkage", _SINKAGE, message))
     with BagWriter(path) as writer:
-        for time, topic, kind, message in sorted(_messages(trial, settings), key=itemgetter(0)):
-            writer.write(topic, kind, time, message)
-    return writer.message_count
+        for time, what, kind, message in sorted(messages, key=itemgetter(0)):
+            writer.write(f"/{wheel}/{what}", kind, time, message)
+    return len(messages)
 
 
 def _forces(path: Path) -> tuple[int, NDArray[np.int64], Array]:
@@ -185,18 +194,6 @@ def _once(times: list[int], values: list[float]) -> tuple[NDArray[np.int64], Arr
     """By time, the first of each: the node would refuse a stamp that comes twice."""
     time, first = np.unique(np.array(times, dtype=np.int64), return_index=True)
     return time, np.array(values)[first]
-
-
-def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Message]]:
-    wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
-    for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
-        wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
-        yield time, f"/{wheel}/load", _LOAD, Message(header=header(time, wheel), wrench=wrench)
-    variance = settings.sinkage_std**2
-    for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
-        if sinkage >= 0:
-            message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
-            yield time, f"/{wheel}/sinkage", _SINKAGE, message
 
 
 # --- The command
