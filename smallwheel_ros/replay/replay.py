@@ -123,7 +123,6 @@ class _Session:
         self._onboard = Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
         self._ground = GroundMapper(CostMap(settings.cost, wheels))
-        self._grid_due = 0
         self._time = reader.start_time  # of recording, of the message that is worked on
         self._clock: int | None = None
         self._last: Estimate | None = None
@@ -226,7 +225,8 @@ class _Session:
         self._bag.write_estimate(estimate, self._time, frame)
         self._ground.add(found, frame)
         self._bag.write_pose(found.reading, self._time, frame)
-        if self._ground.map.changed and self._time >= self._grid_due:
+        period = round(self.result.settings.cost.period * SECOND)
+        if self._ground.map.changed and self._bag.is_due("cost", self._time, period):
             self._write_grid(found.reading.stamp)
         self.result.summary.add(found)
 
@@ -236,11 +236,10 @@ class _Session:
         self.result.segments.add(reading, way, changing)
 
     def _write_grid(self, stamp: int) -> None:
-        """Write the grid as the node would have published it, at its rate."""
+        """Write the grid as the node would have published it."""
         grid = self._ground.map.grid()
         if grid is not None:
             self._bag.write_grid(grid, stamp, self._time)
-            self._grid_due = self._time + round(self.result.settings.cost.period * SECOND)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""
@@ -291,8 +290,7 @@ class _NewBag(BagWriter):
         self.left_out = [key for key in found if key not in self._channels]
         self.damaged = 0
         self._has_tf = any(topic in ("/tf", "tf") for topic, _ in self._channels)
-        self._posed = -_POSE_PERIOD
-        self._soil_sent: int | None = None
+        self._sent: dict[str, int] = {}
         self._soil_waits: tuple[int, Estimate, str] | None = None
 
     def __enter__(self) -> _NewBag:
@@ -318,10 +316,16 @@ class _NewBag(BagWriter):
         """Write an estimate; frame: that of odometry."""
         self.write(f"{self.prefix}/mobility", MOBILITY, log_time, estimate.mobility())
         self._soil_waits = (log_time, estimate, frame)
-        stamp, sent = estimate.result.reading.stamp, self._soil_sent
-        if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-            self._soil_sent = stamp
+        if self.is_due("soil", estimate.result.reading.stamp, _SOIL_PERIOD):
             self.finish()
+
+    def is_due(self, what: str, time: int, period: int) -> bool:
+        """Whether a period (ns) has passed since this was last said, or time went back."""
+        sent = self._sent.get(what)
+        due = sent is None or not sent <= time < sent + period
+        if due:
+            self._sent[what] = time
+        return due
 
     def write_grid(self, grid: Grid, stamp: int, log_time: int) -> None:
         """Write a cost grid; stamp and log_time in ns."""
@@ -338,9 +342,8 @@ class _NewBag(BagWriter):
         """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
         if self._has_tf or not frame or reading.vehicle is None or reading.heading is None:
             return
-        if reading.stamp < self._posed + _POSE_PERIOD:
+        if not self.is_due("pose", reading.stamp, _POSE_PERIOD):
             return
-        self._posed = reading.stamp
         (x, y), half = reading.vehicle, reading.heading / 2
         turn = Message(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)

@@ -96,10 +96,8 @@ class ReplaySpec:
         Of the bag the names, sizes, times and first megabyte of its files count.
         """
         digest = hashlib.sha256(__version__.encode())
-        bag = [self.bag]
-        if self.bag.is_dir():
-            bag = sorted(file for file in self.bag.iterdir() if file.is_file())
-        for file in bag:
+        files = self.bag.iterdir() if self.bag.is_dir() else [self.bag]
+        for file in sorted(file for file in files if file.is_file()):
             state = file.stat()
             digest.update(f"{file.name} {state.st_size} {state.st_mtime_ns}".encode())
             with file.open("rb") as stream:
@@ -191,18 +189,19 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     ParametersError if the file cannot be read, or a parameter is missing or wrong.
     """
     values = read_parameters(spec.config)
-    topic = _description_topic(values)
-    found: Mapping[str, float | int] = {}
     notes: list[str] = []
+    unknown = unknown_parameters(values, wheel_names(values.get("wheels")))
+    topic = _description_topic(values)
     if topic and silent_parameters(values):
         found, notes = _described(spec.in_bag(topic), reader, values)
+        values = {**values, **found}
     try:
-        settings = settings_from({**values, **found})
+        settings = settings_from(values)
     except ParametersError as error:
         raise ParametersError("; ".join([str(error), *notes])) from None
     if spec.rate is not None:
         settings = replace(settings, onboard=replace(settings.onboard, mobility_rate=spec.rate))
-    return settings, unknown_parameters(values, wheel_names(values["wheels"])) + notes
+    return settings, unknown + notes
 
 
 def _description_topic(values: Mapping[str, object]) -> str:
