@@ -53,14 +53,14 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
     panels = figure.subplot_mosaic(places)
     for wheel, colour in wheel_colours(wheels).items():
         rows = clip.mobility[clip.mobility["wheel"] == wheel]
-        _draw_sinkage(panels[f"{wheel}: sinkage"], rows, colour)
-        _draw_pull(panels[f"{wheel}: drawbar pull"], rows, truth["wheels"][wheel], colour)
+        sinkage, pull = panels[f"{wheel}: sinkage"], panels[f"{wheel}: drawbar pull"]
+        _draw_sinkage(sinkage, rows, truth["wheels"][wheel], colour)
+        _draw_pull(pull, rows, truth["wheels"][wheel], colour)
         panels["slip"].plot(
             rows["time"], rows["slip"], color=colour, linewidth=1.0, alpha=0.7, label=wheel
         )
-    for name, unit in _UNITS.items():
+    for name in _UNITS:
         _draw_parameter(panels[name], name, clip.soil, truth)
-        style(panels[name], _TIME, f"{name}{unit}", f"{name} of the soil")
     rover = truth["rover"]
     true = np.where(np.array(rover["speed"]) > 1e-3, rover["slip"], np.nan)
     _dashed(panels["slip"], rover["time"], true)
@@ -107,27 +107,26 @@ def _dashed(axes: Axes, time: ArrayLike, true: ArrayLike, label: str = "true") -
     axes.plot(time, true, "--", color=INK, linewidth=1.0, label=label)
 
 
-def _draw_true(axes: Axes, wheel: Mapping[str, Any], quantity: str, scale: float = 1.0) -> None:
-    """What is true of a wheel, as long as it moves."""
-    _dashed(axes, wheel["time"], scale * np.where(wheel["moving"], wheel[quantity], np.nan))
-
-
-def _draw_sinkage(axes: Axes, rows: pd.DataFrame, colour: str) -> None:
-    measured, rejected = 1e3 * rows["sinkage_measured"], rows["status"] == Status.REJECTED
-    time = rows["time"]
-    axes.plot(time, measured, ".", color=GREY, markersize=3, label="measured")
-    axes.plot(time[rejected], measured[rejected], "x", color=INK, markersize=5,
-              label="measured, did not fit")  # fmt: skip
+def _draw_sinkage(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
+    """Sinkage of a wheel; what is true of it, as long as it moves."""
+    time, measured = rows["time"], 1e3 * rows["sinkage_measured"]
+    rejected = rows["status"] == Status.REJECTED
+    if measured.notna().any():
+        axes.plot(time, measured, ".", color=GREY, markersize=3, label="measured")
+        axes.plot(time[rejected], measured[rejected], "x", color=INK, markersize=5,
+                  label="did not fit")  # fmt: skip
     _curve(axes, rows, "sinkage_predicted", colour, "predicted", 1e3)
+    _dashed(axes, true["time"], 1e3 * np.where(true["moving"], true["sinkage"], np.nan))
     top = np.nanpercentile(np.concatenate([measured, 1e3 * rows["sinkage_predicted"]]), 99.8)
     axes.set_ylim(1.15 * top, 0.0)  # positive down, as in the soil
     style(axes, _TIME, "sinkage [mm]", f"{rows['wheel'].iloc[0]}: sinkage")
 
 
 def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
+    """Drawbar pull of a wheel; what is true of it, as long as it moves."""
     _curve(axes, rows, "drawbar_pull", colour, "drawbar pull")
     axes.axhline(0.0, color=INK, linewidth=0.8)
-    _draw_true(axes, true, "drawbar_pull")
+    _dashed(axes, true["time"], np.where(true["moving"], true["drawbar_pull"], np.nan))
     low, high = np.nanpercentile(rows["drawbar_pull"], [0.5, 99.5])
     edge = 0.35 * (high - low) + 1.0
     axes.set_ylim(low - edge, high + edge)
@@ -159,12 +158,9 @@ def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[st
     else:
         _curve(axes, soil, name, _LAW, name)
         axes.set_ylim(value.median() - 0.9, value.median() + 0.9)
-    _draw_true_parameter(axes, name, truth)
-
-
-def _draw_true_parameter(axes: Axes, name: str, truth: Mapping[str, Any]) -> None:
     time, index = _stretch_of_time(truth)
     _dashed(axes, time, np.array([stretch[name] for stretch in truth["stretches"]])[index])
+    style(axes, _TIME, f"{name}{_UNITS[name]}", f"{name} of the soil")
 
 
 def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]:
@@ -194,30 +190,22 @@ def draw_known(clips: Mapping[str, Clip], truth: Mapping[str, Any], path: Path) 
     truth: answer of the simulated drive.
     """
     end = min(float(clip.mobility["time"].max()) for clip in clips.values())
-    wheel = sorted(truth["wheels"])[0]
+    wheel, colour = sorted(wheel_colours(truth["wheels"]).items())[0]
     true = truth["wheels"][wheel]
     figure = new_figure(13.0, 7.5)
-    colour = wheel_colours(truth["wheels"])[wheel]
     grid = figure.subplots(3, len(clips), sharex=True, sharey="row")
     for (pull, sinkage, exponent), (name, clip) in zip(grid.T, clips.items(), strict=True):
-        rows = clip.mobility[(clip.mobility["wheel"] == wheel) & (clip.mobility["time"] <= end)]
-        _curve(pull, rows, "drawbar_pull", colour, "estimated")
-        _draw_true(pull, true, "drawbar_pull")
-        style(pull, title=f"{wheel}, {name}")
-        _curve(sinkage, rows, "sinkage_predicted", colour, "estimated", 1e3)
-        _draw_true(sinkage, true, "sinkage", 1e3)
-        style(sinkage)
-        soil = clip.soil[clip.soil["time"] <= end]
-        if len(clip.soil) == 1:  # nothing was measured: what it believed at its start, all the time
-            soil = pd.concat([clip.soil.assign(time=time) for time in (0.0, end)])
-        _curve(exponent, soil, "n", _LAW, "estimated")
-        _draw_true_parameter(exponent, "n", truth)
-        style(exponent, _TIME)
-    labels = ("drawbar pull [N]", "predicted sinkage [mm]", "n of the soil")
-    for axes, label in zip(grid[:, 0], labels, strict=True):
-        axes.set_ylabel(label)
+        rows = clip.mobility[clip.mobility["wheel"] == wheel]
+        _draw_pull(pull, rows, true, colour)
+        style(pull, y="drawbar pull [N]", title=f"{wheel}, {name}")
+        _draw_sinkage(sinkage, rows, true, colour)
+        soil = clip.soil
+        if len(soil) == 1:  # nothing was measured: what it believed at its start, all the time
+            soil = pd.concat([soil.assign(time=time) for time in (0.0, end)])
+        _draw_parameter(exponent, "n", soil, truth)
     for axes in grid.ravel():
         axes.set_xlim(0.0, end)
+        axes.label_outer()
         key(axes)
     # Bands of what is not known may be wider than what anybody wants to see.
     grid[0, 0].set_ylim(min(true["drawbar_pull"]) - 20.0, max(true["drawbar_pull"]) + 20.0)
