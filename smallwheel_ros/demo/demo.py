@@ -212,9 +212,8 @@ def _mobility_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     table.insert(1, "wheel", table.pop("frame_id"))
     for flag, names in VALID.items():
         known = table.pop(flag)
-        for name in names:
-            columns = [c for c in (name, f"{name}_standard_deviation") if c in table]
-            table[columns] = table[columns].where(known)
+        told = [c for c in map(str, table) if c.removesuffix("_standard_deviation") in names]
+        table[told] = table[told].where(known)
     return table.sort_values(["time", "wheel"], ignore_index=True)
 
 

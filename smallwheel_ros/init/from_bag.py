@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -28,11 +29,7 @@ from smallwheel_ros.init.rover import (
     wheel_joints,
     wheels_named_by,
 )
-from smallwheel_ros.onboard.robot_description import (
-    DESCRIPTION_TYPE,
-    RobotDescriptionError,
-    fill_silent,
-)
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, fill_silent
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -104,11 +101,9 @@ class _Finder:
         """Wheels by the topics of loads and sinkages, or by the joints of the description."""
         loads, sinkages = (wheels_named_by(self._topics[kind]) for kind in (WRENCH, SINKAGE))
         ranges = {} if sinkages else wheels_named_by(self._topics[RANGE])
-        turned: dict[str, str] = {}
-        if description is not None:
-            with suppress(RobotDescriptionError):  # what is wrong with it is said where it is read
-                turned = wheel_joints(description)
-        wheels = list(loads or sinkages or ranges or turned)
+        depths = sinkages or ranges
+        turned = {} if description is None else wheel_joints(description)
+        wheels = list(loads or depths or turned)
         if not wheels:
             raise InitError(
                 f"{self._reader.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}),"
@@ -116,13 +111,10 @@ class _Finder:
             )
         values: dict[str, Value] = {"wheels": wheels}
         for wheel in wheels:
-            load = loads.get(wheel) or best_match(wheel, "load", self._topics[WRENCH])
+            load = loads.get(wheel)
             if load is not None and load != f"/{wheel}/load":
                 values[f"{wheel}.load_topic"] = load
-            depth = (sinkages or ranges).get(wheel)
-            depth = depth or best_match(
-                wheel, "sinkage", self._topics[RANGE if ranges else SINKAGE]
-            )
+            depth = depths.get(wheel) or best_match(wheel, "sinkage", depths.values())
             if depth is None:
                 values[f"{wheel}.sinkage_topic"] = ""
                 self._notes.append(f"no topic of the sinkage of {wheel}: it is only predicted")
@@ -145,24 +137,25 @@ class _Finder:
     def _description(self) -> str | None:
         """The text of the bag's robot description, if there is one."""
         named = [topic for topic in self._topics[DESCRIPTION_TYPE] if "robot_description" in topic]
-        if not named:
+        message = _first(self._reader, named[0]) if named else None
+        if message is None:
             return None
-        topic = named[0]
-        with suppress(BagError):
-            for message in self._reader.messages({topic}):
-                if topic != "/robot_description":
-                    self._remaps["robot_description"] = topic
-                self._notes.append(f"sizes and places of wheels from {topic}")
-                return str(message.message.data)
-        return None
+        if named[0] != "/robot_description":
+            self._remaps["robot_description"] = named[0]
+        self._notes.append(f"sizes and places of wheels from {named[0]}")
+        return str(message.data)
 
 
 def joint_names(reader: BagReader, topic: str) -> list[str]:
     """Return the joints in the first message of a topic of JointState."""
+    return [str(name) for name in getattr(_first(reader, topic), "name", [])]
+
+
+def _first(reader: BagReader, topic: str) -> Any | None:
+    """The first message of a topic, None where it has none that can be read."""
     with suppress(BagError):  # damaged, or defined otherwise than here
-        for message in reader.messages({topic}):
-            return [str(name) for name in getattr(message.message, "name", [])]
-    return []
+        return next((message.message for message in reader.messages({topic})), None)
+    return None
 
 
 # --- The command
