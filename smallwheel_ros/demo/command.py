@@ -32,10 +32,7 @@ def demo(output: Path, seed: int, distance: float, rate: float, json_file: str |
     """
     from smallwheel_ros.demo.demo import run_demo
 
-    def say(line: str) -> None:
-        click.echo(line, err=True)
-
-    document, text = run_demo(output, seed=seed, distance=distance, rate=rate, say=say)
+    document, text = run_demo(output, seed=seed, distance=distance, rate=rate)
     tell(document, text, json_file)
     if document["unanswered"] > 0:
         click.echo(f"{document['unanswered']} sinkages got no answer from the node", err=True)

@@ -11,11 +11,12 @@ import math
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import click
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -60,13 +61,13 @@ class Clip(NamedTuple):
 
 
 def run_demo(
-    folder: Path, *, seed: int, distance: float, rate: float, say: Callable[[str], None]
+    folder: Path, *, seed: int, distance: float, rate: float
 ) -> tuple[dict[str, Any], str]:
     """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
 
     folder: for everything that is made; files of an earlier run are replaced. distance: m before the
-    slope that ends the drive. rate: times as fast as real time, at most. say: gets a line at the
-    beginning of each step. Returns what was made as plain values, and what was found in words.
+    slope that ends the drive. rate: times as fast as real time, at most. Returns what was made as plain
+    values, and what was found in words; each step is said on standard error.
 
     Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer,
     DemoError if the folder cannot be used.
@@ -74,7 +75,7 @@ def run_demo(
     start = time.monotonic()
     check_ros()
     _prepare(folder)
-    say("1/4 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
+    _say("1/4 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
     settings = DriveSettings(seed=seed, distance=distance, wheels="two_sizes", finish="slope")
     drive = simulate_drive(settings)
     bag = folder / _BAG
@@ -82,13 +83,13 @@ def run_demo(
     answer = drive.answer()
     (folder / _ANSWER).write_text(json.dumps(answer), encoding="utf-8")
     epoch = int(answer["epoch_ns"])
-    say(f"2/4 playing {drive.message_count} messages over DDS into the node mobility_estimator")
+    _say(f"2/4 playing {drive.message_count} messages over DDS into the node mobility_estimator")
     parameters = config_file("two_wheel_sizes.yaml")
     balance = config_file("vehicle_balance.yaml")
     # So large that it holds the whole drive.
     whole = {"cost.size": f"{4.0 * (distance + 10.0):.1f}", "cost.unknown": "none"}
     full = clip_of(recorded(bag, [parameters, balance], folder, rate=rate, overrides=whole), epoch)
-    say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
+    _say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
     blind = {f"{wheel.name}.sinkage_topic": "''" for wheel in drive.rover.wheels}
     beginning = recorded(
         bag,
@@ -101,7 +102,7 @@ def run_demo(
         log=_BARE_LOG,
     )
     bare = clip_of(beginning, epoch)
-    say("4/4 writing tables and pictures")
+    _say("4/4 writing tables and pictures")
     tables, pictures = ([folder / name for name in names] for names in (_TABLES, _PICTURES))
     for path, table in zip(tables, (full.mobility, full.soil, bare.mobility), strict=True):
         table.to_csv(path, index=False, float_format="%.9g")
@@ -127,6 +128,10 @@ def run_demo(
     lines += [f"picture  {path}" for path in pictures]
     lines += [f"table    {path}" for path in tables]
     return document, "\n".join(lines)
+
+
+def _say(line: str) -> None:
+    click.echo(line, err=True)
 
 
 def _prepare(folder: Path) -> None:

@@ -62,11 +62,8 @@ class Rover:
         """Full names of what must be filled in."""
         known = self.values
         needed = [f"{wheel}.{name}" for wheel in self.wheels for name in _SIZE]
-        needed += [
-            f"{wheel}.range_height"
-            for wheel in self.wheels
-            if known.get(f"{wheel}.sinkage_source") == "Range"
-        ]
+        ranged = [w for w in self.wheels if known.get(f"{w}.sinkage_source") == "Range"]
+        needed += [f"{wheel}.range_height" for wheel in ranged]
         needed += ["load.mass"] if known.get("load.source") == "static" else []
         return [name for name in needed if name not in known]
 

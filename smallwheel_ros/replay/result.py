@@ -345,6 +345,10 @@ class Replayed(Result):
         """As replay.json has it: SI units, times in s since the bag's beginning."""
         summary, received = self.summary, self.onboard.received
         rolling = {w.name for w in self.settings.onboard.wheels if w.contact == ROLLING}
+        inputs = [
+            {"stream": i.stream, "topic": i.topic, "type": i.type, "messages": received[i.stream]}
+            for i in self.inputs
+        ]
         topics = {item.stream: item.topic for item in self.inputs}
         not_used: list[dict[str, Any]] = []
         for (stream, why), count in sorted(self.onboard.counts.items()):
@@ -375,15 +379,7 @@ class Replayed(Result):
             "filter": self.onboard.concern,
             "events": [event._asdict() for event in summary.events[:_MOST_EVENTS]],
             "unlisted_events": max(len(summary.events) - _MOST_EVENTS, 0),
-            "inputs": [
-                {
-                    "stream": item.stream,
-                    "topic": item.topic,
-                    "type": item.type,
-                    "messages": received[item.stream],
-                }
-                for item in self.inputs
-            ],
+            "inputs": inputs,
             "missing": [str(item) for item in self.inputs if item.lacking],
             "not_used": not_used,
             "measurements": {
