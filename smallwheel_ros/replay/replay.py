@@ -21,7 +21,7 @@ from smallwheel_ros.bags import (
 )
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
-from smallwheel_ros.common.tables import write_rows
+from smallwheel_ros.common.tables import write_json, write_rows
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Grid, wide, write_map
 from smallwheel_ros.estimator.reading import SECOND, Reading
@@ -36,11 +36,11 @@ from smallwheel_ros.replay.result import (
     ESTIMATES,
     FILES,
     MEASUREMENTS,
+    SUMMARY,
     DriveSummary,
     Replayed,
     begin,
     claimed,
-    write_summary,
 )
 from smallwheel_ros.replay.spec import (
     ReplayError,
@@ -94,9 +94,7 @@ def replay(
         session = _Session(spec, reader)
         result = session.result
         with claimed(folder):
-            if begin(spec):
-                text = "an earlier replay into this folder was not finished; it is done anew"
-                result.notes.append(text)
+            result.notes += begin(spec)
             bag = _NewBag(folder / BAG, reader, session.copied)
             with table(folder / ESTIMATES, columns()) as add_row, bag:
                 session.run(add_row, bag, stop, progress)
@@ -105,7 +103,7 @@ def replay(
                 write_rows(folder / MEASUREMENTS, measured)
             session.write_map(folder / FILES["cost_map"])
             report(result, folder / FILES["report"])
-            write_summary(folder, result.to_dict())
+            write_json(str(folder / SUMMARY), result.to_dict())
     return result
 
 

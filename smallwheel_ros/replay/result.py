@@ -17,9 +17,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from smallwheel_ros.bags import Key
-from smallwheel_ros.common.files import json_text, write_bytes
 from smallwheel_ros.common.results import Result, pandas
-from smallwheel_ros.common.tables import plain
+from smallwheel_ros.common.tables import plain, write_json
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result as Estimated
@@ -45,7 +44,6 @@ FILES = {
     "cost_map": "cost_map.yaml",
     "cost_map_image": "cost_map.pgm",
 }
-_UNFINISHED = f"{ESTIMATES}.csv.part"
 _MOST_EVENTS = 200
 _LOOK = 1.0  # s: as often as the node says it
 _PAUSE = 5.0  # s: what is not said for so long begins anew
@@ -69,11 +67,6 @@ def read_summary(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def write_summary(folder: Path, content: dict[str, Any]) -> None:
-    """Say of a replay what became of it. Raises OutputError."""
-    write_bytes(folder / SUMMARY, json_text(content).encode())
 
 
 def is_done(spec: ReplaySpec) -> bool:
@@ -111,11 +104,11 @@ def claimed(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def begin(spec: ReplaySpec) -> bool:
+def begin(spec: ReplaySpec) -> list[str]:
     """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
 
-    Returns whether the earlier one was killed in its midst. Raises ReplayError if the folder is the bag,
-    would lose the bag, holds something else under the names needed, or cannot be cleared.
+    Returns what is to be said of the earlier one. Raises ReplayError if the folder is the bag, would lose
+    the bag, holds something else under the names needed, or cannot be cleared.
     """
     folder, bag, before = spec.folder, spec.bag.resolve(), read_summary(spec.folder)
     if folder.resolve() == bag:
@@ -125,7 +118,7 @@ def begin(spec: ReplaySpec) -> bool:
             f"bag {spec.bag} is what an earlier replay has written into folder {folder}, which a"
             " new one clears: give another one with -o"
         )
-    names = (*FILES.values(), _UNFINISHED, SUMMARY)
+    names = (*FILES.values(), f"{ESTIMATES}.csv.part", SUMMARY)
     there = [folder / name for name in names if (folder / name).exists()]
     if there and not before:
         raise ReplayError(
@@ -140,8 +133,12 @@ def begin(spec: ReplaySpec) -> bool:
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
-    write_summary(folder, {"schema": SCHEMA, "state": "running", "bag": str(spec.bag)})
-    return before.get("state") == "running"
+    running = {"schema": SCHEMA, "state": "running", "bag": str(spec.bag)}
+    write_json(str(folder / SUMMARY), running)
+    killed = before.get("state") == "running"
+    return (
+        ["an earlier replay into this folder was not finished; it is done anew"] if killed else []
+    )
 
 
 # --- What happened
