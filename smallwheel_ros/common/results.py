@@ -7,8 +7,6 @@ A result is what a function of `smallwheel_ros` returns and what the command of 
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from os import PathLike
@@ -17,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.files import check_target, json_text, write_bytes, write_whole
-from smallwheel_ros.common.tables import plain
+from smallwheel_ros.common.tables import plain, write_rows
 from smallwheel_ros.common.views import function, has_view, view_of
 
 if TYPE_CHECKING:
@@ -111,11 +109,7 @@ class Result:
         write_bytes(path, json_text(self.to_dict()).encode())
 
     def _write_csv(self, path: Path) -> None:
-        rows, text = self.rows(), io.StringIO()
-        writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        write_bytes(path, text.getvalue().encode())
+        write_rows(path, self.rows())
 
 
 def pandas() -> Any:

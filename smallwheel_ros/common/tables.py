@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plain text tables and JSON for the command line."""
+"""Tables as plain text and as CSV; JSON for the command line."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -59,7 +62,7 @@ def each(value: Any, single: Callable[[Any], Any]) -> Any:
         return {str(key): each(item, single) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [each(item, single) for item in value]
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "tolist"):  # an array, a column of a table, a number of numpy
         return each(value.tolist(), single)
     return single(value)
 
@@ -70,7 +73,6 @@ def plain(value: Any) -> Any:
 
 
 def _single(value: Any) -> Any:
-    value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -81,3 +83,12 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
         click.echo(text, nl=False)
     else:
         write_bytes(target, text.encode())
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows of the same columns as CSV; None is a blank cell. Raises OutputError."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_bytes(path, text.getvalue().encode())

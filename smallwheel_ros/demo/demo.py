@@ -11,43 +11,43 @@ import math
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import click
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import UNKNOWN
-from smallwheel_ros.onboard.result import VALID
-from smallwheel_ros.replay.pictures import draw_drive, draw_known
-from smallwheel_ros.ros import NodeProcess, check_ros, config_file, own_ros
+from smallwheel_ros.demo.pictures import draw_drive, draw_known
+from smallwheel_ros.onboard.result import VALID, Status
+from smallwheel_ros.ros import NodeProcess, check_ros, config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 if TYPE_CHECKING:
     from smallwheel_ros.ros.play import Recording
 
-DEFAULT_FOLDER = Path("out") / "demo"
+Array = NDArray[np.float64]
+
 _BAG, _ANSWER = "drive", "drive.answer.json"
 _LOG, _BARE_LOG = "node.log", "node_bare.log"
-_MOBILITY, _SOIL = "mobility.csv", "soil.csv"
-_BARE_MOBILITY = "mobility_bare.csv"
-_PICTURE, _COST, _KNOWN = "drive.png", "cost.png", "known.png"
-_FILES = (_ANSWER, _LOG, _BARE_LOG, _MOBILITY, _SOIL, _BARE_MOBILITY, _PICTURE, _COST, _KNOWN)
+_PICTURES = ("drive.png", "cost.png", "known.png")
+_TABLES = ("mobility.csv", "soil.csv", "mobility_bare.csv")
 _BAND = 1.96  # standard deviations: 95 %
 _BARE_SECONDS = 25.0  # of the drive, played a second time
+_WITH_ALL, _BARE = "with sinkage, imu and mass", "with load and slip only"
 
 
 class DemoError(SmallwheelError):
     """The demo did not work; the message says where."""
 
 
-@dataclass(frozen=True)
-class Clip:
+class Clip(NamedTuple):
     """What the node answered to a bag that was played into it.
 
     mobility: one row per estimate, quantities that are not known blank; soil: one per message.
@@ -58,64 +58,22 @@ class Clip:
     recording: Recording
 
 
-@dataclass(frozen=True)
-class DemoResult:
-    """What the demo made: files, and the tables in them.
-
-    full: the drive with everything measured. bare: its beginning, with load and slip only.
-    """
-
-    folder: Path
-    full: Clip
-    bare: Clip
-    answer: dict[str, Any]
-    seconds: float
-
-    @property
-    def pictures(self) -> tuple[Path, ...]:
-        """The drive, the cost map, and what was known with and without sensors."""
-        return tuple(self.folder / name for name in (_PICTURE, _COST, _KNOWN))
-
-    @property
-    def tables(self) -> tuple[Path, ...]:
-        """Mobility and soil of the drive, mobility of the bare one."""
-        return tuple(self.folder / name for name in (_MOBILITY, _SOIL, _BARE_MOBILITY))
-
-
 def run_demo(
-    folder: Path | str = DEFAULT_FOLDER,
-    *,
-    seed: int = 1,
-    distance: float = 24.0,
-    rate: float = 4.0,
-    say: Callable[[str], None] = lambda _: None,
-) -> DemoResult:
+    folder: Path, *, seed: int, distance: float, rate: float
+) -> tuple[dict[str, Any], str]:
     """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
 
-    Parameters
-    ----------
-    folder
-        For everything that is made; files of an earlier run are replaced.
-    seed, distance
-        Of the drive; m before the slope that ends it.
-    rate
-        Times as fast as real time, at most: the player waits for the node.
-    say
-        Gets a line at the beginning of each step.
+    folder: for everything that is made; files of an earlier run are replaced. distance: m before the
+    slope that ends the drive. rate: times as fast as real time, at most. Returns what was made as plain
+    values, and what was found in words; each step is said on standard error.
 
-    Raises
-    ------
-    NodeProcessError
-        If there is no ROS.
-    DriveThroughError
-        If the node dies or does not answer.
-    DemoError
-        If the folder cannot be used.
+    Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer,
+    DemoError if the folder cannot be used.
     """
     start = time.monotonic()
     check_ros()
-    folder = _prepared(Path(folder))
-    say("1/4 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
+    _prepare(folder)
+    _say("1/4 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
     settings = DriveSettings(seed=seed, distance=distance, wheels="two_sizes", finish="slope")
     drive = simulate_drive(settings)
     bag = folder / _BAG
@@ -123,77 +81,69 @@ def run_demo(
     answer = drive.answer()
     (folder / _ANSWER).write_text(json.dumps(answer), encoding="utf-8")
     epoch = int(answer["epoch_ns"])
-    say(f"2/4 playing {drive.message_count} messages over DDS into the node mobility_estimator")
+    _say(f"2/4 playing {drive.message_count} messages over DDS into the node mobility_estimator")
     parameters = config_file("two_wheel_sizes.yaml")
     balance = config_file("vehicle_balance.yaml")
     # So large that it holds the whole drive.
     whole = {"cost.size": f"{4.0 * (distance + 10.0):.1f}", "cost.unknown": "none"}
-    full = _clip(recorded(bag, [parameters, balance], folder, rate=rate, overrides=whole), epoch)
-    say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
+    full = clip_of(recorded(bag, [parameters, balance], folder, rate=rate, overrides=whole), epoch)
+    _say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
     blind = {f"{wheel.name}.sinkage_topic": "''" for wheel in drive.rover.wheels}
-    bare = _clip(
-        recorded(
-            bag,
-            [parameters],
-            folder,
-            rate=rate,
-            overrides=blind,
-            seconds=_BARE_SECONDS,
-            by_sinkage=False,
-            log=_BARE_LOG,
-        ),
-        epoch,
+    beginning = recorded(
+        bag,
+        [parameters],
+        folder,
+        rate=rate,
+        overrides=blind,
+        seconds=_BARE_SECONDS,
+        by_sinkage=False,
+        log=_BARE_LOG,
     )
-    say("4/4 writing tables and pictures")
-    for name, table in (
-        (_MOBILITY, full.mobility),
-        (_SOIL, full.soil),
-        (_BARE_MOBILITY, bare.mobility),
-    ):
-        table.to_csv(folder / name, index=False, float_format="%.9g")
+    bare = clip_of(beginning, epoch)
+    _say("4/4 writing tables and pictures")
+    tables, pictures = ([folder / name for name in names] for names in (_TABLES, _PICTURES))
+    for path, table in zip(tables, (full.mobility, full.soil, bare.mobility), strict=True):
+        table.to_csv(path, index=False, float_format="%.9g")
     warned = [(stamp - epoch) / 1e9 for stamp, _ in full.recording.warnings]
-    draw_drive(full.mobility, full.soil, folder / _PICTURE, truth=answer, warned=warned)
-    way = np.array([answer["rover"]["x"], answer["rover"]["y"]]).T
+    draw_drive(full, answer, warned, pictures[0])
     if full.recording.cost is not None:
+        way = np.array([answer["rover"]["x"], answer["rover"]["y"]]).T
         title = "What the soil costs, as the node tells it to a planner"
-        draw_cost(full.recording.cost, folder / _COST, way=way, title=title)
-    draw_known(
-        {"with sinkage, imu and mass": full.mobility, "with load and slip only": bare.mobility},
-        {"with sinkage, imu and mass": full.soil, "with load and slip only": bare.soil},
-        answer,
-        folder / _KNOWN,
-    )
-    return DemoResult(folder, full, bare, answer, time.monotonic() - start)
+        draw_cost(full.recording.cost, pictures[1], way=way, title=title)
+    draw_known({_WITH_ALL: full, _BARE: bare}, answer, pictures[2])
+    seconds = time.monotonic() - start
+    document = {
+        "picture": str(pictures[0]),
+        "pictures": [str(path) for path in pictures],
+        "mobility": str(tables[0]),
+        "soil": str(tables[1]),
+        "messages": full.recording.published,
+        "estimates": len(full.mobility),
+        "unanswered": full.recording.unanswered,
+        "seconds": round(seconds, 1),
+    }
+    lines = [summary(full, bare, answer), f"took {seconds:.0f} s", ""]
+    lines += [f"picture  {path}" for path in pictures]
+    lines += [f"table    {path}" for path in tables]
+    return document, "\n".join(lines)
 
 
-def _clip(recording: Recording, epoch: int) -> Clip:
-    return Clip(_table(recording.mobility, epoch), _soil_table(recording.soil, epoch), recording)
+def _say(line: str) -> None:
+    click.echo(line, err=True)
 
 
-def _prepared(folder: Path) -> Path:
+def _prepare(folder: Path) -> None:
+    """Make the folder, without what an earlier run left. Raises DemoError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(folder / _BAG, ignore_errors=True)
-        for name in _FILES:
+        for name in (_ANSWER, _LOG, _BARE_LOG, *_TABLES, *_PICTURES):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise DemoError(f"the folder {folder} cannot be used: {error.strerror}") from error
-    return folder
 
 
-@contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Set environment variables for as long as it lasts; rclpy reads them in this process."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+# --- What the node answers
 
 
 def recorded(
@@ -209,34 +159,17 @@ def recorded(
 ) -> Recording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
-    Parameters
-    ----------
-    parameters
-        The node's parameter files; later ones win.
-    folder
-        For the node's log.
-    rate
-        Times as fast as recorded, at most.
-    overrides
-        Further parameters.
-    seconds, by_sinkage
-        As in `drive_through`.
-    log
-        Name of the node's log in the folder.
+    parameters: the node's parameter files; later ones win. folder, log: for the node's log, and its
+    name. overrides: further parameters. rate, seconds, by_sinkage: as in `drive_through`.
 
-    Raises
-    ------
-    NodeProcessError
-        If there is no ROS.
-    DriveThroughError
-        If the node dies or does not answer.
+    Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer.
     """
     check_ros()
     from smallwheel_ros.ros.play import drive_through  # needs ROS
 
     more = {"use_sim_time": "true", **(overrides or {})}
     with (
-        _environment(own_ros(folder / "ros_log")),
+        _own_ros(folder / "ros_log"),
         NodeProcess(parameters, folder / log, more) as node,
     ):
         return drive_through(
@@ -244,16 +177,38 @@ def recorded(
         )
 
 
-def _table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
+@contextmanager
+def _own_ros(log_folder: Path) -> Iterator[None]:
+    """A ROS of one's own on this machine, by environment variables, for as long as it lasts.
+
+    The domain is the one of ROS_DOMAIN_ID where that is set, otherwise one by the process number.
+    """
+    before = dict(os.environ)
+    os.environ["ROS_DOMAIN_ID"] = before.get("ROS_DOMAIN_ID") or str(1 + os.getpid() % 100)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["ROS_LOG_DIR"] = str(log_folder)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def clip_of(recording: Recording, epoch: int) -> Clip:
+    """The answers as tables; epoch: ns at which their time begins."""
+    mobility = _mobility_table(recording.mobility, epoch)
+    return Clip(mobility, _soil_table(recording.soil, epoch), recording)
+
+
+def _mobility_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     """One row per estimate; blank where a quantity is not known."""
     table = pd.DataFrame(rows)
     table.insert(0, "time", (table.pop("stamp") - epoch) / 1e9)
     table.insert(1, "wheel", table.pop("frame_id"))
     for flag, names in VALID.items():
         known = table.pop(flag)
-        for name in names:
-            columns = [c for c in (name, f"{name}_standard_deviation") if c in table]
-            table[columns] = table[columns].where(known)
+        told = [c for c in map(str, table) if c.removesuffix("_standard_deviation") in names]
+        table[told] = table[told].where(known)
     return table.sort_values(["time", "wheel"], ignore_index=True)
 
 
@@ -265,33 +220,35 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     table.insert(0, "time", (table.pop("stamp") - epoch) / 1e9)
     covariance = np.stack([np.asarray(c).reshape(3, 3) for c in table.pop("covariance")])
     for i, name in enumerate(("k", "n", "m")):
-        deviation = np.sqrt(covariance[:, i, i])
         place = list(table.columns).index(name) + 1
-        table.insert(place, f"{name}_standard_deviation", deviation)
+        table.insert(place, f"{name}_standard_deviation", np.sqrt(covariance[:, i, i]))
     return table.drop(columns=["frame_id"])
 
 
 # --- In words: what the node found, against what was true
 
 
-def summary(result: DemoResult) -> str:
-    """Put the result into a few lines for people."""
-    full, answer = result.full, result.answer
+def summary(full: Clip, bare: Clip, answer: dict[str, Any]) -> str:
+    """What the node found in the whole drive, and in its beginning with load and slip only."""
     found = full.recording
-    lines = _wheels(full.mobility)
-    lines += ["", *_soil(full, answer), "", *_pull(result), "", *_stuck(full, answer)]
-    lines += [_cost(full), "", *_bare(result)]
-    lines += [
+    latencies = np.array(found.latencies) * 1e3
+    lines = [
+        *_wheels(full.mobility),
+        "",
+        *_soil(full.soil.iloc[-1], answer),
+        "",
+        *_pull(full, bare, answer),
+        "",
+        _stuck(found, answer),
+        _cost(found),
+        "",
+        *_without_sensors(full, bare),
         "",
         f"{found.published} messages played, {len(full.mobility)} estimates,"
         f" {found.unanswered} sinkages without answer",
-        f"from a sinkage to its estimate: median {np.median(found.latencies) * 1e3:.0f} ms, while"
+        f"from a sinkage to its estimate: median {np.median(latencies):.0f} ms, while"
         " it waits for the other wheels' sinkages; 99 % within"
-        f" {np.percentile(found.latencies, 99) * 1e3:.0f} ms",
-        f"took {result.seconds:.0f} s",
-        "",
-        *(f"picture  {path}" for path in result.pictures),
-        *(f"table    {path}" for path in result.tables),
+        f" {np.percentile(latencies, 99):.0f} ms",
     ]
     return "\n".join(lines)
 
@@ -299,7 +256,7 @@ def summary(result: DemoResult) -> str:
 def _wheels(table: pd.DataFrame) -> list[str]:
     lines = ["wheel         estimates  not used  sinkage measured - predicted   drawbar pull > 0"]
     for wheel, rows in table.groupby("wheel"):
-        used = rows[rows["status"] != 3]
+        used = rows[rows["status"] != Status.REJECTED]
         error = (used["sinkage_measured"] - used["sinkage_predicted"]).dropna() * 1e3
         share = (rows["probability_drawbar_pull_positive"].dropna() > 0.5).mean()
         lines.append(
@@ -309,8 +266,8 @@ def _wheels(table: pd.DataFrame) -> list[str]:
     return lines
 
 
-def _soil(clip: Clip, answer: dict[str, Any]) -> list[str]:
-    last = clip.soil.iloc[-1]
+def _soil(last: pd.Series[Any], answer: dict[str, Any]) -> list[str]:
+    """k, n and m at the end."""
     place = np.interp(last["time"], answer["rover"]["time"], answer["rover"]["way"])
     true = [s for s in answer["stretches"] if s["start"] <= place][-1]
     lines = ["soil at the end    estimated                  true"]
@@ -323,104 +280,76 @@ def _soil(clip: Clip, answer: dict[str, Any]) -> list[str]:
     return lines
 
 
-def pulls(table: pd.DataFrame, answer: dict[str, Any]) -> pd.DataFrame:
-    """Stated and true drawbar pull (N) of every estimate of a moving wheel that has one."""
-    parts = []
-    for wheel, rows in table.groupby("wheel"):
-        truth = answer["wheels"][wheel]
-        moving = (
-            np.interp(rows["time"], truth["time"], np.array(truth["moving"], dtype=float)) > 0.5
+def _pull(full: Clip, bare: Clip, answer: dict[str, Any]) -> list[str]:
+    """Stated against true drawbar pull of wheels that move."""
+    end = bare.mobility["time"].max()
+    begun = full.mobility[full.mobility["time"] <= end]
+    lines = ["drawbar pull                 error, rms   stated, 1 sd   true one in its 95 % band"]
+    for name, table in {
+        _WITH_ALL: full.mobility,
+        f"  of that, first {end:.0f} s": begun,
+        _BARE: bare.mobility,
+    }.items():
+        off, deviation = _pull_errors(table, answer)
+        inside = (abs(off) < _BAND * deviation).mean()
+        lines.append(
+            f"{name:<28} {np.sqrt((off**2).mean()):>8.2f} N {deviation.mean():>12.2f} N"
+            f" {inside:>14.0%} of {len(off)}"
         )
-        rows = rows[moving & rows["drawbar_pull"].notna()]
-        parts.append(
-            pd.DataFrame(
-                {
-                    "time": rows["time"],
-                    "stated": rows["drawbar_pull"],
-                    "deviation": rows["drawbar_pull_standard_deviation"],
-                    "true": np.interp(rows["time"], truth["time"], truth["drawbar_pull"]),
-                }
-            )
-        )
-    return pd.concat(parts)
-
-
-def _pull_line(name: str, found: pd.DataFrame) -> str:
-    off = found["stated"] - found["true"]
-    inside = (off.abs() < _BAND * found["deviation"]).mean()
-    return (
-        f"{name:<28} {np.sqrt((off**2).mean()):>8.2f} N {found['deviation'].mean():>12.2f} N"
-        f" {inside:>14.0%} of {len(found)}"
-    )
-
-
-def _pull(result: DemoResult) -> list[str]:
-    end = result.bare.mobility["time"].max()
-    full = pulls(result.full.mobility, result.answer)
-    bare = pulls(result.bare.mobility, result.answer)
-    return [
-        "drawbar pull                 error, rms   stated, 1 sd   true one in its 95 % band",
-        _pull_line("with sinkage, imu and mass", full),
-        _pull_line(f"  of that, first {end:.0f} s", full[full["time"] <= end]),
-        _pull_line("with load and slip only", bare),
-    ]
-
-
-def _stuck(clip: Clip, answer: dict[str, Any]) -> list[str]:
-    time, way = answer["rover"]["time"], answer["rover"]["way"]
-    epoch = answer["epoch_ns"]
-    warned = [((stamp - epoch) / 1e9, text) for stamp, text in clip.recording.warnings]
-    lines = []
-    stuck = answer["stuck"]
-    if stuck is not None:
-        before = _last_episode([t for t, _ in warned if t < stuck["time"]])
-        if before is None:
-            lines.append(f"stuck at {stuck['way']:.1f} m, without a warning before")
-        else:
-            at = float(np.interp(before, time, way))
-            text = next(words for t, words in warned if t == before)
-            lines.append(
-                f"stuck on the slope at {stuck['way']:.1f} m, warned of {stuck['way'] - at:.1f} m and"
-                f" {stuck['time'] - before:.0f} s before: {text!r}"
-            )
-    else:
-        lines.append("never stuck")
     return lines
 
 
-def _last_episode(times: list[float]) -> float | None:
-    """Begin of the last warnings without a long pause, s."""
-    if not times:
-        return None
-    # Diagnostics come once a second, of a bag that is played several times as fast as recorded.
-    pauses = np.flatnonzero(np.diff(times) > 12.0)
-    return times[pauses[-1] + 1] if pauses.size else times[0]
+def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Array]:
+    """What estimates of moving wheels are off in drawbar pull, and their standard deviations, N."""
+    off, deviations = [], []
+    for wheel, rows in table.dropna(subset=["drawbar_pull"]).groupby("wheel"):
+        truth = answer["wheels"][wheel]
+        moving = np.interp(rows["time"], truth["time"], np.asarray(truth["moving"], float)) > 0.5
+        true = np.interp(rows["time"], truth["time"], truth["drawbar_pull"])
+        off.append((rows["drawbar_pull"] - true)[moving])
+        deviations.append(rows["drawbar_pull_standard_deviation"][moving])
+    return np.concatenate(off), np.concatenate(deviations)
 
 
-def _cost(clip: Clip) -> str:
-    grid = clip.recording.cost
-    known = np.empty(0) if grid is None else grid.cells[grid.cells != UNKNOWN]
-    if not known.size:
-        return "cost map: nothing crossed"
-    shares = [
-        np.mean((known >= low) & (known < high)) for low, high in ((0, 20), (20, 60), (60, 101))
-    ]
+def _stuck(found: Recording, answer: dict[str, Any]) -> str:
+    stuck = answer["stuck"]
+    if stuck is None:
+        return "never stuck"
+    warned = [((stamp - answer["epoch_ns"]) / 1e9, text) for stamp, text in found.warnings]
+    warned = [(time, text) for time, text in warned if time < stuck["time"]]
+    if not warned:
+        return f"stuck at {stuck['way']:.1f} m, without a warning before"
+    # The last warnings without a long pause: diagnostics come once a second, of a bag that is played
+    # several times as fast as recorded.
+    pauses = np.flatnonzero(np.diff([time for time, _ in warned]) > 12.0)
+    time, text = warned[pauses[-1] + 1 if pauses.size else 0]
+    way = np.interp(time, answer["rover"]["time"], answer["rover"]["way"])
     return (
-        f"cost map: {known.size} cells with a cost; 0 to 19 in {shares[0]:.0%}, 20 to 59 in"
-        f" {shares[1]:.0%}, 60 and more in {shares[2]:.0%}"
+        f"stuck on the slope at {stuck['way']:.1f} m, warned of {stuck['way'] - way:.1f} m and"
+        f" {stuck['time'] - time:.0f} s before: {text!r}"
     )
 
 
-def _bare(result: DemoResult) -> list[str]:
-    last = result.bare.soil.iloc[-1]
+def _cost(found: Recording) -> str:
+    known = np.empty(0) if found.cost is None else found.cost.cells[found.cost.cells != UNKNOWN]
+    if not known.size:
+        return "cost map: nothing crossed"
+    low, middle, high = np.histogram(known, [0, 20, 60, 101])[0] / known.size
+    return (
+        f"cost map: {known.size} cells with a cost; 0 to 19 in {low:.0%}, 20 to 59 in"
+        f" {middle:.0%}, 60 and more in {high:.0%}"
+    )
+
+
+def _without_sensors(full: Clip, bare: Clip) -> list[str]:
+    last = bare.soil.iloc[-1]
     unknown = [name for name in ("k", "n", "m") if not last[f"{name}_identifiable"]]
-    margin = result.bare.mobility["mobility_margin_standard_deviation"].median()
-    measured = result.full.mobility
-    measured = measured[measured["time"] <= result.bare.mobility["time"].max()]
-    with_all = measured["mobility_margin_standard_deviation"].median()
+    why = f" ({last['status_text']})" if last["status_text"] else ""
+    begun = full.mobility[full.mobility["time"] <= bare.mobility["time"].max()]
+    less, more = (
+        table["mobility_margin_standard_deviation"].median() for table in (bare.mobility, begun)
+    )
     return [
-        "with load and slip only the node does not know: "
-        + ", ".join(unknown)
-        + (f" ({last['status_text']})" if last["status_text"] else ""),
-        f"margin for slopes then +- {margin:.2f} of the load, with everything +- {with_all:.2f}",
+        f"{_BARE} the node does not know: {', '.join(unknown)}{why}",
+        f"margin for slopes then +- {less:.2f} of the load, with everything +- {more:.2f}",
     ]

@@ -6,31 +6,30 @@ Which topic is what, and what the bag's robot description says.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import click
 
 from smallwheel_ros.bags import BagError, BagReader
-from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets, write_bytes
 from smallwheel_ros.common.parameter import Value
 from smallwheel_ros.init.rover import (
     FILL_IN,
-    OF_A_BAG,
     InitError,
-    LeftOut,
     Rover,
     best_match,
-    completed,
+    joint_values,
     only_or_best_match,
     rover_of_description,
     rover_of_wheels,
     wheel_joints,
     wheels_named_by,
-    with_joints,
 )
-from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, RobotDescriptionError
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, fill_silent
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -44,130 +43,119 @@ IMU = "sensor_msgs/msg/Imu"
 def rover_of_bag(path: Path) -> Rover:
     """The rover of a recorded drive. Raises BagError, InitError where there is nothing of a wheel."""
     with BagReader(path, salvage=True) as reader:
-        return _Finder(reader, path).rover()
+        return _Finder(reader).rover()
 
 
 class _Finder:
     """Looks through the topics of an open bag."""
 
-    def __init__(self, reader: BagReader, path: Path) -> None:
-        self.reader, self.path = reader, path
-        self.notes: list[str] = []
-        self.remaps: dict[str, str] = {}
-        self.of: dict[str, list[str]] = {}
+    def __init__(self, reader: BagReader) -> None:
+        self._reader = reader
+        self._notes: list[str] = []
+        self._remaps: dict[str, str] = {}
+        self._topics: defaultdict[str, list[str]] = defaultdict(list)  # names, by type
         for topic in reader.topics:
             if topic.message_count and topic.readable:
-                self.of.setdefault(topic.type, []).append(topic.name)
+                self._topics[topic.type].append(topic.name)
 
     def rover(self) -> Rover:
         """What the bag tells."""
         joints_topic = self._one("joint_states", JOINTS)
         self._one("odom", ODOMETRY)
-        joints = [] if joints_topic is None else joint_names(self.reader, joints_topic)
+        joints = [] if joints_topic is None else joint_names(self._reader, joints_topic)
         description = self._description()
         values = self._wheels(joints, description)
-        return completed(
-            str(self.path), values, description, tuple(self.notes), self.remaps, self._left_out()
+        if description is not None:
+            filled = fill_silent(description, values)
+            values |= filled.values
+            self._notes += filled.lacking
+        # What may help, and only people know: whether the wheels make it, how it is mounted.
+        measured = [topic for topic in self._topics[TWIST] if "cmd" not in topic]
+        offers = {"imu_topic": self._topics[IMU], "velocity_topic": measured}
+        return Rover(
+            str(self._reader.path),
+            values,
+            self._remaps,
+            self._notes,
+            described=description is not None,
+            offers={name: topics[0] for name, topics in offers.items() if topics},
         )
 
     def _one(self, name: str, kind: str) -> str | None:
         """The topic of an input that there is once; it is remapped where it has another name."""
-        topics = self.of.get(kind, [])
-        found = f"/{name}" if f"/{name}" in topics else None
-        if found is None and topics:
-            found = only_or_best_match(name, topics)
-            if found is None:
-                self.notes.append(
-                    f"which of {', '.join(topics)} is {name} is not clear: say --remap {name}:=TOPIC"
-                )
-                return None
-            self.remaps[name] = found
-            self.notes.append(f"assumed: {found} is {name}, the only one like it of its type")
-        if found is None:
-            self.notes.append(
-                f"no topic of type {kind}: without {name} there is no slip and no thrust"
-            )
+        topics = self._topics[kind]
+        if f"/{name}" in topics:
+            return f"/{name}"
+        found = only_or_best_match(name, topics)
+        if found is not None:
+            self._remaps[name] = found
+            note = f"assumed: {found} is {name}, the only one like it of its type"
+        elif topics:
+            note = f"which of {', '.join(topics)} is {name} is not clear: say --remap {name}:=TOPIC"
+        else:
+            note = f"no topic of type {kind}: without {name} there is no slip and no thrust"
+        self._notes.append(note)
         return found
 
     def _wheels(self, joints: list[str], description: str | None) -> dict[str, Value]:
         """Wheels by the topics of loads and sinkages, or by the joints of the description."""
-        loads, sinkages = self._by_wheel(WRENCH), self._by_wheel(SINKAGE)
-        ranges = {} if sinkages else self._by_wheel(RANGE)
-        turned: dict[str, str] = {}
-        if description is not None:
-            with suppress(RobotDescriptionError):  # what is wrong with it is said where it is read
-                turned = wheel_joints(description)
-        wheels = list(loads or sinkages or ranges or turned)
+        loads, sinkages = (wheels_named_by(self._topics[kind]) for kind in (WRENCH, SINKAGE))
+        ranges = {} if sinkages else wheels_named_by(self._topics[RANGE])
+        depths = sinkages or ranges
+        turned = {} if description is None else wheel_joints(description)
+        wheels = list(loads or depths or turned)
         if not wheels:
             raise InitError(
-                f"{self.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}), and no "
-                "robot description with wheels: `smallwheel init --wheels N` makes a file to fill in"
+                f"{self._reader.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}),"
+                " and no robot description with wheels: `smallwheel init --wheels N` makes a file to fill in"
             )
         values: dict[str, Value] = {"wheels": wheels}
         for wheel in wheels:
-            self._topic(values, wheel, "load", loads, WRENCH)
-            self._topic(
-                values, wheel, "sinkage", sinkages or ranges, SINKAGE if sinkages else RANGE
-            )
-            if ranges and f"{wheel}.sinkage_topic" in values:
+            load = loads.get(wheel)
+            if load is not None and load != f"/{wheel}/load":
+                values[f"{wheel}.load_topic"] = load
+            depth = depths.get(wheel) or best_match(wheel, "sinkage", depths.values())
+            if depth is None:
+                values[f"{wheel}.sinkage_topic"] = ""
+                self._notes.append(f"no topic of the sinkage of {wheel}: it is only predicted")
+            elif ranges or depth != f"/{wheel}/sinkage":
+                values[f"{wheel}.sinkage_topic"] = depth
+            if ranges:
                 values[f"{wheel}.sinkage_source"] = "Range"
             joint = turned.get(wheel) or best_match(wheel, "joint", joints)
             if joint is not None:
-                values |= {n: v for n, v in with_joints({wheel: joint}).items() if n != "wheels"}
+                values |= joint_values({wheel: joint})
             elif joints:
-                self.notes.append(
+                self._notes.append(
                     f"which joint turns {wheel} is not clear: there is {', '.join(joints)}"
                 )
         if not loads:
             values["load.source"] = "static"
-            self.notes.append(f"no topic of type {WRENCH}: the mass is split over the wheels")
+            self._notes.append(f"no topic of type {WRENCH}: the mass is split over the wheels")
         return values
-
-    def _by_wheel(self, kind: str) -> dict[str, str]:
-        topics = self.of.get(kind, [])
-        return wheels_named_by(topics) if topics else {}
-
-    def _topic(
-        self, values: dict[str, Value], wheel: str, what: str, found: dict[str, str], kind: str
-    ) -> None:
-        """The topic of a wheel's input, where it has another name than the node expects."""
-        topic = found.get(wheel) or best_match(wheel, what, self.of.get(kind, []))
-        if topic is None and what == "sinkage":
-            values[f"{wheel}.sinkage_topic"] = ""
-            self.notes.append(f"no topic of the sinkage of {wheel}: it is only predicted")
-        elif topic is not None and (topic != f"/{wheel}/{what}" or kind == RANGE):
-            values[f"{wheel}.{what}_topic"] = topic
-
-    def _left_out(self) -> dict[str, LeftOut]:
-        """What may help, and only people know."""
-        found: dict[str, LeftOut] = {}
-        measured = [t for t in self.of.get(TWIST, []) if "cmd" not in t]
-        if measured:
-            found["velocity_topic"] = LeftOut(measured[0], OF_A_BAG["velocity_topic"])
-        if self.of.get(IMU):
-            found["imu_topic"] = LeftOut(self.of[IMU][0], OF_A_BAG["imu_topic"])
-        return found
 
     def _description(self) -> str | None:
         """The text of the bag's robot description, if there is one."""
-        named = [t for t in self.of.get(DESCRIPTION_TYPE, []) if "robot_description" in t]
-        if not named:
+        named = [topic for topic in self._topics[DESCRIPTION_TYPE] if "robot_description" in topic]
+        message = _first(self._reader, named[0]) if named else None
+        if message is None:
             return None
-        with suppress(BagError):
-            for message in self.reader.messages({named[0]}):
-                if named[0] != "/robot_description":
-                    self.remaps["robot_description"] = named[0]
-                self.notes.append(f"sizes and places of wheels from {named[0]}")
-                return str(message.message.data)
-        return None
+        if named[0] != "/robot_description":
+            self._remaps["robot_description"] = named[0]
+        self._notes.append(f"sizes and places of wheels from {named[0]}")
+        return str(message.data)
 
 
 def joint_names(reader: BagReader, topic: str) -> list[str]:
     """Return the joints in the first message of a topic of JointState."""
+    return [str(name) for name in getattr(_first(reader, topic), "name", [])]
+
+
+def _first(reader: BagReader, topic: str) -> Any | None:
+    """The first message of a topic, None where it has none that can be read."""
     with suppress(BagError):  # damaged, or defined otherwise than here
-        for message in reader.messages({topic}):
-            return [str(name) for name in getattr(message.message, "name", [])]
-    return []
+        return next((message.message for message in reader.messages({topic})), None)
+    return None
 
 
 # --- The command
@@ -175,13 +163,10 @@ def joint_names(reader: BagReader, topic: str) -> list[str]:
 _PATH = click.Path(path_type=Path)
 
 
-@click.command(
-    "init", short_help="A rover's parameter file, from a bag, a URDF or a number of wheels."
-)
+@click.command()
 @click.argument("source", required=False, type=_PATH, metavar="[BAG|URDF]")
-@click.option(
-    "--urdf", type=_PATH, metavar="FILE", help="A robot description: sizes, places and joints."
-)
+@click.option("--urdf", type=_PATH, metavar="FILE",
+              help="A robot description: sizes, places and joints.")  # fmt: skip
 @click.option("--wheels", type=int, metavar="N", help="Without either: so many wheels.")
 @click.option("-o", "--output", required=True, type=_PATH, metavar="ROVER.yaml",
               help="Parameter file to write.")  # fmt: skip
@@ -216,6 +201,6 @@ def init(
     else:
         rover = rover_of_wheels(wheels or 0)
     write_bytes(output, rover.parameter_file().encode())
-    show(rover, json_file, [output])
+    tell(rover.to_dict(), rover.text(), json_file, [output])
     if rover.missing and json_file != "-":
         click.echo(f"look for {FILL_IN} in {output}")

@@ -13,13 +13,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, cast
 
-from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.parameter import WHEEL, Value, written
-from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.common.tables import plain
 from smallwheel_ros.onboard.robot_description import (
     TURNING,
     RobotDescriptionError,
@@ -36,6 +33,229 @@ _SIZE = ("diameter", "width")
 
 class InitError(SmallwheelError):
     """Something that no parameter file can be made from."""
+
+
+@dataclass(frozen=True)
+class Rover:
+    """A rover's parameters as far as they are known.
+
+    origin: what they come from. values: by full name, those of the wheels' names first. remaps: by the
+    node's name of an input, the topic that it has there. notes: what was assumed. described: whether a
+    robot description was found. offers: by full name of a parameter that only people can decide on, the
+    topic that a bag has for it.
+    """
+
+    origin: str
+    values: Mapping[str, Value]
+    remaps: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    described: bool = False
+    offers: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def wheels(self) -> list[str]:
+        """Names of the wheels."""
+        return cast("list[str]", self.values["wheels"])
+
+    @property
+    def missing(self) -> list[str]:
+        """Full names of what must be filled in."""
+        known = self.values
+        needed = [f"{wheel}.{name}" for wheel in self.wheels for name in _SIZE]
+        ranged = [w for w in self.wheels if known.get(f"{w}.sinkage_source") == "Range"]
+        needed += [f"{wheel}.range_height" for wheel in ranged]
+        needed += ["load.mass"] if known.get("load.source") == "static" else []
+        return [name for name in needed if name not in known]
+
+    def text(self) -> str:
+        """What was found, assumed and is to be filled in."""
+        lines = [f"{self.origin}: wheels {', '.join(self.wheels)}"]
+        lines += [
+            f"  {name}: {written(value)}" for name, value in self.values.items() if name != "wheels"
+        ]
+        lines += [f"  --remap {name}:={topic}" for name, topic in self.remaps.items()]
+        lines += [f"note: {note}" for note in self.notes]
+        lines += [f"to be filled in: {', '.join(self.missing)}"] if self.missing else []
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return {
+            "schema": 1,
+            "origin": self.origin,
+            "values": self.values,
+            "missing": self.missing,
+            "remaps": self.remaps,
+            "notes": self.notes,
+        }
+
+    def parameter_file(self) -> str:
+        """A ROS parameter file for the node and for replay."""
+        missing = self.missing
+        lines = [
+            f"# Parameters of mobility_estimator, made by `smallwheel init` from {self.origin}.",
+            "# docs/parameters.md explains all there are. Numbers need a point: 1.0, not 1.",
+        ]
+        if missing:
+            lines.append(f"# {FILL_IN} stands where a number has to come from you.")
+        if self.remaps:
+            lines.append(
+                "# Topics under other names: give these to the node and to smallwheel replay, too:"
+            )
+            lines += [f"#   --remap {name}:={topic}" for name, topic in self.remaps.items()]
+        for note in self.notes:
+            lines += textwrap.wrap(note, 92, initial_indent="# ", subsequent_indent="#   ")
+        lines += ["/**:", "  ros__parameters:", f"    wheels: {written(self.wheels)}"]
+        lines += _left_out_lines(self)
+        explained: set[str] = set()
+        group = ""
+        for parameter in parameters_for(self.wheels)[1:]:
+            name = parameter.name
+            if name not in self.values and name not in missing:
+                continue
+            above, _, own = name.rpartition(".")
+            if above and above != group:
+                lines += ["", f"    {above}:"]
+            group = above
+            indent = "      " if above else "    "
+            if name in self.values:
+                lines.append(f"{indent}{own}: {written(self.values[name])}")
+                continue
+            if own not in explained:
+                explained.add(own)
+                lines += [f"{indent}# {line}" for line in textwrap.wrap(parameter.description, 90)]
+            unit = f" # {parameter.unit}" if parameter.unit else ""
+            lines.append(f"{indent}{own}: {FILL_IN}{unit}")
+        return "\n".join(lines) + "\n"
+
+
+# --- Rovers without a bag
+
+
+def rover_of_wheels(count: int) -> Rover:
+    """So many wheels of which nothing is known. Raises InitError for a number that is none."""
+    if not 1 <= count <= _MOST_WHEELS:
+        raise InitError(f"{count} wheels, expected 1 to {_MOST_WHEELS}")
+    return Rover(f"{count} wheels", {"wheels": usual_names(count)})
+
+
+def rover_of_description(path: Path) -> Rover:
+    """The wheels of a robot description. Raises InitError."""
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InitError(f"{path}: more than {_MOST_BYTES >> 20} MiB, expected a URDF")
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InitError(f"{path}: cannot be read: it is no text in UTF-8") from None
+    except OSError as error:
+        raise InitError(f"{path}: cannot be read: {reason(error)}") from None
+    try:
+        joints = wheel_joints(text)
+        if not joints:
+            raise InitError(
+                f"{path}: no joint of type {' or '.join(TURNING)} has 'wheel' in its name or a cylinder "
+                "below it, expected one for each wheel; `smallwheel init --wheels N` does without"
+            )
+        values = {"wheels": list(joints), **joint_values(joints)}
+        filled = fill_silent(text, values)
+    except RobotDescriptionError as error:
+        raise InitError(f"{path}: {error}") from None
+    return Rover(str(path), values | filled.values, notes=filled.lacking, described=True)
+
+
+def wheel_joints(description: str) -> dict[str, str]:
+    """By wheel, the joint of a robot description that turns it. Raises RobotDescriptionError."""
+    urdf = Urdf(description)
+    turning = [
+        joint
+        for joint in urdf.joints.values()
+        if joint.kind in TURNING and _has_cylinder(urdf, joint.child)
+    ]
+    named = [joint.name for joint in turning if "wheel" in f"{joint.name} {joint.child}".lower()]
+    return wheels_named_by(named or [j.name for j in turning if j.kind == "continuous"])
+
+
+def _has_cylinder(urdf: Urdf, link: str) -> bool:
+    """Whether a link has a cylinder, as a wheel has and a steering arm has not."""
+    try:
+        urdf.cylinder(link)
+    except RobotDescriptionError:
+        return False
+    return True
+
+
+def joint_values(joints: Mapping[str, str]) -> dict[str, Value]:
+    """The parameters of those joints, by wheel, whose names are not what the node expects."""
+    default = str(PARAMETERS[f"{WHEEL}.joint"].default)
+    return {
+        f"{wheel}.joint": joint
+        for wheel, joint in joints.items()
+        if joint != default.replace(WHEEL, wheel)
+    }
+
+
+# --- Lines that a parameter file has commented out
+
+
+class _LeftOut(NamedTuple):
+    """A parameter that a file leaves to people.
+
+    value: what to write where nothing is found. why: why it is left out; where empty, it is only
+    mentioned where a bag has a topic for it. found: why, in a bag that has one.
+    """
+
+    value: Value
+    why: str
+    brings: str
+    found: str = ""
+    unit: str = ""
+
+
+_LEFT_OUT = {
+    "imu_topic": _LeftOut(
+        "imu",
+        "nothing here says whether there is one, of which topic, with z up.",
+        "Brings the slope: with vehicle.mass the soil's strength, so drawbar pull and cost do not rest on"
+        " configured numbers; without one, the slope is that of odom's orientation.",
+        "the bag has it, but not how the imu is mounted: z has to be up, and imu_yaw says where x looks.",
+    ),
+    "vehicle.mass": _LeftOut(
+        0.0,  # refused as it is: a number has to be put in
+        "only you know it; what a robot description says is seldom what is driven.",
+        "Brings, with a slope (imu_topic, or odom with pitch), the soil's strength; and the loads are"
+        " weighed against it, which finds loads in kg and wheels that are not listed.",
+        unit="kg, with all that it carries: write yours",
+    ),
+    "robot_description_topic": _LeftOut(
+        "robot_description",
+        "no robot description was found here; sizes have to be written below.",
+        "Brings diameter, width, place and joint_sign of each wheel for which this file has none: take out"
+        " the diameter and width below, and the node waits for the URDF on that topic (its default).",
+    ),
+    "velocity_topic": _LeftOut(
+        "",
+        "",
+        "Brings slip, thrust and drawbar pull where odom is made from the wheels; else it goes before odom.",
+        "the bag has it, but not whether the wheels make it: then it shows no slip.",
+    ),
+}
+
+
+def _left_out_lines(rover: Rover) -> list[str]:
+    """The lines of a parameter file, below `ros__parameters:`; ## begins what only explains."""
+    lines = ["", '    ## To use a line that is left out, take the "# " before it away.']
+    for name, one in _LEFT_OUT.items():
+        offer = rover.offers.get(name)
+        why = one.found if offer else one.why
+        if not why or (rover.described and name == "robot_description_topic"):
+            continue
+        explained = f"{name} is left out: {why} {one.brings}"
+        lines += ["", *(f"    ## {line}" for line in textwrap.wrap(explained, 92))]
+        *above, own = name.split(".")
+        lines += [f"    # {group}:" for group in above]
+        unit = f" # {one.unit}" if one.unit else ""
+        lines.append(f"    # {'  ' * len(above)}{own}: {written(offer or one.value)}{unit}")
+    return lines
 
 
 # --- Names
@@ -120,267 +340,3 @@ def _order(wheel: str) -> tuple[int, ...]:
     """Front before rear, left before right."""
     words = wheel.split("_")
     return tuple(_PLACES.index(word) if word in _PLACES else len(_PLACES) for word in words)
-
-
-# --- Lines that a parameter file has commented out
-
-_BRINGS = {
-    "velocity_topic": (
-        "Brings slip, thrust and drawbar pull where odom is made from the wheels; else it goes before odom."
-    ),
-    "imu_topic": (
-        "Brings the slope: with vehicle.mass the soil's strength, so drawbar pull and cost do not rest on"
-        " configured numbers; without one, the slope is that of odom's orientation."
-    ),
-    "vehicle.mass": (
-        "Brings, with a slope (imu_topic, or odom with pitch), the soil's strength; and the loads are"
-        " weighed against it, which finds loads in kg and wheels that are not listed."
-    ),
-    "robot_description_topic": (
-        "Brings diameter, width, place and joint_sign of each wheel for which this file has none: take out"
-        " the diameter and width below, and the node waits for the URDF on that topic (its default)."
-    ),
-}
-_UNITS = {"vehicle.mass": "kg, with all that it carries: write yours"}
-OF_A_BAG = {
-    "velocity_topic": "the bag has it, but not whether the wheels make it: then it shows no slip.",
-    "imu_topic": (
-        "the bag has it, but not how the imu is mounted: z has to be up, and imu_yaw says where x looks."
-    ),
-}
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """What to write for a parameter that is commented out, and why it is."""
-
-    value: Value
-    why: str
-
-
-def usually_left_out(known: Mapping[str, Value], description: str | None) -> dict[str, LeftOut]:
-    """What no file of any origin can say.
-
-    known: values by full name. description: URDF, if there is one.
-    """
-    no_imu = "nothing here says whether there is one, of which topic, with z up."
-    no_mass = "only you know it; what a robot description says is seldom what is driven."
-    found = {
-        "imu_topic": LeftOut("imu", no_imu),
-        "vehicle.mass": LeftOut(0.0, no_mass),  # refused as it is: a number has to be put in
-    }
-    if description is None:
-        why = "no robot description was found here; sizes have to be written below."
-        found["robot_description_topic"] = LeftOut("robot_description", why)
-    return {name: one for name, one in found.items() if name not in known}
-
-
-def left_out_lines(left_out: Mapping[str, LeftOut]) -> list[str]:
-    """The lines of a parameter file, below `ros__parameters:`; ## begins what only explains."""
-    lines = []
-    for name, one in left_out.items():
-        *above, own = name.split(".")
-        explained = f"{name} is left out: {one.why} {_BRINGS[name]}"
-        lines += ["", *(f"    ## {line}" for line in textwrap.wrap(explained, 92))]
-        lines += [f"    # {group}:" for group in above]
-        unit = f" # {_UNITS[name]}" if name in _UNITS else ""
-        lines.append(f"    # {'  ' * len(above)}{own}: {written(one.value)}{unit}")
-    if lines:
-        lines[:0] = ["", '    ## To use a line that is left out, take the "# " before it away.']
-    return lines
-
-
-# --- The rover, and its file
-
-
-@dataclass(frozen=True, repr=False)
-class Rover(Result):
-    """A rover's parameters as far as they are known.
-
-    origin: what they come from. values: by full name. missing: full names of what must be filled in.
-    remaps: by the node's name of an input, the topic that it has there. notes: what was assumed.
-    left_out: by full name, what is in the file, but commented out.
-    """
-
-    origin: str
-    values: Mapping[str, Value]
-    missing: tuple[str, ...] = ()
-    remaps: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    left_out: Mapping[str, LeftOut] = field(default_factory=dict)
-
-    @property
-    def wheels(self) -> list[str]:
-        """Names of the wheels."""
-        names = self.values["wheels"]
-        return list(names) if isinstance(names, list) else []
-
-    def headline(self) -> str:
-        """How many wheels there are, and what is missing."""
-        count = len(self.wheels)
-        lacks = f"; to be filled in: {', '.join(self.missing)}" if self.missing else ""
-        return f"{count} wheel{'s' if count > 1 else ''} from {self.origin}{lacks}"
-
-    def text(self) -> str:
-        """What was found, assumed and is to be filled in."""
-        lines = [f"{self.origin}: wheels {', '.join(self.wheels)}"]
-        lines += [
-            f"  {name}: {written(value)}" for name, value in self.values.items() if name != "wheels"
-        ]
-        lines += [f"  --remap {name}:={topic}" for name, topic in self.remaps.items()]
-        lines += [f"note: {note}" for note in self.notes]
-        lines += [f"to be filled in: {', '.join(self.missing)}"] if self.missing else []
-        return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The same as plain values."""
-        document = {
-            "schema": 1,
-            "origin": self.origin,
-            "values": dict(self.values),
-            "missing": list(self.missing),
-            "remaps": dict(self.remaps),
-            "notes": list(self.notes),
-        }
-        return dict(plain(document))
-
-    def rows(self) -> list[dict[str, Any]]:
-        """The parameters, those that are missing too."""
-        known = [{"parameter": n, "value": str(v), "known": True} for n, v in self.values.items()]
-        return known + [{"parameter": n, "value": "", "known": False} for n in self.missing]
-
-    def parameter_file(self) -> str:
-        """A ROS parameter file for the node and for replay."""
-        lines = [
-            f"# Parameters of mobility_estimator, made by `smallwheel init` from {self.origin}.",
-            "# docs/parameters.md explains all there are. Numbers need a point: 1.0, not 1.",
-        ]
-        if self.missing:
-            lines.append(f"# {FILL_IN} stands where a number has to come from you.")
-        if self.remaps:
-            lines.append(
-                "# Topics under other names: give these to the node and to smallwheel replay, too:"
-            )
-            lines += [f"#   --remap {name}:={topic}" for name, topic in self.remaps.items()]
-        for note in self.notes:
-            lines += textwrap.wrap(note, 92, initial_indent="# ", subsequent_indent="#   ")
-        lines += ["/**:", "  ros__parameters:", f"    wheels: {written(self.values['wheels'])}"]
-        lines += left_out_lines(self.left_out)
-        explained: set[str] = set()
-        group = ""
-        for parameter in parameters_for(self.wheels)[1:]:
-            name, shown = parameter.name, ""
-            if name in self.values:
-                shown = written(self.values[name])
-            elif name in self.missing:
-                shown = FILL_IN
-            else:
-                continue
-            *above, own = name.split(".")
-            if above and above[0] != group:
-                lines += ["", f"    {above[0]}:"]
-            group = above[0] if above else ""
-            indent = "    " + "  " * len(above)
-            if own not in explained and name in self.missing:
-                explained.add(own)
-                lines += [f"{indent}# {line}" for line in textwrap.wrap(parameter.description, 90)]
-            unit = f" # {parameter.unit}" if name in self.missing and parameter.unit else ""
-            lines.append(f"{indent}{own}: {shown}{unit}")
-        return "\n".join(lines) + "\n"
-
-    def _writers(self) -> dict[str, Writer]:
-        def write(path: Path) -> None:
-            write_bytes(path, self.parameter_file().encode())
-
-        return {".yaml": write, ".yml": write}
-
-
-def rover_of_wheels(count: int) -> Rover:
-    """So many wheels of which nothing is known. Raises InitError for a number that is none."""
-    if not 1 <= count <= _MOST_WHEELS:
-        raise InitError(f"{count} wheels, expected 1 to {_MOST_WHEELS}")
-    return completed(f"{count} wheels", {"wheels": usual_names(count)})
-
-
-def completed(
-    origin: str,
-    values: Mapping[str, Value],
-    description: str | None = None,
-    notes: tuple[str, ...] = (),
-    remaps: Mapping[str, str] | None = None,
-    left_out: Mapping[str, LeftOut] | None = None,
-) -> Rover:
-    """The rover with what a robot description says of its wheels, and what is still missing.
-
-    description: URDF. Raises RobotDescriptionError where it is none.
-    """
-    known, said = dict(values), list(notes)
-    wheels = known["wheels"]
-    assert isinstance(wheels, list)
-    if description is not None:
-        filled = fill_silent(description, known)
-        known |= filled.values
-        said += filled.lacking
-    needed = [f"{wheel}.{name}" for wheel in wheels for name in _SIZE]
-    needed += [
-        f"{wheel}.range_height"
-        for wheel in wheels
-        if known.get(f"{wheel}.sinkage_source") == "Range"
-    ]
-    needed += ["load.mass"] if known.get("load.source") == "static" else []
-    missing = tuple(name for name in needed if known.get(name) is None)
-    commented = usually_left_out(known, description) | dict(left_out or {})
-    return Rover(origin, known, missing, remaps or {}, tuple(said), commented)
-
-
-def rover_of_description(path: Path) -> Rover:
-    """The wheels of a robot description. Raises InitError, RobotDescriptionError."""
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InitError(f"{path}: more than {_MOST_BYTES >> 20} MiB, expected a URDF")
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
-        raise InitError(f"{path}: cannot be read: {reason}") from None
-    try:
-        joints = wheel_joints(text)
-        if not joints:
-            raise InitError(
-                f"{path}: no joint of type {' or '.join(TURNING)} has 'wheel' in its name or a cylinder "
-                "below it, expected one for each wheel; `smallwheel init --wheels N` does without"
-            )
-        return completed(str(path), with_joints(joints), text)
-    except RobotDescriptionError as error:
-        raise InitError(f"{path}: {error}") from None
-
-
-def wheel_joints(description: str) -> dict[str, str]:
-    """By wheel, the joint of a robot description that turns it. Raises RobotDescriptionError."""
-    urdf = Urdf(description)
-    turning = [joint for joint in urdf.joints.values() if joint.kind in TURNING]
-    named = [
-        j.name for j in turning if "wheel" in f"{j.name} {j.child}".lower() and _rolls(urdf, j.name)
-    ]
-    names = named or [j.name for j in turning if j.kind == "continuous" and _rolls(urdf, j.name)]
-    return wheels_named_by(names) if names else {}
-
-
-def _rolls(urdf: Urdf, name: str) -> bool:
-    """Whether the link below a joint has a cylinder, as a wheel has and a steering arm has not."""
-    try:
-        urdf.cylinder(urdf.joints[name].child)
-    except RobotDescriptionError:
-        return False
-    return True
-
-
-def with_joints(joints: Mapping[str, str]) -> dict[str, Value]:
-    """The wheels, with those joints whose names are not what the node expects."""
-    values: dict[str, Value] = {"wheels": list(joints)}
-    default = str(PARAMETERS[f"{WHEEL}.joint"].default)
-    values |= {
-        f"{wheel}.joint": joint
-        for wheel, joint in joints.items()
-        if joint != default.replace(WHEEL, wheel)
-    }
-    return values

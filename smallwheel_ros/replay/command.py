@@ -10,8 +10,8 @@ import time
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from contextlib import closing, contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.console import JSON, show, tell
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import check_targets
-from smallwheel_ros.common.tables import text_table, write_json
+from smallwheel_ros.common.tables import text_table, write_json, write_rows
 from smallwheel_ros.costmap.grid import HERE, HIGHEST, UNKNOWN, Grid, read_map, union, write_map
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
@@ -54,21 +54,18 @@ from smallwheel_ros.replay.spec import (
     topics_document,
     with_assumed_config,
 )
-from smallwheel_ros.replay.tables import columns, table, write_rows
+from smallwheel_ros.replay.tables import columns, table
 
 _PATH = click.Path(path_type=Path)
 _MANY = "replays.json"
 _PATIENCE = 60.0  # s that a worker has to put away what it has begun
 
 
-@click.command("replay", short_help="The node's estimator over recorded drives, without ROS.")
+@click.command()
 @click.argument("bags", nargs=-1, required=True, type=_PATH, metavar="BAG...")
-@click.option(
-    "--config",
-    type=_PATH,
-    metavar="ROVER.yaml",
-    help="The node's parameter file; if not given, what `smallwheel init` finds in the first bag.",
-)
+@click.option("--config", type=_PATH, metavar="ROVER.yaml",
+              help="The node's parameter file; if not given, what `smallwheel init` finds in the first "
+              "bag.")  # fmt: skip
 @click.option("-o", "--output", type=_PATH, metavar="FOLDER", help="For what is made.")
 @click.option("--remap", "remaps", multiple=True, metavar="NAME:=TOPIC",
               help="The node's name of an input, and the bag's topic, as ROS writes it; repeat it "
@@ -122,6 +119,9 @@ def replay(
         return
     if output is None:
         raise click.UsageError("give -o FOLDER (or --topics)")
+    if scheduler is not None:  # workers may stand elsewhere in the tree of folders
+        bags, output = tuple(bag.absolute() for bag in bags), output.absolute()
+        config = config and config.absolute()
     like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy, rate)
     if config is None:
         like = with_assumed_config(like)
@@ -142,9 +142,7 @@ def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: s
         if config is not None:
             spec = ReplaySpec(bag, config, Path(), remaps)
             settings, _ = read_settings(spec, reader)
-            feed = Feed(Onboard(settings.onboard), settings)
-            described = settings.robot_description_topic
-            inputs = inputs_of(spec, feed.topics, reader.topics, described, {})
+            inputs = inputs_of(spec, Feed(Onboard(settings.onboard), settings), reader, {})
         content = topics_document(reader, inputs)
     tell(content, _topics_text(content, config is not None), json_file)
     if content["damage"] and json_file != "-":
@@ -153,31 +151,24 @@ def _topics(bag: Path, config: Path | None, remaps: dict[str, str], json_file: s
 
 
 def _topics_text(content: dict[str, Any], has_config: bool) -> str:
-    rows = [
-        [
-            topic["name"],
-            topic["type"],
-            str(topic["messages"]),
-            "-" if topic["rate"] is None else f"{topic['rate']:.1f}",
-            topic["role"],
-        ]
-        for topic in content["topics"]
-    ]
-    lines = [f"{content['bag']}: {content['messages']} messages in {content['duration']:.1f} s", ""]
-    lines.append(text_table(["topic", "type", "messages", "Hz", "is"], rows))
+    bag, missing, proposals = content["bag"], content["missing"], content["proposals"]
+    rows = []
+    for topic in content["topics"]:
+        rate = "-" if topic["rate"] is None else f"{topic['rate']:.1f}"
+        rows.append([topic["name"], topic["type"], str(topic["messages"]), rate, topic["role"]])
+    lines = [f"{bag}: {content['messages']} messages in {content['duration']:.1f} s", ""]
+    lines += [text_table(["topic", "type", "messages", "Hz", "is"], rows), ""]
     if not has_config:
         lines += [
-            "",
-            f"`smallwheel init {content['bag']} -o rover.yaml` makes a parameter file of these; with",
+            f"`smallwheel init {bag} -o rover.yaml` makes a parameter file of these; with",
             "--config rover.yaml this list says which topic is which input.",
         ]
-    else:
-        if content["missing"]:
-            lines += ["", "Missing", *(f"  {text}" for text in content["missing"])]
-        if content["proposals"]:
-            lines += ["", "These may be them", *(f"  {p['add']}" for p in content["proposals"])]
-        if not (content["missing"] or content["proposals"]):
-            lines += ["", "Every input of the node is there."]
+    elif not (missing or proposals):
+        lines.append("Every input of the node is there.")
+    if missing:
+        lines += ["Missing", *(f"  {text}" for text in missing)]
+    if proposals:
+        lines += ["", "These may be them", *(f"  {proposal['add']}" for proposal in proposals)]
     return "\n".join(lines)
 
 
@@ -208,7 +199,7 @@ class Outcome:
 
     state: ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``. error: in
     words, empty where there is none. done_before: by an earlier command. summary: as in replay.json,
-    empty where the replay failed.
+    None where the replay failed.
     """
 
     bag: str
@@ -216,7 +207,7 @@ class Outcome:
     state: str
     error: str = ""
     done_before: bool = False
-    summary: dict[str, Any] = field(default_factory=dict)
+    summary: dict[str, Any] | None = None
 
     @property
     def name(self) -> str:
@@ -233,49 +224,35 @@ def _many(
     *,
     one_map: bool,
 ) -> None:
-    if scheduler is not None:
-        # Workers may stand elsewhere in the tree of folders than this process does.
-        paths = ("bag", "config", "folder")
-        specs = [
-            replace(spec, **{name: getattr(spec, name).absolute() for name in paths})
-            for spec in specs
-        ]
     source = replay_all(specs, Replayed.save, jobs=jobs, scheduler=scheduler)
     found: dict[str, Outcome] = {}
-    stopped = False
     bar = tqdm(total=len(specs), unit=" bags", disable=None, leave=False)
     with claimed(folder):
-        try:
-            with _terminated_as_interrupted(), bar, closing(source):
-                for outcome in source:
-                    found[outcome.name] = outcome
-                    bar.update()
-                    said = outcome.error or outcome.state.replace("_", " ")
-                    with tqdm.external_write_mode():
-                        click.echo(f"{outcome.bag}: {said}", err=True)
-        except KeyboardInterrupt:
-            stopped = True
-        outcomes = [found.get(spec.name) or _found_on_disk(spec) for spec in specs]
+        # Who interrupts sees by the states that not all is done.
+        with suppress(KeyboardInterrupt), _terminated_as_interrupted(), bar, closing(source):
+            for outcome in source:
+                found[outcome.name] = outcome
+                bar.update()
+                said = outcome.error or outcome.state.replace("_", " ")
+                with tqdm.external_write_mode():
+                    click.echo(f"{outcome.bag}: {said}", err=True)
+        outcomes = [found.get(spec.name) or _outcome(spec) for spec in specs]
         done = [o for o in outcomes if o.state in ("complete", "ended_early")]
         files = _merge(folder, done) if done else {}
         if one_map and done:
             files |= _merge_maps(folder, done)
-        bags = [{**asdict(o), "summary": o.summary or None} for o in outcomes]
-        document = {"schema": SCHEMA, "bags": bags, "files": files}
+        document = {"schema": SCHEMA, "bags": [asdict(o) for o in outcomes], "files": files}
         write_json(str(folder / _MANY), document)
     written = [folder / name for name in (*files.values(), _MANY)]
     tell(document, _many_text(outcomes), json_file, written)
-    if stopped or any(o.state in ("interrupted", "not_begun") for o in outcomes):
-        click.echo(
-            f"interrupted: {len(done)} of {len(outcomes)} bags are done; the same command does the rest",
-            err=True,
-        )
-        raise SystemExit(1)
-    if all(o.state == "failed" for o in outcomes):
+    states, said = {o.state for o in outcomes}, f"{len(done)} of {len(outcomes)} bags are done"
+    if states & {"interrupted", "not_begun"}:
+        click.echo(f"interrupted: {said}; the same command does the rest", err=True)
+    elif states == {"failed"}:
         raise SystemExit(2)
-    if any(o.state != "complete" for o in outcomes):
-        text = f"{len(done)} of {len(outcomes)} bags are done, see above for the others"
-        click.echo(text, err=True)
+    elif states != {"complete"}:
+        click.echo(f"{said}, see above for the others", err=True)
+    if states != {"complete"}:
         raise SystemExit(1)
 
 
@@ -292,21 +269,17 @@ def _terminated_as_interrupted() -> Iterator[None]:
 def _specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
     """Return one replay for each bag, each into a folder of its own in `like`'s.
 
-    Raises
-    ------
-    ReplayError
-        If two bags have one name.
+    Raises ReplayError if two bags have one name.
     """
     named: dict[str, ReplaySpec] = {}
-    for bag in bags:
-        spec = replace(like, bag=bag)
+    for spec in (replace(like, bag=bag) for bag in bags):
         if spec.name in named:
             raise ReplayError(
-                f"bags {named[spec.name].bag} and {bag} have one name, {spec.name}: replay them"
+                f"bags {named[spec.name].bag} and {spec.bag} have one name, {spec.name}: replay them"
                 " into different folders"
             )
-        named[spec.name] = replace(spec, folder=like.folder / spec.name)
-    return list(named.values())
+        named[spec.name] = spec
+    return [replace(spec, folder=like.folder / name) for name, spec in named.items()]
 
 
 def replay_all(
@@ -314,21 +287,11 @@ def replay_all(
 ) -> Generator[Outcome, None, None]:
     """Replay bag by bag; outcomes as they come.
 
-    With one job that is done in this process, and ends after a bag that somebody interrupted. A process
-    that dies costs only its own bag. KeyboardInterrupt ends all of them: what they had finished stays.
-
-    Parameters
-    ----------
-    jobs
-        Processes at a time.
-    scheduler
-        Address of a Dask cluster, which gets one bag a task. The workers need this package, and the bags,
-        the parameter file and the output folder under the same paths as here.
-
-    Raises
-    ------
-    ReplayError
-        If dask.distributed is not installed, or nobody answers at the address.
+    jobs: processes at a time. With one job that is done in this process, and ends after a bag that
+    somebody interrupted. A process that dies costs only its own bag. KeyboardInterrupt ends all of them:
+    what they had finished stays. scheduler: address of a Dask cluster, which gets one bag a task. The
+    workers need this package, and the bags, the parameter file and the output folder under the same
+    paths as here; ReplayError if dask.distributed is not installed, or nobody answers there.
     """
     if scheduler is None and jobs == 1:
         for spec in specs:
@@ -337,7 +300,7 @@ def replay_all(
             if outcome.state == "interrupted":
                 return
         return
-    lost = []
+    lost = []  # bags of which no process tells any more: one died, and took the others' with it
     with _pool(min(jobs, len(specs))) if scheduler is None else _cluster(scheduler) as workers:
         futures = {workers.submit(_replay_or_say, spec, report): spec for spec in specs}
         for future in as_completed(futures):
@@ -346,15 +309,12 @@ def replay_all(
             except BrokenProcessPool:
                 lost.append(futures[future])
             except Exception as error:  # a worker of a cluster died, or has not this package
-                said = f"{type(error).__name__}: {error}"
-                yield _without_summary(futures[future], "failed", said)
-    for spec in lost:
-        # A process died, and took the others' bags with it: each alone, to see whose fault it was.
-        if len(specs) == 1:
-            said = "the process that replayed it died (killed, or out of memory)"
-            yield _without_summary(spec, "failed", said)
-        else:
-            yield from replay_all([spec], report, jobs=jobs)
+                yield _outcome(futures[future], f"{type(error).__name__}: {error}")
+    if lost and len(specs) == 1:
+        yield _outcome(lost[0], "the process that replayed it died (killed, or out of memory)")
+        return
+    for spec in lost:  # each alone, to see whose fault it was
+        yield from replay_all([spec], report, jobs=jobs)
 
 
 def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
@@ -363,33 +323,23 @@ def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
         before = is_done(spec)
         if not before:
             replay_bag(spec, report=report)
-        return _as_told(spec, before)
+        return _outcome(spec, before=before)
     except SmallwheelError as error:
-        return _without_summary(spec, "failed", str(error))
+        return _outcome(spec, str(error))
     except Exception as error:  # one bag's trouble must not be that of the others
-        return _without_summary(spec, "failed", f"{type(error).__name__}: {error}")
+        return _outcome(spec, f"{type(error).__name__}: {error}")
 
 
-def _found_on_disk(spec: ReplaySpec) -> Outcome:
-    """Return what became of a bag whose process could not tell any more."""
-    if not is_done(spec):
-        found = read_summary(spec.folder)
-        if found is None:
-            return _without_summary(spec, "not_begun")
-        if found.get("state") != "interrupted":  # it was killed
-            return _without_summary(spec, "interrupted")
-    return _as_told(spec)
-
-
-def _as_told(spec: ReplaySpec, before: bool = False) -> Outcome:
-    """What the replay said of itself in its folder."""
-    found = read_summary(spec.folder) or {}
-    state, ended = str(found["state"]), str(found["ended"])
-    return Outcome(str(spec.bag), str(spec.folder), state, ended, before, found)
-
-
-def _without_summary(spec: ReplaySpec, state: str, error: str = "") -> Outcome:
-    return Outcome(str(spec.bag), str(spec.folder), state, error)
+def _outcome(spec: ReplaySpec, error: str = "", before: bool = False) -> Outcome:
+    """What became of a bag, as its folder says; error: what went wrong instead."""
+    bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
+    state = found.get("state")
+    if error:
+        return Outcome(bag, folder, "failed", error)
+    if state == "interrupted" or is_done(spec):
+        return Outcome(bag, folder, found["state"], found["ended"], before, found)
+    # A replay that was killed says that it is at work; what else is there is of an earlier one.
+    return Outcome(bag, folder, "interrupted" if state == "running" else "not_begun")
 
 
 @contextmanager
@@ -437,22 +387,15 @@ def _cluster(address: str) -> Iterator[Executor]:
         yield client.get_executor(pure=False, retries=1)
 
 
-def _rows(path: Path) -> Iterator[dict[str, str]]:
-    if path.exists():
-        with path.open(newline="", encoding="utf-8") as file:
-            yield from csv.DictReader(file)
+# --- All bags together
 
 
 def _merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Put estimates and measurements of all bags into one table each; return the files' names.
 
     Estimates get a column `bag`; runs and soils of the measurements begin with the bag's name,
-    since no two drives share them.
-
-    Raises
-    ------
-    ReplayError, OutputError
-        If a table cannot be written.
+    since no two drives share them. Of the measurements' columns those stay that all bags have: not
+    every drive tells the pass number. Raises ReplayError, OutputError if a table cannot be written.
     """
     measured: list[dict[str, str]] = []
     with table(folder / ESTIMATES, {"bag": "string", **columns()}) as add:
@@ -463,37 +406,44 @@ def _merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
             for row in _rows(place / MEASUREMENTS):
                 mine = {"soil": f"{name} {row['soil']}", "run": f"{name} {row['run']}"}
                 measured.append(row | mine)
-    write_rows(folder / MEASUREMENTS, measured)
+    (folder / MEASUREMENTS).unlink(missing_ok=True)
+    if measured:
+        shared = [name for name in measured[0] if all(name in row for row in measured)]
+        rows = [{name: row[name] for name in shared} for row in measured]
+        write_rows(folder / MEASUREMENTS, rows)
     merged = ("estimates_csv", "estimates_parquet", "measurements")
     return {what: name for what, name in files_in(folder).items() if what in merged}
+
+
+def _rows(path: Path) -> Iterator[dict[str, str]]:
+    """The rows of a table (CSV), if there is one."""
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            yield from csv.DictReader(file)
 
 
 def _merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Lay the cost maps of all bags into one, the newest on top; return the files' names.
 
-    Where any of them has 100 it stays: a robot was stuck there.
-
-    Raises
-    ------
-    ReplayError, CostMapError, OutputError
-        If there is no map, if they are not in one frame, or if one cannot be read or written.
+    Where any of them has 100 it stays: a robot was stuck there. Raises ReplayError, CostMapError,
+    OutputError if there is no map, if they are not in one frame, or if one cannot be read or written.
     """
-    found: list[tuple[Outcome, Grid]] = []
-    for outcome in sorted(outcomes, key=lambda one: float(one.summary["start"])):
+    found: dict[str, Grid] = {}  # by the bag's path, the newest last
+    for outcome in sorted(outcomes, key=lambda one: float((one.summary or {})["start"])):
         path = Path(outcome.folder) / FILES["cost_map"]
         if path.exists():
-            found.append((outcome, read_map(path)))
+            found[outcome.bag] = read_map(path)
     if not found:
         raise ReplayError("option --map: no bag has a cost map: nobody says where the wheels were")
-    frames = {grid.frame: outcome.bag for outcome, grid in found}
+    frames = {grid.frame: bag for bag, grid in found.items()}
     if len(frames) > 1:
         words = ", ".join(f"{frame} ({bag})" for frame, bag in frames.items())
         raise ReplayError(f"option --map: expected maps in one frame, found {words}")
     stuck = [
         replace(grid, cells=np.where(grid.cells == HIGHEST, grid.cells, UNKNOWN).astype(np.int8))
-        for _, grid in found
+        for grid in found.values()
     ]
-    layers = [(grid, HERE) for grid in [*(grid for _, grid in found), *stuck]]
+    layers = [(grid, HERE) for grid in (*found.values(), *stuck)]
     write_map(folder / FILES["cost_map"], union(next(iter(frames)), layers))
     return {what: FILES[what] for what in ("cost_map", "cost_map_image")}
 
@@ -503,17 +453,13 @@ def _many_text(outcomes: Sequence[Outcome]) -> str:
     rows = []
     for outcome in outcomes:
         state = outcome.state.replace("_", " ") + (" (before)" if outcome.done_before else "")
-        found = ["-"] * 4
-        if outcome.summary:
-            soil = outcome.summary["soil"]
-            pressure = soil["reference_pressure"]
-            found = [
-                f"{outcome.summary['travel']:.1f}",
-                str(outcome.summary["estimates"]),
-                str(soil["changes"]),
-                f"{pressure['value'] / 1e3:.3g} +- {pressure['std'] / 1e3:.2g}",
-            ]
-        rows.append([outcome.name, state, *found])
+        row, summary = [outcome.name, state, "-", "-", "-", "-"], outcome.summary
+        if summary is not None:
+            soil = summary["soil"]
+            pressure, deviation = (soil["reference_pressure"][n] / 1e3 for n in ("value", "std"))
+            row[2:4] = [f"{summary['travel']:.1f}", str(summary["estimates"])]
+            row[4:] = [str(soil["changes"]), f"{pressure:.3g} +- {deviation:.2g}"]
+        rows.append(row)
     header = ["bag", "", "way [m]", "estimates", "soil changes", "reference pressure [kPa]"]
     lines = [text_table(header, rows)]
     lines += [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from smallwheel_ros.bags import (
 )
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
+from smallwheel_ros.common.tables import write_json, write_rows
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Grid, wide, write_map
 from smallwheel_ros.estimator.reading import SECOND, Reading
@@ -35,12 +36,11 @@ from smallwheel_ros.replay.result import (
     ESTIMATES,
     FILES,
     MEASUREMENTS,
+    SUMMARY,
     DriveSummary,
     Replayed,
     begin,
-    check_folder,
     claimed,
-    write_summary,
 )
 from smallwheel_ros.replay.spec import (
     ReplayError,
@@ -56,13 +56,12 @@ from smallwheel_ros.replay.tables import (
     SteadySegments,
     columns,
     table,
-    write_rows,
 )
 
 _Handler = Callable[[Any, int | None], object]
 Progress = Callable[[int, int], None]
 Report = Callable[[Replayed, Path], object]
-_AddRow = Callable[[list[Any]], None]
+_AddRow = Callable[[list[Any]], object]
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
@@ -81,46 +80,30 @@ def replay(
     progress: Progress = lambda _done, _all: None,
     report: Report = lambda _result, _path: None,
 ) -> Replayed:
-    """Replay one bag into the spec's folder.
+    """Replay one bag into the spec's folder; also one that is damaged, or until somebody interrupts.
 
-    Parameters
-    ----------
-    progress
-        Called now and then with the messages done and all.
-    report
-        Called with the result and a path before the replay counts as done, to write a page.
+    progress: called now and then with the messages done and all. report: called with the result and a
+    path before the replay counts as done, to write a page.
 
-    Returns
-    -------
-    Replayed
-        Also where the bag is damaged or somebody interrupts: with what there was until then.
-
-    Raises
-    ------
-    BagError
-        If nothing can be read, or the new bag cannot be written.
-    ParametersError
-        If the parameter file cannot be used.
-    ReplayError
-        If nothing can be estimated from the bag, a file cannot be written, or another replay is
-        at work in the folder.
+    Raises BagError if nothing can be read, or the new bag cannot be written; ParametersError if the
+    parameter file cannot be used; ReplayError if nothing can be estimated from the bag, a file cannot be
+    written, or another replay is at work in the folder.
     """
-    check_folder(spec)
     stop, folder = Stop(), spec.folder
     with BagReader(spec.bag, salvage=True) as reader, stop.listening():
         session = _Session(spec, reader)
         result = session.result
         with claimed(folder):
-            if begin(spec):
-                text = "an earlier replay into this folder was not finished; it is done anew"
-                result.notes.append(text)
+            result.notes += begin(spec)
             bag = _NewBag(folder / BAG, reader, session.copied)
             with table(folder / ESTIMATES, columns()) as add_row, bag:
                 session.run(add_row, bag, stop, progress)
-            write_rows(folder / MEASUREMENTS, list(result.segments.table()))
+            measured = result.segments.table()
+            if measured:
+                write_rows(folder / MEASUREMENTS, measured)
             session.write_map(folder / FILES["cost_map"])
             report(result, folder / FILES["report"])
-            write_summary(folder, result.to_dict())
+            write_json(str(folder / SUMMARY), result.to_dict())
     return result
 
 
@@ -133,56 +116,47 @@ class _Session:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
         if settings.soil_file:
             notes.append("soil_file is not read: a replay begins with the configured soil")
-        notes = [*spec.notes, *notes]
+        wheels = settings.onboard.wheels
         self._reader = reader
         self._onboard = Onboard(settings.onboard)
         self._feed = Feed(self._onboard, settings)
-        self._ground = GroundMapper(CostMap(settings.cost, settings.onboard.wheels))
-        self._grid_due = 0
+        self._ground = GroundMapper(CostMap(settings.cost, wheels))
         self._time = reader.start_time  # of recording, of the message that is worked on
-        description = settings.robot_description_topic
-        present = {(topic.name, topic.type) for topic in reader.topics}
-        handlers: dict[Key, list[_Handler]] = {}
-        for topic in self._feed.topics:
-            key = (spec.in_bag(topic.name), topic.type)
-            handlers.setdefault(key, []).append(topic.handle)
         self._clock: int | None = None
         self._last: Estimate | None = None
+        present = {(topic.name, topic.type) for topic in reader.topics}
         self._has_clock = spec.clock and _CLOCK in present
+        handlers: list[tuple[Key, _Handler]] = [
+            ((spec.in_bag(topic.name), topic.type), topic.handle) for topic in self._feed.topics
+        ]
         if self._has_clock:
-            handlers[_CLOCK] = [self._on_clock]
-        unusable = self._open(handlers, present)
-        inputs = inputs_of(spec, self._feed.topics, reader.topics, description, unusable)
+            handlers.append((_CLOCK, self._on_clock))
+        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[_Handler]]] = {}
+        unusable = {}  # those that the bag defines otherwise
+        for key, handle in handlers:
+            if key in present:
+                try:
+                    self._takers.setdefault(key, (reader.decoder(*key), []))[1].append(handle)
+                except DefinitionError as error:
+                    unusable[key] = str(error)
+        inputs = inputs_of(spec, self._feed, reader, unusable)
         check_enough(self._onboard, inputs, reader)
-        described = (spec.in_bag(description), DESCRIPTION_TYPE)
-        used = {*handlers, _CLOCK, described} & present
+        described = (spec.in_bag(settings.robot_description_topic), DESCRIPTION_TYPE)
+        used = {_CLOCK, described, *(key for key, _ in handlers)} & present
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._read = {name for name, _ in used | self.copied}
         self.result = Replayed(
             spec=spec,
             settings=settings,
-            notes=notes,
+            notes=[*spec.notes, *notes],
             inputs=inputs,
             start=reader.start_time,
             end=reader.end_time,
             message_count=sum(t.message_count for t in reader.topics if t.name in self._read),
             onboard=self._onboard,
             summary=DriveSummary(self._onboard, reader.start_time),
-            segments=SteadySegments(
-                settings.onboard.wheels, bool(settings.onboard.with_drawbar_pull)
-            ),
+            segments=SteadySegments(wheels, bool(settings.onboard.with_drawbar_pull)),
         )
-
-    def _open(self, handlers: dict[Key, list[_Handler]], present: Iterable[Key]) -> dict[Key, str]:
-        """Prepare for the messages of the inputs; say which ones the bag defines otherwise."""
-        unusable = {}
-        self._takers: dict[Key, tuple[Callable[[bytes], Any], list[_Handler]]] = {}
-        for key in handlers.keys() & set(present):
-            try:
-                self._takers[key] = (self._reader.decoder(*key), handlers[key])
-            except DefinitionError as error:
-                unusable[key] = str(error)
-        return unusable
 
     def run(self, add_row: _AddRow, bag: _NewBag, stop: Stop, progress: Progress) -> None:
         """Read the bag to its end, its damage, or a signal."""
@@ -199,7 +173,12 @@ class _Session:
                     result.summary.take_problems(self._time)
                     progress(result.messages_read, total)
                     if stop.asked:
-                        result.state, result.ended = "interrupted", self._stopped(stop)
+                        result.state = "interrupted"
+                        result.ended = (
+                            f"stopped by {stop.asked} {(self._time - result.start) / SECOND:.3f} s after"
+                            f" the bag's beginning, after {result.messages_read} of {total} messages;"
+                            " the same command does all of it"
+                        )
                         break
         except BagError as error:
             if error.path != self._reader.path:
@@ -211,10 +190,7 @@ class _Session:
         if self._last is not None and self._ground.map.changed:
             self._write_grid(self._last.result.reading.stamp)
         bag.finish()
-        result.prefix, result.left_out = bag.prefix, bag.left_out
-        if bag.damaged:
-            result.notes.append(f"{bag.damaged} damaged messages are not in the new bag")
-        self._finish()
+        self._finish(bag)
         progress(result.messages_read, total)
 
     def _take(self, raw: RawMessage) -> None:
@@ -243,11 +219,12 @@ class _Session:
         """Write an estimate into table and bag, and lay it down on the map."""
         self._last = estimate = Estimate(found, self._last)
         self._add_row(estimate.row(self.result.start))
-        bag, log_time, frame = self._bag, self._time, self._feed.odometry_frame
-        bag.write_estimate(estimate, log_time, frame)
+        frame = self._feed.odometry_frame
+        self._bag.write_estimate(estimate, self._time, frame)
         self._ground.add(found, frame)
-        bag.write_pose(found.reading, log_time, frame)
-        if self._ground.map.changed and log_time >= self._grid_due:
+        self._bag.write_pose(found.reading, self._time, frame)
+        period = round(self.result.settings.cost.period * SECOND)
+        if self._ground.map.changed and self._bag.is_due("cost", self._time, period):
             self._write_grid(found.reading.stamp)
         self.result.summary.add(found)
 
@@ -257,30 +234,23 @@ class _Session:
         self.result.segments.add(reading, way, changing)
 
     def _write_grid(self, stamp: int) -> None:
-        """Write the grid as the node would have published it, at its rate."""
+        """Write the grid as the node would have published it."""
         grid = self._ground.map.grid()
         if grid is not None:
             self._bag.write_grid(grid, stamp, self._time)
-            self._grid_due = self._time + round(self.result.settings.cost.period * SECOND)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""
-        found = self._ground.map
-        whole = found.whole()
+        whole = self._ground.map.whole()
         if whole is not None:
-            write_map(path, wide(whole, found.spread))
+            write_map(path, wide(whole, self._ground.map.spread))
 
-    def _stopped(self, stop: Stop) -> str:
-        result = self.result
-        return (
-            f"stopped by {stop.asked} {(self._time - result.start) / SECOND:.3f} s after the bag's"
-            f" beginning, after {result.messages_read} of {result.message_count} messages; the same"
-            " command does all of it"
-        )
-
-    def _finish(self) -> None:
+    def _finish(self, bag: _NewBag) -> None:
         """Complete the result after the last message."""
         result, onboard = self.result, self._onboard
+        result.prefix, result.left_out = bag.prefix, bag.left_out
+        if bag.damaged:
+            result.notes.append(f"{bag.damaged} damaged messages are not in the new bag")
         result.summary.take_problems(self._time)
         result.summary.finish()
         result.segments.finish()
@@ -303,15 +273,9 @@ class _NewBag(BagWriter):
 
     It is stored as the old bag is, so that whoever reads that one reads this one too.
 
-    Attributes
-    ----------
-    prefix
-        Of the topics of the estimates: the node's name, or /replay before it where the bag has
-        the node's own estimates already.
-    left_out
-        Topics and types that are not copied, since their type cannot be understood.
-    damaged
-        Messages that are not copied, since they cannot be converted.
+    prefix: of the topics of the estimates: the node's name, or /replay before it where the bag has the
+    node's own estimates already. left_out: topics and types that are not copied, since their type cannot
+    be understood. damaged: messages that are not copied, since they cannot be converted.
     """
 
     def __init__(self, path: Path, reader: BagReader, copied: set[Key]) -> None:
@@ -321,11 +285,10 @@ class _NewBag(BagWriter):
         self.prefix = f"/replay{own}" if taken else own
         found = {key: reader.as_channel(*key) for key in sorted(copied)}
         self._channels = {key: channel for key, channel in found.items() if channel is not None}
-        self.left_out = [key for key, channel in found.items() if channel is None]
+        self.left_out = [key for key in found if key not in self._channels]
         self.damaged = 0
         self._has_tf = any(topic in ("/tf", "tf") for topic, _ in self._channels)
-        self._posed = -_POSE_PERIOD
-        self._soil_sent: int | None = None
+        self._sent: dict[str, int] = {}
         self._soil_waits: tuple[int, Estimate, str] | None = None
 
     def __enter__(self) -> _NewBag:
@@ -337,10 +300,9 @@ class _NewBag(BagWriter):
 
     def copy(self, raw: RawMessage) -> None:
         """Write a message of the bag, where its topic is copied."""
-        found = self._channels.get((raw.topic, raw.type))
-        if found is None:
+        if (raw.topic, raw.type) not in self._channels:
             return
-        channel, convert = found
+        channel, convert = self._channels[raw.topic, raw.type]
         try:
             data = convert(raw.data)
         except Exception:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
@@ -352,24 +314,25 @@ class _NewBag(BagWriter):
         """Write an estimate; frame: that of odometry."""
         self.write(f"{self.prefix}/mobility", MOBILITY, log_time, estimate.mobility())
         self._soil_waits = (log_time, estimate, frame)
-        stamp, sent = estimate.result.reading.stamp, self._soil_sent
-        if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-            self._soil_sent = stamp
+        if self.is_due("soil", estimate.result.reading.stamp, _SOIL_PERIOD):
             self.finish()
+
+    def is_due(self, what: str, time: int, period: int) -> bool:
+        """Whether a period (ns) has passed since this was last said, or time went back."""
+        sent = self._sent.get(what)
+        due = sent is None or not sent <= time < sent + period
+        if due:
+            self._sent[what] = time
+        return due
 
     def write_grid(self, grid: Grid, stamp: int, log_time: int) -> None:
         """Write a cost grid; stamp and log_time in ns."""
         (x, y), (height, width) = grid.origin, grid.cells.shape
         stamped = header(stamp, grid.frame)
-        place = Message(x=x, y=y, z=0.0)
-        origin = Message(position=place, orientation=Message(x=0.0, y=0.0, z=0.0, w=1.0))
-        info = Message(
-            map_load_time=stamped.stamp,
-            resolution=grid.resolution,
-            width=width,
-            height=height,
-            origin=origin,
-        )
+        info = Message(map_load_time=stamped.stamp, resolution=grid.resolution)
+        info.width, info.height = width, height
+        level = Message(x=0.0, y=0.0, z=0.0, w=1.0)
+        info.origin = Message(position=Message(x=x, y=y, z=0.0), orientation=level)
         message = Message(header=stamped, info=info, data=grid.cells.ravel())
         self.write(f"{self.prefix}/cost", _GRID, log_time, message)
 
@@ -377,13 +340,10 @@ class _NewBag(BagWriter):
         """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
         if self._has_tf or not frame or reading.vehicle is None or reading.heading is None:
             return
-        if reading.stamp < self._posed + _POSE_PERIOD:
+        if not self.is_due("pose", reading.stamp, _POSE_PERIOD):
             return
-        self._posed = reading.stamp
-        x, y = reading.vehicle
-        turn = Message(
-            x=0.0, y=0.0, z=math.sin(reading.heading / 2), w=math.cos(reading.heading / 2)
-        )
+        (x, y), half = reading.vehicle, reading.heading / 2
+        turn = Message(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
         stamped = header(reading.stamp, frame)
         link = Message(header=stamped, child_frame_id="base_link", transform=moved)

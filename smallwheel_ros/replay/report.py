@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +16,13 @@ from numpy.typing import NDArray
 from smallwheel_ros.costmap.cost_map import CostRules
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.onboard.result import Status
-from smallwheel_ros.replay.result import FILES, Event, Replayed
+from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.page import Page
 
-Array = NDArray[np.float64]
-_Courses = Mapping[str, pd.DataFrame]  # of each wheel, rows of the table of estimates
-
-_REASONS = {
+_REASONS = {  # those that are not words already
     "gate": "does not fit the soil (outlier gate)",
     "load_missing": "no usable load near it",
-    "load_not_positive": "load is not positive",
-    "not_finite": "not a finite number",
-    "not_plausible": "not a plausible number",
     "stamp_zero": "header stamp is zero",
     "stamp_in_future": "header stamp ahead of the clock",
     "stamp_too_old": "header stamp far behind the clock",
@@ -35,8 +31,6 @@ _REASONS = {
     "time_jump": "time went back: all began anew",
     "dropped_by_reset": "still waited when time went back",
     "undecodable": "cannot be deserialised",
-    "no_velocities": "no velocities in the message",
-    "no_efforts": "no efforts in the message",
     "out_of_range": "means a soil outside the model's range",
     "range_out_of_limits": "outside the range sensor's limits",
 }
@@ -61,20 +55,7 @@ _MOST_OF_ALL = 12_000  # of all wheels: what a page of two megabytes holds
 _GAP = 5.0  # times the usual step of time: a longer one is a gap
 _BLOCK = 100_000  # rows of a long drive that are in memory at a time
 
-_WITH_DEVIATION = (
-    "sinkage_predicted",
-    "drawbar_pull",
-    "mobility_margin",
-    "soil_k",
-    "soil_n",
-    "soil_m",
-    "soil_reference_pressure",
-)
-_NUMBERS = (
-    *("time", "x", "y", "travel", "load", "slip", "sinkage_measured"),
-    *_WITH_DEVIATION,
-    *(f"{name}_standard_deviation" for name in _WITH_DEVIATION),
-)
+_MARGIN, _MARGIN_STD = "mobility_margin", "mobility_margin_standard_deviation"
 _SOIL = (
     ("soil_reference_pressure", "reference pressure [kPa]", 1e-3, True),
     ("soil_k", "k [Pa/m^(n+m)]", 1.0, True),
@@ -120,14 +101,8 @@ def _share(part: int, whole: int) -> str:
     return f"{100.0 * part / whole:.3g} %" if whole else "-"
 
 
-def _quantity(found: dict[str, Any], scale: float = 1.0, unit: str | None = None) -> str:
-    unit = found["unit"] if unit is None else unit
-    text = f"{number(scale * found['value'])} ± {number(scale * found['std'], 2)} {unit}"
-    return text.removesuffix(" 1")
-
-
-def _in_short(summary: dict[str, Any]) -> list[Block]:
-    blocks: list[Block] = []
+def _in_short(summary: dict[str, Any]) -> list[Callout]:
+    blocks: list[Callout] = []
     if summary["state"] != "complete":
         headline = {
             "ended_early": "The bag is damaged: this is what could be read of it.",
@@ -142,41 +117,43 @@ def _in_short(summary: dict[str, Any]) -> list[Block]:
         text = "Nothing could be estimated: see what was not used, and what is missing."
         blocks.append(Callout(text, [extent, *summary["missing"]], "warning"))
         return blocks
-    soil = summary["soil"]
+    soil, events = summary["soil"], summary["events"]
     lines = [
         extent,
         "Pressure at "
         f"{1e3 * soil['reference_sinkage']:g} mm sinkage under a wheel of"
         f" {1e3 * soil['reference_diameter']:g} mm, at the end: "
-        f"{_quantity(soil['reference_pressure'], 1e-3, 'kPa')}.",
+        f"{number(1e-3 * soil['reference_pressure']['value'])} ±"
+        f" {number(1e-3 * soil['reference_pressure']['std'], 2)} kPa.",
     ]
     if soil["status"]:
         lines.append(f"Not known: {'; '.join(soil['status'])}.")
-    digging = sum(event["kind"] == "digging_in" for event in summary["events"])
+    digging = sum(event["kind"] == "digging_in" for event in events)
     headline = f"The soil changed {_times(soil['changes'])}"
     headline += f", and a wheel began to dig in {_times(digging)}." if digging else "."
     if soil["changes"] == 0 and not digging:
         headline = "One soil throughout, and no wheel dug itself in."
     if not any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
-        warned = sum(event["kind"] == "stuck" for event in summary["events"])
+        warned = sum(event["kind"] == "stuck" for event in events)
         headline = f"No sinkage was used: the soil's law is unknown. Getting stuck: warned {_times(warned)}."
     blocks.append(Callout(headline, lines, "warning" if digging else "result"))
-    alarms = [event for event in summary["events"] if event["kind"] == "missing_effect"]
-    if alarms:
-        texts = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
-        texts.append("`smallwheel diagnose measurements.csv` takes all of the drive into account.")
-        blocks.append(Callout("The model misses something", texts, "warning"))
-    if summary["sensors"]:
-        texts = [f"{text[0].upper()}{text[1:]}." for text in summary["sensors"]]
-        blocks.append(Callout("Look at these sensors", texts, "warning"))
-    if summary["slip_tests"]:
-        texts = [f"{text[0].upper()}{text[1:]}." for text in summary["slip_tests"]]
-        blocks.append(Callout("A slip test would tell more of the strength", texts))
-    if summary["filter"]:
-        blocks.append(Callout("The filter is not as it should be", [summary["filter"]], "warning"))
-    if summary["missing"]:
-        blocks.append(Callout("Inputs that the bag lacks", summary["missing"], "warning"))
-    return blocks
+    alarms = [event for event in events if event["kind"] == "missing_effect"]
+    missed = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
+    if missed:
+        missed.append("`smallwheel diagnose measurements.csv` takes all of the drive into account.")
+    concern = [summary["filter"]] if summary["filter"] else []
+    blocks += [
+        Callout("The model misses something", missed, "warning"),
+        Callout("Look at these sensors", _sentences(summary["sensors"]), "warning"),
+        Callout("A slip test would tell more of the strength", _sentences(summary["slip_tests"])),
+        Callout("The filter is not as it should be", concern, "warning"),
+        Callout("Inputs that the bag lacks", summary["missing"], "warning"),
+    ]
+    return [block for block in blocks if block.items]
+
+
+def _sentences(texts: Sequence[str]) -> list[str]:
+    return [f"{text[0].upper()}{text[1:]}." for text in texts]
 
 
 def _times(count: int) -> str:
@@ -185,11 +162,19 @@ def _times(count: int) -> str:
 
 def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
     """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
-    every = _stride({name: counts["estimates"] for name, counts in summary["wheels"].items()})
+    counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
+    every = max(1, math.ceil(max(counts) / min(_MOST_POINTS, _MOST_OF_ALL // len(counts))))
     courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
     if not courses:
         return []
-    data = _drive_data(courses, result.summary.events, result.settings.cost.rules)
+    rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
+    rules = result.settings.cost.rules
+    data = {
+        "wheels": [_wheel_data(name, course, rules) for name, course in courses.items()],
+        "way": _way(rows, rules),
+        "soil": _soil_data(rows),
+        "events": summary["events"],
+    }
     choice = "" if data["way"] is None else _MAP
     thinned = f" One estimate in {every} is shown." if every > 1 else ""
     inside = (
@@ -207,17 +192,14 @@ def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
 
 
 def _match_rates(summary: dict[str, Any]) -> Table:
-    rows = [
-        [
-            name,
-            str(wheel["estimates"]),
-            _share(wheel["with_load"], wheel["estimates"]),
-            _share(wheel["with_slip"], wheel["estimates"]) if wheel["rolls"] else "-",
-            _share(wheel["used_for_soil"], wheel["estimates"]),
-            "-" if wheel["sinkage_rms"] is None else number(1e3 * wheel["sinkage_rms"]),
-        ]
-        for name, wheel in summary["wheels"].items()
-    ]
+    rows = []
+    for name, wheel in summary["wheels"].items():
+        count, rms = wheel["estimates"], wheel["sinkage_rms"]
+        load, slip, used = (
+            _share(wheel[part], count) for part in ("with_load", "with_slip", "used_for_soil")
+        )
+        off = "-" if rms is None else number(1e3 * rms)
+        rows.append([name, str(count), load, slip if wheel["rolls"] else "-", used, off])
     header = ["wheel", "estimates", "with a load", "with slip", "used for the soil",
               "measured - predicted [mm rms]"]  # fmt: skip
     caption = "How many measurements had what they need at their instant"
@@ -231,11 +213,10 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
     rows = []
     for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
         found = soil[name]
+        unit = "-" if found["unit"] == "1" else found["unit"]
         verdict = "yes" if found["determined"] else "no: essentially what was configured"
-        rows.append(
-            [name.replace("_", " "), number(found["value"], 4), number(found["std"], 2),
-             "-" if found["unit"] == "1" else found["unit"], verdict]
-        )  # fmt: skip
+        value, deviation = number(found["value"], 4), number(found["std"], 2)
+        rows.append([name.replace("_", " "), value, deviation, unit, verdict])
     header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
     caption = "Under the law p = k z^n D^m"
     blocks: list[Block] = [Table(header, rows, caption, numbers=(1, 2))]
@@ -245,21 +226,13 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
 
 
 def _events(summary: dict[str, Any]) -> list[Block]:
-    rows = [
-        [
-            f"{event['time']:.1f}",
-            f"{event['travel']:.1f}",
-            "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"]),
-            event["text"],
-        ]
-        for event in summary["events"]
-    ]
+    rows = []
+    for event in summary["events"]:
+        place = "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
+        rows.append([f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"]])
     if not rows:
-        return [
-            Text(
-                "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
-            )
-        ]
+        text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
+        return [Text(text)]
     header = ["time [s]", "way [m]", "place [m]", "what"]
     blocks: list[Block] = [Table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
@@ -274,17 +247,10 @@ def _not_used(summary: dict[str, Any]) -> list[Block]:
     received = {item["stream"]: item["messages"] for item in summary["inputs"]}
     rows = []
     for drop in summary["not_used"]:
-        first = drop["first_time"]
-        rows.append(
-            [
-                drop["topic"],
-                _REASONS.get(drop["reason"], drop["reason"].replace("_", " ")),
-                str(drop["count"]),
-                _share(drop["count"], received.get(drop["stream"], 0)),
-                "-" if first is None else f"{first:.1f}",
-                drop["example"],
-            ]
-        )
+        why = _REASONS.get(drop["reason"], drop["reason"].replace("_", " "))
+        share = _share(drop["count"], received.get(drop["stream"], 0))
+        first = "-" if drop["first_time"] is None else f"{drop['first_time']:.1f}"
+        rows.append([drop["topic"], why, str(drop["count"]), share, first, drop["example"]])
     if not rows:
         return [Text("Every message was used.")]
     header = ["topic", "why", "messages", "share", "first [s]", "the first one"]
@@ -322,69 +288,42 @@ def _caveats(summary: dict[str, Any]) -> Block:
     return Text(items=lines)
 
 
-# --- The drive as the data that the page draws
-
-
-def _stride(estimates: Mapping[str, int]) -> int:
-    """Every how many-th estimate is shown. estimates: how many there are, by wheel."""
-    most = min(_MOST_POINTS, _MOST_OF_ALL // max(len(estimates), 1))
-    return max(1, -(-max(estimates.values(), default=0) // most))
+# --- The drive as the data that the page draws; a number that is not known is a gap
 
 
 def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
-    """Return every so many-th row of each wheel of a table of estimates (CSV).
+    """Return every so many-th row of each wheel of a table of estimates (CSV), by wheel.
 
     With a column `used`: whether the measured sinkage was used for the soil.
     """
     found: dict[str, list[pd.DataFrame]] = {}
-    seen: dict[str, int] = {}
-    blocks = pd.read_csv(
-        table,
-        usecols=["wheel", "status", *_NUMBERS],
-        dtype=dict.fromkeys(_NUMBERS, float),
-        chunksize=_BLOCK,
-    )
-    for block in blocks:
+    seen: Counter[str] = Counter()
+    for block in pd.read_csv(table, chunksize=_BLOCK):
         known = block["load"].notna() & block["sinkage_measured"].notna()
         block["used"] = known & (block["status"] != Status.REJECTED.name)
         for wheel, rows in block.groupby("wheel"):
-            name = str(wheel)
-            first = -seen.get(name, 0) % every
-            found.setdefault(name, []).append(rows.iloc[first::every])
-            seen[name] = seen.get(name, 0) + len(rows)
+            found.setdefault(str(wheel), []).append(rows.iloc[-seen[str(wheel)] % every :: every])
+            seen[str(wheel)] += len(rows)
     return {wheel: pd.concat(parts) for wheel, parts in found.items()}
 
 
-def _drive_data(courses: _Courses, events: Sequence[Event], rules: CostRules) -> dict[str, Any]:
-    """Everything that the page draws of a drive; a number that is not known is a gap."""
-    rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
-    return {
-        "wheels": [_wheel_data(name, course, rules) for name, course in courses.items()],
-        "way": _way(rows, rules),
-        "soil": _soil_data(rows),
-        "events": [event._asdict() for event in events],
-    }
-
-
 def _wheel_data(name: str, course: pd.DataFrame, rules: CostRules) -> dict[str, Any]:
-    course = with_gaps(course.sort_values("time", kind="stable"))
-    value = {c: course[c].to_numpy(dtype=float) for c in (*_NUMBERS, "used")}
-    used = value["used"] > 0
-    margin, spread = value["mobility_margin"], value["mobility_margin_standard_deviation"]
+    rows = with_gaps(course.sort_values("time", kind="stable"))
+    measured, used = 1e3 * rows["sinkage_measured"], rows["used"].eq(True)
     return {
         "name": name,
-        "time": value["time"],
-        "measured": np.where(used, 1e3 * value["sinkage_measured"], np.nan),
-        "unused": np.where(used, np.nan, 1e3 * value["sinkage_measured"]),
-        "sinkage": _with_band(value, "sinkage_predicted", 1e3),
-        "pull": _with_band(value, "drawbar_pull", 1.0),
-        "slip": value["slip"],
-        "cost": _cost(rules, margin, spread),
+        "time": rows["time"],
+        "measured": measured.where(used),
+        "unused": measured.mask(used),
+        "sinkage": _with_band(rows, "sinkage_predicted", 1e3),
+        "pull": _with_band(rows, "drawbar_pull", 1.0),
+        "slip": rows["slip"],
+        "cost": _cost(rules, rows[_MARGIN], rows[_MARGIN_STD]),
     }
 
 
-def _with_band(value: Mapping[str, Array], name: str, scale: float) -> dict[str, Array]:
-    middle, half = scale * value[name], _BAND * scale * value[f"{name}_standard_deviation"]
+def _with_band(rows: pd.DataFrame, name: str, scale: float) -> dict[str, Any]:
+    middle, half = scale * rows[name], _BAND * scale * rows[f"{name}_standard_deviation"]
     return {"y": middle, "low": middle - half, "high": middle + half}
 
 
@@ -395,68 +334,55 @@ def with_gaps(rows: pd.DataFrame) -> pd.DataFrame:
     if step.size < 2:
         return rows
     jumps = np.flatnonzero(step > _GAP * np.median(step))
-    blank = pd.DataFrame(np.nan, index=range(jumps.size), columns=["time"])
-    blank["time"] = 0.5 * (time[jumps] + time[jumps + 1])
+    blank = pd.DataFrame({"time": 0.5 * (time[jumps] + time[jumps + 1])})
     return pd.concat([rows, blank]).sort_values("time", kind="stable")
 
 
-def _cost(rules: CostRules, margin: Array, deviation: Array) -> Array:
+def _cost(
+    rules: CostRules, margin: pd.Series[float], deviation: pd.Series[float]
+) -> NDArray[np.float64]:
     """Cost of each margin, NaN where it is not known."""
-    cost = rules.cost(margin, deviation).astype(float)
-    return np.where(np.isfinite(margin) & np.isfinite(deviation), cost, np.nan)
+    cost = rules.cost(margin.to_numpy(), deviation.to_numpy())
+    return np.where(margin.notna() & deviation.notna(), cost, np.nan)
 
 
 def _way(rows: pd.DataFrame, rules: CostRules) -> dict[str, Any] | None:
-    """The way in steps of time; None without odometry.
+    """The way in steps of time, a gap where one is empty; None without odometry.
 
     Sinkage is the mean over the wheels; margin and cost are of the vehicle, wheels weighted by load.
     """
-    value = {name: rows[name].to_numpy(dtype=float) for name in _NUMBERS}
-    known = np.isfinite(value["x"]) & np.isfinite(value["y"])
-    if known.sum() < 2:
+    rows = rows.dropna(subset=["x", "y"])
+    if len(rows) < 2:
         return None
-    value = {name: column[known] for name, column in value.items()}
-    time = value["time"]
-    span = max(float(time[-1] - time[0]), 1e-9)
-    index = np.minimum((_STEPS * (time - time[0]) / span).astype(int), _STEPS - 1)
-    even, load = np.ones_like(time), value["load"]
-    measured, predicted = value["sinkage_measured"], value["sinkage_predicted"]
-    deep = np.where(np.isfinite(measured), measured, predicted)
-    margin = _mean(index, value["mobility_margin"], load)
-    spread = _mean(index, value["mobility_margin_standard_deviation"], load)
+    since = rows["time"] - rows["time"].iloc[0]
+    span = max(since.iloc[-1], 1e-9)
+    step = (_STEPS * since / span).astype(int).clip(upper=_STEPS - 1)
+    deep = rows["sinkage_measured"].fillna(rows["sinkage_predicted"])
+    way = rows[["time", "x", "y"]].assign(sinkage=1e3 * deep).groupby(step).mean()
+    loaded = rows.dropna(subset=["load", _MARGIN, _MARGIN_STD])
+    weighted = loaded[[_MARGIN, _MARGIN_STD]].mul(loaded["load"], axis=0)
+    sums = weighted.assign(load=loaded["load"]).groupby(step).sum().reindex(range(_STEPS))
+    margin, spread = sums[_MARGIN] / sums["load"], sums[_MARGIN_STD] / sums["load"]
     return {
-        **{name: _mean(index, value[name], even) for name in ("time", "x", "y")},
-        "sinkage": 1e3 * _mean(index, deep, even),
+        **way.reindex(range(_STEPS)),
         "margin": 100.0 * margin,
         "cost": _cost(rules, margin, spread),
     }
 
 
-def _mean(index: NDArray[np.intp], values: Array, weights: Array) -> Array:
-    """Weighted mean of the known values in each step, NaN in an empty one."""
-    known = np.isfinite(values) & np.isfinite(weights)
-    total = np.bincount(index[known], (weights * values)[known], _STEPS)
-    weight = np.bincount(index[known], weights[known], _STEPS)
-    return np.where(weight > 0, total / np.where(weight > 0, weight, 1.0), np.nan)
-
-
 def _soil_data(rows: pd.DataFrame) -> dict[str, Any]:
     """Reference pressure, k, n and m with 95 % bands; of the first two in the logarithm."""
-    keep = np.unique(
-        np.linspace(0, len(rows) - 1, min(len(rows), _MOST_POINTS)).round().astype(int)
-    )
-    rows = with_gaps(rows.iloc[keep])
-    value = {name: rows[name].to_numpy(dtype=float) for name in _NUMBERS}
+    keep = np.linspace(0, len(rows) - 1, min(len(rows), _MOST_POINTS)).round().astype(int)
+    rows = with_gaps(rows.iloc[np.unique(keep)])
     parts = []
     for name, label, scale, logarithmic in _SOIL:
         part: dict[str, Any] = {"label": label, "log": logarithmic}
         if logarithmic:  # closer to log-normal: such a band never reaches below zero
-            middle = scale * value[name]
-            spread = scale * value[f"{name}_standard_deviation"]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                factor = np.exp(_BAND * np.minimum(spread / middle, 3.0))
+            spread = rows[f"{name}_standard_deviation"] / rows[name]
+            factor = np.exp(_BAND * spread.clip(upper=3.0))
+            middle = scale * rows[name]
             part |= {"y": middle, "low": middle / factor, "high": middle * factor}
         else:
-            part |= _with_band(value, name, scale)
+            part |= _with_band(rows, name, scale)
         parts.append(part)
-    return {"time": value["time"], "parts": parts}
+    return {"time": rows["time"], "parts": parts}

@@ -9,26 +9,25 @@ import math
 import os
 import shutil
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from smallwheel_ros.bags import Key
-from smallwheel_ros.common.files import json_text, write_bytes
 from smallwheel_ros.common.results import Result, pandas
-from smallwheel_ros.common.tables import plain
+from smallwheel_ros.common.tables import plain, write_json
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result as Estimated
-from smallwheel_ros.onboard.result import Status
+from smallwheel_ros.onboard.result import Status, soil_fields
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.onboard.statements import Statement, alarms, statements
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
-from smallwheel_ros.replay.tables import SteadySegments
+from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec, using
+from smallwheel_ros.replay.tables import SteadySegments, deviations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,10 +44,12 @@ FILES = {
     "cost_map": "cost_map.yaml",
     "cost_map_image": "cost_map.pgm",
 }
-_UNFINISHED = f"{ESTIMATES}.csv.part"
 _MOST_EVENTS = 200
 _LOOK = 1.0  # s: as often as the node says it
 _PAUSE = 5.0  # s: what is not said for so long begins anew
+_UNITS = {"k": "Pa/m^(n+m)", "n": "1", "m": "1"}
+_UNITS |= {"effective_modulus": "Pa/m^n", "reference_pressure": "Pa"}
+_Say = Callable[[Onboard, Iterable[Estimated]], Iterable[Statement]]
 
 
 # --- The folder
@@ -59,24 +60,19 @@ def files_in(folder: Path) -> dict[str, str]:
     return {what: name for what, name in FILES.items() if (folder / name).exists()}
 
 
-def read_summary(folder: Path) -> dict[str, Any] | None:
-    """Return what a replay into that folder said of itself; None where there is none."""
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return what a replay into that folder said of itself; empty where there is none."""
     try:
         content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return None
-    return content if isinstance(content, dict) else None
-
-
-def write_summary(folder: Path, content: dict[str, Any]) -> None:
-    """Say of a replay what became of it. Raises OutputError."""
-    write_bytes(folder / SUMMARY, json_text(content).encode())
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def is_done(spec: ReplaySpec) -> bool:
     """Whether the folder holds all that came of the same replay."""
     summary = read_summary(spec.folder)
-    if summary is None or summary.get("state") not in ("complete", "ended_early"):
+    if summary.get("state") not in ("complete", "ended_early"):
         return False
     try:
         same = summary.get("fingerprint") == spec.fingerprint()
@@ -89,38 +85,32 @@ def is_done(spec: ReplaySpec) -> bool:
 def claimed(folder: Path) -> Iterator[None]:
     """Make a folder and keep other replays out of it meanwhile, also those that are killed.
 
-    Raises
-    ------
-    ReplayError
-        If it cannot be made, or another replay is at work in it.
+    Raises ReplayError if it cannot be made, or another replay is at work in it.
     """
-    try:
+    with using(folder):
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
-    except OSError as error:
-        raise _unusable(folder, error) from error
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ReplayError(
-                f"folder {folder}: another replay is writing into it; wait until it is done, or"
-                " give another folder with -o"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
+        with suppress(OSError):  # a file system without locks
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ReplayError(
+                    f"folder {folder}: another replay is writing into it; wait until it is done, or"
+                    " give another folder with -o"
+                ) from None
         yield
     finally:
         os.close(handle)
 
 
-def _unusable(folder: Path, error: OSError) -> ReplayError:
-    return ReplayError(f"folder {folder} cannot be used: {error.strerror or error}")
+def begin(spec: ReplaySpec) -> list[str]:
+    """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
 
-
-def check_folder(spec: ReplaySpec) -> None:
-    """Raise ReplayError if the folder is the bag, or the bag is what would be cleared."""
-    folder, bag = spec.folder, spec.bag.resolve()
+    Returns what is to be said of the earlier one. Raises ReplayError if the folder is the bag, would lose
+    the bag, holds something else under the names needed, or cannot be cleared.
+    """
+    folder, bag, before = spec.folder, spec.bag.resolve(), read_summary(spec.folder)
     if folder.resolve() == bag:
         raise ReplayError(f"folder {folder} is the bag itself: give another one with -o")
     if bag.is_relative_to((folder / BAG).resolve()):
@@ -128,43 +118,27 @@ def check_folder(spec: ReplaySpec) -> None:
             f"bag {spec.bag} is what an earlier replay has written into folder {folder}, which a"
             " new one clears: give another one with -o"
         )
-
-
-def begin(spec: ReplaySpec) -> bool:
-    """Clear the folder of an earlier replay, drafts of a killed one too; note that one is under way.
-
-    Returns
-    -------
-    bool
-        Whether the earlier one was killed in its midst.
-
-    Raises
-    ------
-    ReplayError
-        If the folder cannot be used, or holds something else under the names needed.
-    """
-    folder, before = spec.folder, read_summary(spec.folder)
-    names = (*FILES.values(), _UNFINISHED, SUMMARY)
-    try:
-        if before is None:
-            for name in names:
-                if (folder / name).exists():
-                    raise ReplayError(
-                        f"folder {folder} has {name}, which no replay has made: give another"
-                        " folder, or remove it"
-                    )
-        else:
-            # What a replay that was killed had not put in its place yet.
-            drafts = (path for name in names for path in folder.glob(f".{name}[.-]*"))
-            for path in (*(folder / name for name in names), *drafts):
-                if path.is_dir():
-                    shutil.rmtree(path, ignore_errors=True)
-                else:
-                    path.unlink(missing_ok=True)
-        write_summary(folder, {"schema": 1, "state": "running", "bag": str(spec.bag)})
-    except OSError as error:
-        raise _unusable(folder, error) from error
-    return before is not None and before.get("state") == "running"
+    names = (*FILES.values(), f"{ESTIMATES}.csv.part", SUMMARY)
+    there = [folder / name for name in names if (folder / name).exists()]
+    if there and not before:
+        raise ReplayError(
+            f"folder {folder} has {there[0].name}, which no replay has made: give another folder, or"
+            " remove it"
+        )
+    # What a replay that was killed had not put in its place yet.
+    drafts = [path for name in names for path in folder.glob(f".{name}[.-]*") if before]
+    with using(folder):
+        for path in (*there, *drafts):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+    running = {"schema": SCHEMA, "state": "running", "bag": str(spec.bag)}
+    write_json(str(folder / SUMMARY), running)
+    killed = before.get("state") == "running"
+    return (
+        ["an earlier replay into this folder was not finished; it is done anew"] if killed else []
+    )
 
 
 # --- What happened
@@ -186,14 +160,8 @@ class Event(NamedTuple):
 class DriveSummary:
     """Takes results and problems as they come.
 
-    Attributes
-    ----------
-    wheels
-        By wheel: how many results there were, and had what.
-    statuses
-        How many results had which.
-    examples
-        The first thing that could not be used, by stream and reason: in words, and its time.
+    wheels: by wheel, how many results there were, and had what. statuses: how many results had which.
+    examples: the first thing that could not be used, by stream and reason: in words, and its time.
     """
 
     def __init__(self, onboard: Onboard, start: int) -> None:
@@ -203,9 +171,7 @@ class DriveSummary:
         self.wheels = {wheel.name: dict.fromkeys(names, 0) for wheel in wheels}
         self.statuses: Counter[str] = Counter()
         self.events: list[Event] = []
-        self.unlisted_events = 0
         self.examples: dict[tuple[str, str], tuple[str, float]] = {}
-        self.soil_changes = 0
         self.travel = 0.0
         self._squares = dict.fromkeys(self.wheels, 0.0)  # of measured minus predicted sinkage, m^2
         self._accepted = self._changes = 0
@@ -235,7 +201,18 @@ class DriveSummary:
         counts["used_for_soil"] += used
         if used and measured is not None and predicted is not None:
             self._squares[result.wheel] += (measured.value - predicted.value) ** 2
-        self._watch(result, (reading.stamp - self._start) / SECOND)
+        time = self._since(reading.stamp)
+        self._watch(result, time)
+        self._newest[result.wheel] = result
+        if time - self._looked < _LOOK:
+            self._note(alarms, result, time)
+        else:
+            self._looked = time
+            self._note(statements, result, time)
+
+    def _since(self, stamp: int) -> float:
+        """Time since the bag's beginning, s."""
+        return (stamp - self._start) / SECOND
 
     def rms(self, wheel: str) -> float | None:
         """Root mean square of measured minus predicted sinkage of those used, m."""
@@ -243,75 +220,67 @@ class DriveSummary:
         return (self._squares[wheel] / used) ** 0.5 if used else None
 
     def _watch(self, result: Estimated, time: float) -> None:
-        """Note changes of soil, and all that the node would say."""
-        wheel, soil = result.wheel, result.soil
+        """Look for changes of soil."""
+        soil = result.soil
         if soil.accepted < self._accepted:
             self._changes = 0  # all began anew
-        self._accepted = soil.accepted
         if soil.soil_changes > self._changes:
             if self._change is None:
-                text, place = f"noticed by wheel {wheel}", result.reading.vehicle
+                text, place = f"noticed by wheel {result.wheel}", result.reading.vehicle
                 self._change = Event(time, soil.distance, "soil_change", text, place)
             self._until = soil.distance + self._turn
         elif self._change is None:
             self._pressure_before = soil.reference_pressure
-        self._changes, self._pressure = soil.soil_changes, soil.reference_pressure
+        self._accepted, self._changes = soil.accepted, soil.soil_changes
+        self._pressure = soil.reference_pressure
         if soil.distance > self._until:
             self._note_change()
-        self._newest[wheel] = result
-        said = alarms
-        if time - self._looked >= _LOOK:
-            said, self._looked = statements, time
-        self._note(said(self._onboard, self._newest.values()), result, time)
 
-    def _note(self, said: Iterable[Statement], result: Estimated, time: float) -> None:
+    def _note(self, said: _Say, result: Estimated, time: float) -> None:
         """Note what begins to be said."""
-        for statement in said:
+        for statement in said(self._onboard, self._newest.values()):
             before = self._said.get(statement.about, -math.inf)
             self._said[statement.about] = time
             if time - before > _PAUSE:
                 way, place = result.travel, result.reading.vehicle
-                self._list(Event(time, way, statement.kind, statement.text, place))
+                self.events.append(Event(time, way, statement.kind, statement.text, place))
 
     def _note_change(self) -> None:
         """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""
-        change, self._change = self._change, None
-        if change is not None:
-            self.soil_changes += 1
+        if self._change is not None:
             text = (
                 f"another soil: reference pressure {self._pressure_before / 1e3:.3g} kPa before,"
-                f" {self._pressure / 1e3:.3g} kPa after ({change.text})"
+                f" {self._pressure / 1e3:.3g} kPa after ({self._change.text})"
             )
-            self._list(change._replace(text=text))
+            self.events.append(self._change._replace(text=text))
+            self._change = None
 
     @property
     def changing(self) -> bool:
         """Whether the soil has just changed, and may go on to do so."""
         return self._change is not None
 
+    @property
+    def soil_changes(self) -> int:
+        """How often the soil has changed."""
+        return sum(event.kind == "soil_change" for event in self.events)
+
     def finish(self) -> None:
         """Note what still goes on: nothing more will come."""
         self._note_change()
         for result in list(self._newest.values())[-1:]:
-            time = (result.reading.stamp - self._start) / SECOND
-            self._note(statements(self._onboard, self._newest.values()), result, time)
+            self._note(statements, result, self._since(result.reading.stamp))
         self.events.sort(key=lambda event: event.time)
-
-    def _list(self, event: Event) -> None:
-        if len(self.events) < _MOST_EVENTS:
-            self.events.append(event)
-        else:
-            self.unlisted_events += 1
 
     def take_problems(self, log_time: int) -> None:
         """Note what could not be used since the last call."""
-        time = (log_time - self._start) / SECOND
+        time = self._since(log_time)
         for problem in self._onboard.take_problems():
             self.examples.setdefault((problem.stream, problem.reason), (problem.text, time))
             if problem.reason == "time_jump":
                 self._note_change()
                 self._newest.clear()
-                self._list(Event(time, self.travel, "time_jump", problem.text))
+                self.events.append(Event(time, self.travel, "time_jump", problem.text))
 
 
 # --- All of it
@@ -321,20 +290,12 @@ class DriveSummary:
 class Replayed(Result):
     """What came of a replay.
 
-    Attributes
-    ----------
-    state
-        ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``.
-    ended
-        In words, what is wrong with the bag, or where the replay stopped; empty when complete.
-    messages_read, message_count
-        Of the topics that were read, and how many the bag says there are.
-    prefix
-        Of the topics of the estimates in the new bag.
-    left_out
-        Topics and types that are not in the new bag, since nobody knows the type.
-    place
-        What keeps a folder that is only for this result; it goes when the result does.
+    state: ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``. ended: in words, what is
+    wrong with the bag, or where the replay stopped; empty when complete. start, end: ns. messages_read,
+    message_count: of the topics that were read, and how many the bag says there are. prefix: of the
+    topics of the estimates in the new bag. left_out: topics and types that are not in the new bag, since
+    nobody knows the type. place: what keeps a folder that is only for this result; it goes when the
+    result does.
     """
 
     spec: ReplaySpec
@@ -381,6 +342,16 @@ class Replayed(Result):
         """As replay.json has it: SI units, times in s since the bag's beginning."""
         summary, received = self.summary, self.onboard.received
         rolling = {w.name for w in self.settings.onboard.wheels if w.contact == ROLLING}
+        inputs = [
+            {"stream": i.stream, "topic": i.topic, "type": i.type, "messages": received[i.stream]}
+            for i in self.inputs
+        ]
+        topics = {item.stream: item.topic for item in self.inputs}
+        not_used: list[dict[str, Any]] = []
+        for (stream, why), count in sorted(self.onboard.counts.items()):
+            drop = {"topic": topics.get(stream, stream), "stream": stream, "reason": why}
+            text, time = summary.examples.get((stream, why), ("", None))
+            not_used.append({**drop, "count": count, "first_time": time, "example": text})
         content = {
             "schema": SCHEMA,
             "state": self.state,
@@ -403,19 +374,11 @@ class Replayed(Result):
             "sensors": list(self.onboard.findings),
             "slip_tests": [test.text for test in self.onboard.slip_tests],
             "filter": self.onboard.concern,
-            "events": [event._asdict() for event in summary.events],
-            "unlisted_events": summary.unlisted_events,
-            "inputs": [
-                {
-                    "stream": item.stream,
-                    "topic": item.topic,
-                    "type": item.type,
-                    "messages": received[item.stream],
-                }
-                for item in self.inputs
-            ],
+            "events": [event._asdict() for event in summary.events[:_MOST_EVENTS]],
+            "unlisted_events": max(len(summary.events) - _MOST_EVENTS, 0),
+            "inputs": inputs,
             "missing": [str(item) for item in self.inputs if item.lacking],
-            "not_used": [self._not_used(*key) for key in sorted(self.onboard.counts)],
+            "not_used": not_used,
             "measurements": {
                 "rows": len(self.segments),
                 "stretches_not_steady": self.segments.unsteady,
@@ -430,21 +393,18 @@ class Replayed(Result):
         return dict(plain(content))
 
     def _soil(self) -> dict[str, Any]:
-        soil = self.onboard.soil
-        known, alarm = soil.identifiable, soil.missing_effect
-        k_std, n_std, m_std = soil.covariance.diagonal() ** 0.5
-        modulus, modulus_std = soil.effective_modulus()
-        pressure, pressure_std = soil.reference_pressure, soil.reference_pressure_std
-        values = {
-            "k": (soil.k, k_std, "Pa/m^(n+m)", known.k),
-            "n": (soil.n, n_std, "1", known.n),
-            "m": (soil.m, m_std, "1", known.m),
-            "effective_modulus": (modulus, modulus_std, "Pa/m^n", known.effective_modulus),
-            "reference_pressure": (pressure, pressure_std, "Pa", known.reference_pressure),
-        }
-        parts = ("value", "std", "unit", "determined")
+        soil, alarm = self.onboard.soil, self.onboard.soil.missing_effect
+        told = soil_fields(soil, rejected=0) | deviations(soil)
         return {
-            **{name: dict(zip(parts, value, strict=True)) for name, value in values.items()},
+            **{
+                name: {
+                    "value": told[name],
+                    "std": told[f"{name}_standard_deviation"],
+                    "unit": unit,
+                    "determined": told[f"{name}_identifiable"],
+                }
+                for name, unit in _UNITS.items()
+            },
             "reference_sinkage": soil.reference_sinkage,
             "reference_diameter": soil.reference_diameter,
             "status": list(soil.status),
@@ -456,16 +416,4 @@ class Replayed(Result):
                 "follows": alarm.follows,
                 "text": alarm.message,
             },
-        }
-
-    def _not_used(self, stream: str, reason: str) -> dict[str, Any]:
-        """Say how many messages of an input could not be used for one reason, and the first one."""
-        text, time = self.summary.examples.get((stream, reason), ("", None))
-        return {
-            "topic": next((item.topic for item in self.inputs if item.stream == stream), stream),
-            "stream": stream,
-            "reason": reason,
-            "count": self.onboard.counts[stream, reason],
-            "first_time": time,
-            "example": text,
         }

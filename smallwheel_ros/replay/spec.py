@@ -5,20 +5,22 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from smallwheel_ros.bags import BagReader, BagTopic, Key
+from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.bags.storage import storage_kind
 from smallwheel_ros.common.errors import SmallwheelError, reason
+from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.version import __version__
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.init import from_bag
 from smallwheel_ros.init.from_bag import JOINTS, joint_names, rover_of_bag
 from smallwheel_ros.init.rover import InitError, best_match, only_or_best_match
-from smallwheel_ros.onboard.feed import Topic
+from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import (
     NODE_NAME,
@@ -34,7 +36,7 @@ from smallwheel_ros.onboard.robot_description import (
     needs_description,
     silent_parameters,
 )
-from smallwheel_ros.onboard.settings import ODOMETRY, VELOCITY, NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
@@ -60,21 +62,11 @@ class ReplayError(SmallwheelError):
 class ReplaySpec:
     """What to replay and how; plain values, so that it can be sent to another process or machine.
 
-    Attributes
-    ----------
-    bag, config, folder
-        The bag, the node's parameter file, and where everything goes.
-    remaps
-        Full names: the node's, then the bag's.
-    clock
-        Judge stamps by the times of recording (or the bag's /clock), as the node does with
-        use_sim_time; otherwise they are only compared with each other.
-    copy
-        Which of the bag's topics go into the new bag beside the estimates.
-    rate
-        Hz, in place of the parameter mobility.rate; None: as that is.
-    notes
-        What is to be said of it beforehand.
+    config: the node's parameter file. folder: where everything goes. remaps: full names, the node's,
+    then the bag's. clock: judge stamps by the times of recording (or the bag's /clock), as the node does
+    with use_sim_time; otherwise they are only compared with each other. copy: which of the bag's topics
+    go into the new bag beside the estimates. rate: Hz, in place of the parameter mobility.rate; None: as
+    that is. notes: what is to be said of it beforehand.
     """
 
     bag: Path
@@ -104,10 +96,8 @@ class ReplaySpec:
         Of the bag the names, sizes, times and first megabyte of its files count.
         """
         digest = hashlib.sha256(__version__.encode())
-        bag = [self.bag]
-        if self.bag.is_dir():
-            bag = sorted(file for file in self.bag.iterdir() if file.is_file())
-        for file in bag:
+        files = self.bag.iterdir() if self.bag.is_dir() else [self.bag]
+        for file in sorted(file for file in files if file.is_file()):
             state = file.stat()
             digest.update(f"{file.name} {state.st_size} {state.st_mtime_ns}".encode())
             with file.open("rb") as stream:
@@ -128,10 +118,7 @@ def _resolved(name: str) -> str:
 def read_remaps(given: Iterable[str]) -> dict[str, str]:
     """Read remaps as ROS writes them, ``odom:=/rover/odom``: the node's name, then the bag's.
 
-    Raises
-    ------
-    ReplayError
-        If one is not of that form, or a name is remapped twice.
+    Raises ReplayError if one is not of that form, or a name is remapped twice.
     """
     remaps: dict[str, str] = {}
     for text in given:
@@ -150,6 +137,15 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 # --- Parameters
 
 
+@contextmanager
+def using(folder: Path) -> Iterator[None]:
+    """Raise ReplayError, which names the folder, where the system does not let us use it."""
+    try:
+        yield
+    except OSError as error:
+        raise ReplayError(f"folder {folder} cannot be used: {reason(error)}") from error
+
+
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     """The replay with what its bag tells as the parameter file, which is put into its folder.
 
@@ -166,11 +162,9 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     path, text = like.folder / _CONFIG, rover.parameter_file()
     if path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
         raise InitError(f"{path} is not what the bag tells: give it with --config, or remove it")
-    try:
+    with using(like.folder):
         like.folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InitError(f"folder {like.folder} cannot be used: {error.strerror or error}") from None
-    rover.save(path)
+    write_bytes(path, text.encode())
     remaps = read_remaps(f"{a}:={b}" for a, b in rover.remaps.items())
     said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
     return replace(like, config=path, remaps={**remaps, **like.remaps}, notes=(said, *rover.notes))
@@ -179,12 +173,8 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
 def check_parameters(spec: ReplaySpec) -> list[str]:
     """Check the parameter file as far as that is possible without the bag.
 
-    Returns what in it nobody knows.
-
-    Raises
-    ------
-    ParametersError
-        If it cannot be read, or a parameter is wrong or is missing and can come from no bag.
+    Returns what in it nobody knows. Raises ParametersError if it cannot be read, or a parameter is wrong
+    or is missing and can come from no bag.
     """
     values = read_parameters(spec.config)
     if not (_description_topic(values) and needs_description(values)):
@@ -195,26 +185,23 @@ def check_parameters(spec: ReplaySpec) -> list[str]:
 def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, list[str]]:
     """Read the parameter file, and what it does not give from the bag's robot description.
 
-    Returns settings and notes: what in the file nobody knows, and what came of the description.
-
-    Raises
-    ------
-    ParametersError
-        If the file cannot be read, or a parameter is missing or wrong.
+    Returns settings and notes: what in the file nobody knows, and what came of the description. Raises
+    ParametersError if the file cannot be read, or a parameter is missing or wrong.
     """
-    values: dict[str, object] = dict(read_parameters(spec.config))
-    topic = _description_topic(values)
-    found: dict[str, float | int] = {}
+    values = read_parameters(spec.config)
     notes: list[str] = []
+    unknown = unknown_parameters(values, wheel_names(values.get("wheels")))
+    topic = _description_topic(values)
     if topic and silent_parameters(values):
         found, notes = _described(spec.in_bag(topic), reader, values)
+        values = {**values, **found}
     try:
-        settings = settings_from(values | found)
+        settings = settings_from(values)
     except ParametersError as error:
         raise ParametersError("; ".join([str(error), *notes])) from None
     if spec.rate is not None:
         settings = replace(settings, onboard=replace(settings.onboard, mobility_rate=spec.rate))
-    return settings, unknown_parameters(values, wheel_names(values["wheels"])) + notes
+    return settings, unknown + notes
 
 
 def _description_topic(values: Mapping[str, object]) -> str:
@@ -224,22 +211,14 @@ def _description_topic(values: Mapping[str, object]) -> str:
 
 def _described(
     topic: str, reader: BagReader, values: Mapping[str, object]
-) -> tuple[dict[str, float | int], list[str]]:
+) -> tuple[Mapping[str, float | int], list[str]]:
     """Return what the bag's first robot description fills, and what is to be said of that."""
     if (topic, DESCRIPTION_TYPE) not in {t[:2] for t in reader.topics if t.message_count}:
         needed = needs_description(values)
         return {}, [f"no robot description: {topic} is not in the bag"] if needed else []
     try:
-        decode = reader.decoder(topic, DESCRIPTION_TYPE)
-        raw = next(raw for raw in reader.raw_messages({topic}) if raw.type == DESCRIPTION_TYPE)
-    except (SmallwheelError, StopIteration) as error:
-        return {}, [f"{topic} cannot be read: {error or 'its messages are lost'}"]
-    try:
-        text = decode(raw.data).data
-    except Exception as error:  # damaged bytes make rosbags raise as it likes
-        return {}, [f"{topic} cannot be deserialised ({reason(error)})"]
-    try:
-        filled = fill_silent(text, values)
+        texts = (m.message.data for m in reader.messages({topic}) if m.type == DESCRIPTION_TYPE)
+        filled = fill_silent(next(texts, ""), values)
     except SmallwheelError as error:
         return {}, [f"robot description {topic}: {error}"]
     return filled.values, [f"from the bag's {topic}: {filled.text}", *filled.lacking]
@@ -270,32 +249,27 @@ class Input:
 
 
 def inputs_of(
-    spec: ReplaySpec,
-    topics: Sequence[Topic],
-    there: Sequence[BagTopic],
-    description_topic: str,
-    unusable: Mapping[Key, str],
+    spec: ReplaySpec, feed: Feed, reader: BagReader, unusable: Mapping[Key, str]
 ) -> tuple[Input, ...]:
     """Say by which topic each stream of the estimate comes, and why not where it does not.
 
-    topics: the node's. there: the bag's. description_topic: of the robot description, which is no stream,
-    but may be remapped too. unusable: topics and types of which the bag's definition cannot be used, and why.
-
-    Raises
-    ------
-    ReplayError
-        If a remap names no input of the node.
+    unusable: topics and types of which the bag's definition cannot be used, and why. Raises ReplayError
+    if a remap names no input of the node.
     """
-    known = {_resolved(name) for name in (*(t.name for t in topics), description_topic) if name}
+    # The robot description is no stream, but may be remapped too.
+    names = [*(topic.name for topic in feed.topics), feed.settings.robot_description_topic]
+    known = {_resolved(name) for name in names if name}
     for name in spec.remaps:
         if name not in known:
             raise ReplayError(
                 f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
             )
     inputs = []
-    for topic in topics:
+    for topic in feed.topics:
         name = spec.in_bag(topic.name)
-        types = [found.type for found in there if found.name == name and found.message_count]
+        types = [
+            found.type for found in reader.topics if found.name == name and found.message_count
+        ]
         lacking = unusable.get((name, topic.type), "")
         if not types:
             lacking = "not in the bag"
@@ -327,21 +301,20 @@ def check_enough(onboard: Onboard, inputs: Sequence[Input], reader: BagReader) -
 
 def topics_document(reader: BagReader, inputs: Sequence[Input]) -> dict[str, Any]:
     """Return the bag's topics, their use, and which may be inputs that it lacks, as plain values."""
-    used: dict[tuple[str, str], list[str]] = {}
-    for item in inputs:
-        used.setdefault((item.topic, item.type), []).append(item.stream)
     duration = ((reader.end_time or 0) - (reader.start_time or 0)) / SECOND
     topics = []
     for topic in reader.topics:
+        streams = [i.stream for i in inputs if (i.topic, i.type) == (topic.name, topic.type)]
         likely = f"may be {_ROLES[topic.type]}" if topic.type in _ROLES else ""
-        role = ", ".join(used.get((topic.name, topic.type), [])) or likely
         content = {
             "name": topic.name,
             "type": topic.type,
             "messages": topic.message_count,
             "rate": topic.message_count / duration if duration > 0 else None,
             "readable": topic.readable,
-            "role": role if topic.readable else "its type is not known here",
+            "role": ", ".join(streams) or likely
+            if topic.readable
+            else "its type is not known here",
         }
         topics.append(content)
     return {
@@ -361,35 +334,30 @@ def _proposals(reader: BagReader, inputs: Sequence[Input]) -> list[dict[str, str
     Of each the `input`, what was `found`, and what to `add` to the command or the parameter file.
     """
     taken = {item.topic for item in inputs if not item.lacking}
-    found: dict[str, dict[str, str]] = {}  # by the node's name: all wheels share the joint states
-    turning: list[Input] = []
+    free = [t for t in reader.topics if t.message_count and t.name not in taken]
+    found: dict[str, str] = {}  # by the node's name of a topic: all wheels share the joint states
+    proposals = []
     for item in inputs:
-        wheel, _, quantity = item.stream.partition("/")
-        if quantity == "wheel_speed":
-            turning.append(item)
         if not item.lacking or item.name in found:
             continue
-        free = [
-            t.name
-            for t in reader.topics
-            if t.type == item.type and t.message_count and t.name not in taken
-        ]
-        if item.stream in (ODOMETRY, VELOCITY) or item.type == JOINTS:
-            name = only_or_best_match(item.name, free)
+        wheel, _, quantity = item.stream.partition("/")
+        names = [topic.name for topic in free if topic.type == item.type]
+        if item.type == JOINTS or not quantity:  # of the vehicle
+            name = only_or_best_match(item.name, names)
         else:
-            name = best_match(wheel, quantity or wheel, free)
+            name = best_match(wheel, quantity, names)
         if name is not None:
+            found[item.name] = name
             option = f"--remap {item.name}:={name}"
-            found[item.name] = {"input": item.stream, "found": name, "add": option}
-    topics = {item.topic for item in turning if not item.lacking}
-    topics |= {found[item.name]["found"] for item in turning if item.name in found}
+            proposals.append({"input": item.stream, "found": name, "add": option})
+    turning = [item for item in inputs if item.stream.endswith("/wheel_speed")]
+    topics = {found.get(item.name, item.topic) for item in turning}
     joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
-    more = []
     for item in turning:
-        if joints and item.detail.removeprefix("joint ") not in joints:
-            wheel = item.stream.partition("/")[0]
+        wheel = item.stream.partition("/")[0]
+        if item.detail.removeprefix("joint ") not in joints:
             name = best_match(wheel, "joint", joints)
             if name is not None:
                 option = f"{wheel}.joint: {name}   (in the parameter file)"
-                more.append({"input": item.stream, "found": name, "add": option})
-    return [*found.values(), *more]
+                proposals.append({"input": item.stream, "found": name, "add": option})
+    return proposals

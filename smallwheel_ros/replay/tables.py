@@ -17,7 +17,6 @@ those without are left out, since a table of measurements has no blank one; else
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,14 +28,15 @@ import numpy as np
 
 from smallwheel_ros.bags import Message, header
 from smallwheel_ros.bags.types import plain_fields
-from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.errors import reason
+from smallwheel_ros.common.tables import plain
+from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.result import VALID, Result, mobility_fields, soil_fields
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.replay.spec import ReplayError
 
-_BLOCK = 1000  # rows; a replay that is killed loses at most these
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 SOIL = "smallwheel_ros/msg/SoilEstimate"
 _ARROW = {"bool": "bool", "string": "string", "float64": "float64"}  # else an integer
@@ -51,6 +51,7 @@ _FIRST = {
     "status": "string",
     "status_text": "string",
 }
+_DEVIATIONS = tuple(f"{name}_standard_deviation" for name in "knm")
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
@@ -62,66 +63,28 @@ _UNKNOWN = Quantity(math.nan, math.nan)
 # --- Files
 
 
-def _csv_text(rows: Iterable[Iterable[Any]]) -> str:
-    """Return rows as CSV; None is a blank cell."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
-
-
-def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows by column as CSV; no file where there are none. Raises OutputError."""
-    path.unlink(missing_ok=True)
-    if rows:
-        write_bytes(path, _csv_text([rows[0], *(row.values() for row in rows)]).encode())
-
-
 @contextmanager
-def table(stem: Path, columns: Mapping[str, str]) -> Iterator[Callable[[list[Any]], None]]:
+def table(stem: Path, columns: Mapping[str, str]) -> Iterator[Callable[[Iterable[Any]], object]]:
     """Write NAME.csv and, where pyarrow is installed, NAME.parquet, by a function that takes a row.
 
     While the `with` block lasts, the first is called NAME.csv.part. What is in it is whole rows,
-    readable at any time, whatever becomes of the program.
-
-    Parameters
-    ----------
-    stem
-        Path without suffix; files that are there are replaced.
-    columns
-        Names, and types (Arrow's), in the order of a row's cells, of which None is a blank one.
-
-    Raises
-    ------
-    ReplayError
-        If a file cannot be written.
+    readable at any time, whatever becomes of the program. stem: path without suffix; files that are
+    there are replaced. columns: names, and types (Arrow's), in the order of a row's cells, of which None
+    is a blank one. Raises ReplayError if a file cannot be written.
     """
-    whole, parquet, part = (
-        stem.with_name(stem.name + suffix) for suffix in (".csv", ".parquet", ".csv.part")
-    )
-    rows: list[list[Any]] = [list(columns)]
-
-    def put() -> None:
-        file.write(_csv_text(rows))
-        file.flush()
-        rows.clear()
-
-    def add(row: list[Any]) -> None:
-        rows.append(row)
-        if len(rows) >= _BLOCK:
-            put()
-
+    whole, parquet, part = (Path(f"{stem}{suffix}") for suffix in (".csv", ".parquet", ".csv.part"))
     try:
         whole.unlink(missing_ok=True)
         parquet.unlink(missing_ok=True)
-        with part.open("w", newline="", encoding="utf-8") as file:
-            put()
-            yield add
-            put()
+        with part.open("w", newline="", encoding="utf-8", buffering=1) as file:  # row by row
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            yield writer.writerow
         part.replace(whole)
         _write_parquet(whole, parquet, columns)
     except OSError as error:
         path = error.filename or whole
-        raise ReplayError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise ReplayError(f"{path}: cannot be written: {reason(error)}") from error
 
 
 def _write_parquet(whole: Path, path: Path, columns: Mapping[str, str]) -> None:
@@ -132,13 +95,11 @@ def _write_parquet(whole: Path, path: Path, columns: Mapping[str, str]) -> None:
         from pyarrow.parquet import ParquetWriter
     except ImportError:
         return
-    schema = pyarrow.schema(
-        [(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()]
-    )
-    options = ConvertOptions(column_types=schema)
+    types = [(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()]
+    options = ConvertOptions(column_types=pyarrow.schema(types))
     with (
         open_csv(whole, convert_options=options) as batches,
-        ParquetWriter(path, schema) as parquet,
+        ParquetWriter(path, batches.schema) as parquet,
     ):
         for batch in batches:
             parquet.write_batch(batch)
@@ -158,14 +119,21 @@ def columns() -> dict[str, str]:
         for name, kind in plain_fields(message).items():
             if name not in VALID:
                 found.setdefault(f"{prefix}{name}", _ARROW.get(kind, "int64"))
-    deviations = {f"soil_{name}_standard_deviation": "float64" for name in "knm"}
-    return {**found, **deviations, "soil_changes": "int64"}
+    found |= {f"soil_{name}": "float64" for name in _DEVIATIONS}
+    return {**found, "soil_changes": "int64"}
+
+
+def deviations(soil: SoilEstimate) -> dict[str, float]:
+    """Return the standard deviations of k, n and m, which the message has as a covariance."""
+    spread = np.sqrt(np.maximum(soil.covariance.diagonal(), 0.0)).tolist()
+    return dict(zip(_DEVIATIONS, spread, strict=True))
 
 
 class Estimate:
     """One result, as a row of the table and as the two messages that the node publishes of it.
 
-    before: the one before it. What is said of the soil changes only when a stretch of way ends.
+    before: the one before it. What is said of the soil changes only when a stretch of way ends, and to
+    say it again takes a fourteenth of a replay's time.
     """
 
     def __init__(self, result: Result, before: Estimate | None = None) -> None:
@@ -173,15 +141,15 @@ class Estimate:
         self._mobility = mobility_fields(result)
         law = (soil.k, soil.n, soil.m, soil.log_covariance.tobytes())
         self._state = (*law, soil.variety, soil.accepted, result.rejected)
+        self._soil: dict[str, Any]
+        self._soil_cells: dict[str, str]
         if before is not None and before._state == self._state:
-            self._soil: dict[str, Any] = before._soil
-            self._soil_cells: dict[str, str] = before._soil_cells
-        else:
-            self._soil = soil_fields(soil, result.rejected)
-            cells = {f"soil_{name}": value for name, value in self._soil.items()}
-            for name, variance in zip("knm", soil.covariance.diagonal().tolist(), strict=True):
-                cells[f"soil_{name}_standard_deviation"] = max(variance, 0.0) ** 0.5
-            self._soil_cells = {name: str(cells[name]) for name in cells.keys() & columns().keys()}
+            self._soil, self._soil_cells = before._soil, before._soil_cells
+            return
+        self._soil = soil_fields(soil, result.rejected)
+        cells = self._soil | deviations(soil)
+        del cells["covariance"]
+        self._soil_cells = {f"soil_{name}": str(cell) for name, cell in cells.items()}
 
     def row(self, start: int) -> list[Any]:
         """Return the cells in the order of `columns`, None for a blank one.
@@ -189,16 +157,23 @@ class Estimate:
         start: the bag's first log time, ns.
         """
         result, reading = self.result, self.result.reading
+        x, y = reading.vehicle or (None, None)
         cells = self._mobility | self._soil_cells
+        cells |= {
+            "stamp": reading.stamp,
+            "time": (reading.stamp - start) / SECOND,
+            "wheel": result.wheel,
+            "x": x,
+            "y": y,
+            "speed": reading.speed,
+            "travel": result.travel,
+            "status": result.status.name,
+            "soil_changes": result.soil.soil_changes,
+        }
         for flag, names in VALID.items():
             if not cells[flag]:
                 for name in names:
                     cells[name] = cells[f"{name}_standard_deviation"] = None
-        cells["stamp"], cells["time"] = reading.stamp, (reading.stamp - start) / SECOND
-        cells["x"], cells["y"] = reading.vehicle or (None, None)
-        cells["wheel"], cells["status"] = result.wheel, result.status.name
-        cells["speed"], cells["travel"] = reading.speed, result.travel
-        cells["soil_changes"] = result.soil.soil_changes
         return [cells[name] for name in columns()]
 
     def mobility(self) -> Message:
@@ -215,6 +190,8 @@ class Estimate:
 
 
 class _Key(NamedTuple):
+    """Which soil, stretch of way and wheel; numbers, in the order of the table."""
+
     soil: int
     stretch: int
     wheel: int
@@ -239,28 +216,26 @@ class _Row(NamedTuple):
 class SteadySegments:
     """Takes readings as they come, and gives the rows of a section 5 table at the end.
 
-    pulls: whether there are columns of measured drawbar pull.
+    pulls: whether there are columns of measured drawbar pull. unsteady: stretches that were left out,
+    at_changes and unusable: readings.
     """
 
     def __init__(self, wheels: Sequence[Wheel], pulls: bool = False) -> None:
         self._wheels, self._pulls = tuple(wheels), pulls
         self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
-        self._open: dict[int, tuple[_Key, list[_Row]]] = {}  # stretches that still go on, by wheel
+        self._open: dict[_Key, list[_Row]] = {}  # stretches that still go on, one of each wheel
         self._rows: dict[_Key, _Row] = {}
         self._soil = 1
         self._changing = False
         self._way = 0.0
-        self.unsteady = 0
-        self.at_changes = 0
-        self.unusable = 0
+        self.unsteady = self.at_changes = self.unusable = 0
 
     def add(self, reading: Reading, way: float, changing: bool) -> None:
         """Take one reading; changing: the soil is taken to change just now (`DriveSummary.changing`).
 
         way: m that the vehicle has travelled.
         """
-        passes = reading.pass_number
         forgotten = way < self._way - 1e-9  # time went back
         if forgotten or (changing and not self._changing):
             self._next_soil()
@@ -268,65 +243,56 @@ class SteadySegments:
         if changing:
             self.at_changes += 1
             return
-        order = self._order[reading.wheel.name]
-        pressed = self._wheels[order].contact == PRESSED
-        load, sinkage, slip, speed = reading.load, reading.sinkage, reading.slip, reading.speed
-        still = not pressed and (slip is None or speed is None)
-        if load is None or sinkage is None or still:
+        order, pressed = self._order[reading.wheel.name], reading.wheel.contact == PRESSED
+        load, sinkage, slip, pull = (
+            quantity or _UNKNOWN
+            for quantity in (reading.load, reading.sinkage, reading.slip, reading.drawbar_pull)
+        )
+        speed = math.nan if reading.speed is None else abs(reading.speed)
+        passes = math.nan if reading.pass_number is None else float(reading.pass_number)
+        needed = (load.value, sinkage.value, *(() if pressed else (slip.value, speed)))
+        if any(map(math.isnan, needed)):
             self.unusable += 1
             return
-        length = _DEPTH if pressed else self._turn
-        key = _Key(self._soil, int(way / length), order)
-        if order not in self._open or self._open[order][0] != key:
-            self._close(order)
-            self._open[order] = (key, [])
-        pull = reading.drawbar_pull or _UNKNOWN
-        self._open[order][1].append(
-            _Row(
-                load.value,
-                sinkage.value,
-                pull.value,
-                math.nan if slip is None else slip.value,
-                math.nan if speed is None else abs(speed),
-                sinkage.standard_deviation,
-                pull.standard_deviation,
-                math.nan if passes is None else float(passes),
-            )
-        )
+        key = _Key(self._soil, int(way / (_DEPTH if pressed else self._turn)), order)
+        if key not in self._open:
+            self._close([old for old in self._open if old.wheel == order])
+        row = _Row(load.value, sinkage.value, pull.value, slip.value, speed,
+                   sinkage.standard_deviation, pull.standard_deviation, passes)  # fmt: skip
+        self._open.setdefault(key, []).append(row)
 
     def _next_soil(self) -> None:
         """Begin another soil; the stretches where it was not yet noticed belong to neither."""
         last = max((key.stretch for key in self._rows if key.soil == self._soil), default=None)
-        for key in [k for k in self._rows if k.soil == self._soil and k.stretch == last]:
+        old = [key for key in self._rows if key[:2] == (self._soil, last)]
+        for key in old:
             del self._rows[key]
-            self.unsteady += 1
-        self.unsteady += len(self._open)
+        self.unsteady += len(old) + len(self._open)
         self._open.clear()
         self._soil += 1
 
-    def _close(self, order: int) -> None:
-        if order not in self._open:
-            return
-        key, readings = self._open.pop(order)
-        row = _median(readings, self._wheels[order])
-        if row is None:
-            self.unsteady += 1
-            return
-        self._rows[key] = row
+    def _close(self, keys: Sequence[_Key]) -> None:
+        """End these stretches."""
+        for key in keys:
+            row = _median(self._open.pop(key), self._wheels[key.wheel])
+            if row is None:
+                self.unsteady += 1
+            else:
+                self._rows[key] = row
 
     def finish(self) -> None:
         """Close the last stretches: nothing more will come."""
-        for order in list(self._open):
-            self._close(order)
+        self._close(list(self._open))
 
     def __len__(self) -> int:
         return len(self._rows)
 
-    def table(self) -> Iterator[dict[str, str | float | None]]:
-        """Give the rows by column; None for a blank cell."""
+    def table(self) -> list[dict[str, str | float | None]]:
+        """Return the rows by column; None for a blank cell."""
         rows = self._rows
-        known = {key: row for key, row in rows.items() if math.isfinite(row.passes)}
+        known = {key: row for key, row in rows.items() if not math.isnan(row.passes)}
         with_passes = 2 * len(known) > len(rows)
+        table = []
         for key, row in sorted((known if with_passes else rows).items()):
             wheel = self._wheels[key.wheel]
             cells: dict[str, str | float | None] = {
@@ -337,21 +303,18 @@ class SteadySegments:
                 "sinkage_std [m]": row.sinkage_std,
             }
             if self._pulls:
-                cells["drawbar_pull [N]"] = _cell(row.pull)
-                cells["drawbar_pull_std [N]"] = _cell(row.pull_std)
-            cells |= {"slip": _cell(row.slip), "speed [m/s]": _cell(row.speed)}
+                cells |= {"drawbar_pull [N]": row.pull, "drawbar_pull_std [N]": row.pull_std}
+            cells |= {"slip": row.slip, "speed [m/s]": row.speed}
             if with_passes:
                 cells["pass_number"] = int(row.passes)
-            yield cells | {
+            cells |= {
                 "contact": wheel.contact,
                 "soil": f"soil {key.soil}",
                 "run": f"{key.soil}.{key.stretch}",
                 "wheel": wheel.name,
             }
-
-
-def _cell(value: float) -> float | None:
-    return None if math.isnan(value) else value
+            table.append(plain(cells))
+        return table
 
 
 def _median(readings: Sequence[_Row], wheel: Wheel) -> _Row | None:
@@ -368,7 +331,7 @@ def _median(readings: Sequence[_Row], wheel: Wheel) -> _Row | None:
     )
     if middle.sinkage > wheel.diameter / 2 or not steady:
         return None
-    passes = [0.0 if math.isnan(reading.passes) else reading.passes for reading in readings]
+    passes = np.nan_to_num([reading.passes for reading in readings])
     fewest, most = np.percentile(passes, [25.0, 75.0]).tolist()
     return middle._replace(
         sinkage_std=_deviation([reading.sinkage for reading in readings], middle.sinkage_std),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turn a recorded indentation trial into a bag that the node understands.
+"""`smallwheel convert-trial`: a recorded indentation trial as a bag that the node understands.
 
 A trial is what a rig records while it presses a wheel straight into the soil: a bag with the force
 sensor's messages, a bag with those of the unloaded sensor, and the log of the axis, a text table
@@ -13,7 +13,6 @@ as that of the rig of Carnegie Mellon University (github.com/robomechanics/3d-te
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -23,19 +22,21 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.bags import BagReader, BagWriter, Message, header
+from smallwheel_ros.bags import BagReader, BagWriter, Message, check_new_bag, header
+from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.common.options import Option
+from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.options import Option, settings_options
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.onboard.streams import nanoseconds
 
 Array = NDArray[np.float64]
 
-_COLUMNS = 7
-_MOST_COLUMNS = 8  # later logs of that rig end with one more
+_COLUMNS = (7, 8)  # later logs of that rig end with one more
 _Z, _UNIX_TIME = 4, 6
 _LOAD = "geometry_msgs/msg/WrenchStamped"
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+_PATH = click.Path(path_type=Path)
 
 
 class TrialError(SmallwheelError):
@@ -46,9 +47,8 @@ class TrialError(SmallwheelError):
 class TrialSettings:
     """How the recordings of a trial belong together: the options of `smallwheel convert-trial`.
 
-    The wheel's topics are `/<wheel>/load` and `/<wheel>/sinkage`. From start to end, s after the bag's
-    first message, is what is converted: the unloading must not be in it. A sinkage_std of 0 leaves it
-    to the node's parameter noise.sinkage.
+    The wheel's topics are `/<wheel>/load` and `/<wheel>/sinkage`. From start to end is what is converted:
+    the unloading must not be in it. A sinkage_std of 0 leaves it to the node's parameter noise.sinkage.
     """
 
     wheel: Annotated[str, Option("Name of the wheel.")] = "wheel"
@@ -90,14 +90,9 @@ def read_trial(
 ) -> Trial:
     """Read what was recorded of a trial.
 
-    Load is minus the force's z component less the mean of the zero bag, sinkage is minus Z.
-
-    Raises
-    ------
-    BagError
-        If a bag cannot be read.
-    TrialError
-        If there is no force in a bag, the log is not such a table, or nothing is in the window.
+    Load is minus the force's z component less the mean of the zero bag, sinkage is minus Z. Raises
+    BagError if a bag cannot be read, TrialError if there is no force in one, the log is not such a table,
+    or nothing is in the window.
     """
     begin, time, force = _forces(Path(bag))
     _, _, unloaded = _forces(Path(zero_bag))
@@ -107,34 +102,38 @@ def read_trial(
     load, sinkage = zero - force, -1e-3 * z
     # Far from the trial the load is held: nothing is converted there.
     sinkage = sinkage - settings.compliance * np.interp(log_time, time, load)
-    first = begin + nanoseconds(settings.start)
-    last = begin + nanoseconds(settings.end) if np.isfinite(settings.end) else 2**62
-    loads, sinkages = (t[(t >= first) & (t <= last)] for t in (time, log_time))
-    if not (loads.size and sinkages.size):
+    felt, seen = (
+        (since >= settings.start) & (since <= settings.end)
+        for since in ((time - begin) / SECOND, (log_time - begin) / SECOND)
+    )
+    if not (felt.any() and seen.any()):
         raise TrialError(
-            f"bag {bag} has {loads.size} forces and log {log} has {sinkages.size} lines in the"
+            f"bag {bag} has {felt.sum()} forces and log {log} has {seen.sum()} lines in the"
             f" window from {settings.start:g} to {settings.end:g} s after the bag's beginning: the"
             f" log begins {(log_time[0] - begin) / SECOND:.3f} s after it with"
             f" {settings.log_behind:g} s for its clock's lag"
         )
-    load, sinkage = load[np.isin(time, loads)], sinkage[np.isin(log_time, sinkages)]
-    return Trial(loads, load, sinkages, sinkage, zero)
+    return Trial(time[felt], load[felt], log_time[seen], sinkage[seen], zero)
 
 
 def write_trial(trial: Trial, path: Path | str, settings: TrialSettings) -> int:
-    """Write a trial as a rosbag2 bag; return the number of messages.
+    """Write a trial as a rosbag2 bag; return the number of messages. Raises BagError.
 
     Sinkages below zero are left out: the wheel is in the air.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be written.
     """
-    messages = sorted(_messages(trial, settings), key=itemgetter(0))
+    wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
+    messages = []
+    for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
+        wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
+        messages.append((time, "load", _LOAD, Message(header=header(time, wheel), wrench=wrench)))
+    variance = settings.sinkage_std**2
+    for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
+        if sinkage >= 0:
+            message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
+            messages.append((time, "sinkage", _SINKAGE, message))
     with BagWriter(path) as writer:
-        for time, topic, kind, message in messages:
-            writer.write(topic, kind, time, message)
+        for time, what, kind, message in sorted(messages, key=itemgetter(0)):
+            writer.write(f"/{wheel}/{what}", kind, time, message)
     return len(messages)
 
 
@@ -154,9 +153,7 @@ def _forces(path: Path) -> tuple[int, NDArray[np.int64], Array]:
     if not np.all(np.isfinite(forces)):
         bad = int(np.flatnonzero(~np.isfinite(forces))[0])
         raise TrialError(f"bag {path}: force {bad + 1} of {len(forces)} is {forces[bad]} N")
-    # A stamp that comes twice would be refused by the node.
-    time, kept = np.unique(np.array(times, dtype=np.int64), return_index=True)
-    return begin, time, np.array(forces)[kept]
+    return begin, *_once(times, forces)
 
 
 def _wrench(message: Any) -> Any | None:
@@ -181,27 +178,60 @@ def _axis(path: Path) -> tuple[NDArray[np.int64], Array]:
             values = [float(text) for text in line.split(",")]
         except ValueError:
             raise TrialError(f"log {path}, line {number}: not numbers: {line[:60]!r}") from None
-        enough = _COLUMNS <= len(values) <= _MOST_COLUMNS
-        if not enough or not np.all(np.isfinite(values)):
+        if len(values) not in _COLUMNS or not np.all(np.isfinite(values)):
             raise TrialError(
-                f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS} finite"
+                f"log {path}, line {number}: {len(values)} columns, expected {_COLUMNS[0]} finite"
                 " numbers (X, Vx, rim speed, slip angle, Z, controller clock, unix time)"
             )
         times.append(round(values[_UNIX_TIME] * SECOND))
         z.append(values[_Z])
     if not times:
         raise TrialError(f"log {path} has no lines")
-    time, kept = np.unique(np.array(times, dtype=np.int64), return_index=True)
-    return time, np.array(z)[kept]
+    return _once(times, z)
 
 
-def _messages(trial: Trial, settings: TrialSettings) -> Iterator[tuple[int, str, str, Any]]:
-    wheel, nothing = settings.wheel, Message(x=0.0, y=0.0, z=0.0)
-    for time, load in zip(trial.load_time.tolist(), trial.load.tolist(), strict=True):
-        wrench = Message(force=Message(x=0.0, y=0.0, z=load), torque=nothing)
-        yield time, f"/{wheel}/load", _LOAD, Message(header=header(time, wheel), wrench=wrench)
-    variance = settings.sinkage_std**2
-    for time, sinkage in zip(trial.sinkage_time.tolist(), trial.sinkage.tolist(), strict=True):
-        if sinkage >= 0:
-            message = Message(header=header(time, wheel), sinkage=sinkage, variance=variance)
-            yield time, f"/{wheel}/sinkage", _SINKAGE, message
+def _once(times: list[int], values: list[float]) -> tuple[NDArray[np.int64], Array]:
+    """By time, the first of each: the node would refuse a stamp that comes twice."""
+    time, first = np.unique(np.array(times, dtype=np.int64), return_index=True)
+    return time, np.array(values)[first]
+
+
+# --- The command
+
+
+@click.command("convert-trial")
+@click.argument("bag", type=_PATH)
+@click.option("--zero", type=_PATH, required=True, metavar="BAG",
+              help="Bag of the unloaded force sensor.")  # fmt: skip
+@click.option("--log", type=_PATH, required=True,
+              help="Log of the axis: X, Vx, rim speed, slip angle, Z [mm, up], controller clock, "
+              "unix time.")  # fmt: skip
+@click.option("-o", "--output", type=_PATH, required=True, metavar="BAG",
+              help="Folder for the new bag; it must not exist.")  # fmt: skip
+@settings_options(TrialSettings)
+@JSON
+def convert_trial(
+    bag: Path, zero: Path, log: Path, output: Path, json_file: str | None, **given: Any
+) -> None:
+    """Turn a recorded indentation trial into a bag that the node understands.
+
+    BAG holds the force sensor's messages while a wheel is pressed straight into the soil.
+    """
+    check_new_bag(output)
+    check_targets([json_file], [bag, zero, log])
+    settings = TrialSettings(**given)
+    trial = read_trial(bag, zero, log, settings)
+    content = {
+        "bag": str(output),
+        "messages": write_trial(trial, output, settings),
+        "loads": len(trial.load),
+        "sinkages": len(trial.sinkage),
+        "largest_load": float(trial.load.max()),
+        "largest_sinkage": float(trial.sinkage.max()),
+        "zero": trial.zero,
+    }
+    text = (
+        f"{output}: {len(trial.load)} loads to {trial.load.max():.1f} N,"
+        f" {len(trial.sinkage)} sinkages to {trial.sinkage.max() * 1e3:.1f} mm"
+    )
+    tell(content, text, json_file)

@@ -88,18 +88,6 @@ def config_file(name: str) -> Path:
     raise NodeProcessError(f"there is no parameter file {name} in {places}")
 
 
-def own_ros(log_folder: Path) -> dict[str, str]:
-    """Return environment variables for a ROS of one's own on this machine.
-
-    The domain is the one of ROS_DOMAIN_ID where that is set, otherwise one by the process number.
-    """
-    return {
-        "ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID") or str(1 + os.getpid() % 100),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_LOG_DIR": str(log_folder),
-    }
-
-
 class NodeProcess:
     """The node in a process of its own; use it in a `with` statement, which ends it.
 

@@ -146,6 +146,18 @@ def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, job
     assert set(states(out).values()) == {"complete"}
 
 
+def test_drives_that_tell_the_pass_and_drives_that_do_not_make_one_table(bags, rover, tmp_path):
+    longer = DriveSettings(seed=9, distance=6.0, wheels="two_sizes", finish="slope")
+    write_drive_bag(simulate_drive(longer), tmp_path / "longer")
+    out = tmp_path / "out"
+    smallwheel("replay", bags[0], tmp_path / "longer", "--config", rover, "-o", out)
+    names = ["drive_1", "longer"]
+    columns = [pd.read_csv(out / name / "measurements.csv").columns for name in names]
+    assert ["pass_number" in found for found in columns] == [False, True]
+    assert_merged(out, names)
+    assert list(pd.read_csv(out / "measurements.csv")) == list(columns[0])
+
+
 def test_other_parameters_are_another_replay(bags, rover, tmp_path):
     out, other = tmp_path / "out", tmp_path / "other.yaml"
     smallwheel("replay", *bags[:2], "--config", rover, "-o", out)

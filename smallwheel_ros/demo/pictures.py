@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The demo's pictures: what the node was told and believes, with bands of 95 %; true values are dashed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike, NDArray
+
+from smallwheel_ros.onboard.result import Status
+from smallwheel_ros.pictures.house import (
+    COLOURS,
+    GREY,
+    INK,
+    band,
+    key,
+    new_figure,
+    style,
+    wheel_colours,
+)
+
+if TYPE_CHECKING:
+    from smallwheel_ros.demo.demo import Clip
+
+Array = NDArray[np.float64]
+
+_WARNED, _LAW = COLOURS[1], COLOURS[2]
+_GROUND = ("#f6efe2", "#e9eef2", "#efe9ef")
+_BAND = 1.96  # standard deviations: 95 %
+_TIME = "time [s]"
+_EVERY = 0.5  # s, over which the wheels' margins are put together
+_UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
+
+
+def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], path: Path) -> None:
+    """Write a PNG of a drive of four wheels that was played into the node.
+
+    truth: answer of the simulated drive. warned: times (s) at which the node warned of something.
+    """
+    wheels = sorted(truth["wheels"])
+    figure = new_figure(13.0, 16.0)
+    places: list[Any] = [
+        *_two_in_a_row("sinkage", wheels),
+        ["k", "k", "n", "n", "m", "m"],
+        *_two_in_a_row("drawbar pull", wheels),
+        ["slip"] * 3 + ["margin"] * 3,
+    ]
+    panels = figure.subplot_mosaic(places)
+    for wheel, colour in wheel_colours(wheels).items():
+        rows = clip.mobility[clip.mobility["wheel"] == wheel]
+        sinkage, pull = panels[f"{wheel}: sinkage"], panels[f"{wheel}: drawbar pull"]
+        _draw_sinkage(sinkage, rows, truth["wheels"][wheel], colour)
+        _draw_pull(pull, rows, truth["wheels"][wheel], colour)
+        panels["slip"].plot(
+            rows["time"], rows["slip"], color=colour, linewidth=1.0, alpha=0.7, label=wheel
+        )
+    for name in _UNITS:
+        _draw_parameter(panels[name], name, clip.soil, truth)
+    rover = truth["rover"]
+    true = np.where(np.array(rover["speed"]) > 1e-3, rover["slip"], np.nan)
+    _dashed(panels["slip"], rover["time"], true)
+    panels["slip"].set_ylim(-0.3, 1.05)
+    style(panels["slip"], _TIME, "slip", "slip")
+    _draw_margin(panels["margin"], clip.mobility)
+    _dashed(panels["margin"], rover["time"], np.degrees(rover["climb"]), "true slope here")
+    style(panels["margin"], _TIME, "slope [deg]", "slope that holds")
+    for axes in (panels["slip"], panels["margin"]):
+        for i, time in enumerate(warned):
+            label = None if i else "the node warns"
+            axes.axvline(time, color=_WARNED, linewidth=2.0, alpha=0.6, label=label)
+    end = float(clip.mobility["time"].max())
+    for axes in panels.values():
+        axes.set_xlim(0.0, end)
+        _draw_ground(axes, truth, end)
+        key(axes)
+    figure.suptitle(
+        "Played over DDS into the node mobility_estimator: what it was told, what it believes; "
+        "soil: p = k zⁿ Dᵐ\n"
+        "bands: 95 %; sinkage is predicted before the measurement of that instant is used; "
+        "dashed: true values of the simulation, which the node never sees",
+        fontsize=11,
+        color=INK,
+    )
+    figure.savefig(path, dpi=110)
+
+
+def _two_in_a_row(what: str, wheels: list[str]) -> list[list[str]]:
+    """Places of the panels of each wheel, six columns wide."""
+    places = [f"{wheel}: {what}" for wheel in wheels for _ in range(3)]
+    return [places[:6], places[6:]]
+
+
+def _curve(
+    axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str, scale: float = 1.0
+) -> None:
+    """A quantity of a table, with its band."""
+    middle, half = scale * rows[name], _BAND * scale * rows[f"{name}_standard_deviation"]
+    band(axes, rows["time"], middle, middle - half, middle + half, label, colour)
+
+
+def _dashed(axes: Axes, time: ArrayLike, true: ArrayLike, label: str = "true") -> None:
+    axes.plot(time, true, "--", color=INK, linewidth=1.0, label=label)
+
+
+def _draw_sinkage(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
+    """Sinkage of a wheel; what is true of it, as long as it moves."""
+    time, measured = rows["time"], 1e3 * rows["sinkage_measured"]
+    rejected = rows["status"] == Status.REJECTED
+    if measured.notna().any():
+        axes.plot(time, measured, ".", color=GREY, markersize=3, label="measured")
+        axes.plot(time[rejected], measured[rejected], "x", color=INK, markersize=5,
+                  label="did not fit")  # fmt: skip
+    _curve(axes, rows, "sinkage_predicted", colour, "predicted", 1e3)
+    _dashed(axes, true["time"], 1e3 * np.where(true["moving"], true["sinkage"], np.nan))
+    top = np.nanpercentile(np.concatenate([measured, 1e3 * rows["sinkage_predicted"]]), 99.8)
+    axes.set_ylim(1.15 * top, 0.0)  # positive down, as in the soil
+    style(axes, _TIME, "sinkage [mm]", f"{rows['wheel'].iloc[0]}: sinkage")
+
+
+def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
+    """Drawbar pull of a wheel; what is true of it, as long as it moves."""
+    _curve(axes, rows, "drawbar_pull", colour, "drawbar pull")
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    _dashed(axes, true["time"], np.where(true["moving"], true["drawbar_pull"], np.nan))
+    low, high = np.nanpercentile(rows["drawbar_pull"], [0.5, 99.5])
+    edge = 0.35 * (high - low) + 1.0
+    axes.set_ylim(low - edge, high + edge)
+    style(axes, _TIME, "drawbar pull [N]", f"{rows['wheel'].iloc[0]}: drawbar pull")
+
+
+def _draw_margin(axes: Axes, mobility: pd.DataFrame) -> None:
+    """Steepest slope that the vehicle holds, mean of the wheels by load, and the risk."""
+    known = mobility.dropna(subset=["mobility_margin"])
+    instants = (known["time"] / _EVERY).round() * _EVERY
+    names = ["mobility_margin", "mobility_margin_standard_deviation"]
+    sums = known[names].mul(known["load"], axis=0).groupby(instants).sum()
+    means = sums.div(known["load"].groupby(instants).sum(), axis=0)
+    margin, half = means[names[0]], _BAND * means[names[1]]
+    middle, low, high = (np.degrees(np.arctan(m)) for m in (margin, margin - half, margin + half))
+    band(axes, means.index, middle, low, high, "slope held", _LAW)
+
+
+def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[str, Any]) -> None:
+    """k, n or m of the soil."""
+    value = soil[name]
+    if name == "k":
+        # k is closer to log-normal: a band in its logarithm never reaches below zero.
+        factor = np.exp(_BAND * soil["k_standard_deviation"] / value)
+        band(axes, soil["time"], value, value / factor, value * factor, "k", _LAW)
+        axes.set_yscale("log")
+        low, high = np.percentile(value, [1, 99])
+        axes.set_ylim(low / 6, high * 6)
+    else:
+        _curve(axes, soil, name, _LAW, name)
+        axes.set_ylim(value.median() - 0.9, value.median() + 0.9)
+    time, index = _stretch_of_time(truth)
+    _dashed(axes, time, np.array([stretch[name] for stretch in truth["stretches"]])[index])
+    style(axes, _TIME, f"{name}{_UNITS[name]}", f"{name} of the soil")
+
+
+def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]:
+    """Which stretch of soil the middle of the rover is on, over time."""
+    starts = [stretch["start"] for stretch in truth["stretches"]]
+    index = np.searchsorted(starts, truth["rover"]["way"], side="right") - 1
+    return np.array(truth["rover"]["time"]), np.maximum(index, 0)
+
+
+def _draw_ground(axes: Axes, truth: Mapping[str, Any], end: float) -> None:
+    """The soils behind it all, by name; the last one to the end."""
+    time, index = _stretch_of_time(truth)
+    stretches = truth["stretches"]
+    names = list(dict.fromkeys(stretch["name"] for stretch in stretches))
+    for i in np.unique(index):
+        name, inside = stretches[i]["name"], time[index == i]
+        last = end if i == len(stretches) - 1 else inside[-1]
+        shade = _GROUND[names.index(name) % len(_GROUND)]
+        axes.axvspan(inside[0], last, color=shade, zorder=-5, linewidth=0)
+        axes.text(inside[0] + 0.5, 0.98, name.replace("_", " "), va="top", fontsize=8, color=GREY,
+                  transform=axes.get_xaxis_transform())  # fmt: skip
+
+
+def draw_known(clips: Mapping[str, Clip], truth: Mapping[str, Any], path: Path) -> None:
+    """Write a PNG: a column for each of several runs of one drive, by name; it ends with the shortest.
+
+    truth: answer of the simulated drive.
+    """
+    end = min(float(clip.mobility["time"].max()) for clip in clips.values())
+    wheel, colour = sorted(wheel_colours(truth["wheels"]).items())[0]
+    true = truth["wheels"][wheel]
+    figure = new_figure(13.0, 7.5)
+    grid = figure.subplots(3, len(clips), sharex=True, sharey="row")
+    for (pull, sinkage, exponent), (name, clip) in zip(grid.T, clips.items(), strict=True):
+        rows = clip.mobility[clip.mobility["wheel"] == wheel]
+        _draw_pull(pull, rows, true, colour)
+        style(pull, y="drawbar pull [N]", title=f"{wheel}, {name}")
+        _draw_sinkage(sinkage, rows, true, colour)
+        soil = clip.soil
+        if len(soil) == 1:  # nothing was measured: what it believed at its start, all the time
+            soil = pd.concat([soil.assign(time=time) for time in (0.0, end)])
+        _draw_parameter(exponent, "n", soil, truth)
+    for axes in grid.ravel():
+        axes.set_xlim(0.0, end)
+        axes.label_outer()
+        key(axes)
+    # Bands of what is not known may be wider than what anybody wants to see.
+    grid[0, 0].set_ylim(min(true["drawbar_pull"]) - 20.0, max(true["drawbar_pull"]) + 20.0)
+    grid[1, 0].set_ylim(40.0, 0.0)  # positive down, as in the soil
+    figure.suptitle(
+        "The same drive with more and with fewer sensors; bands: 95 %", fontsize=11, color=INK
+    )
+    figure.savefig(path, dpi=110)
