@@ -6,18 +6,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from smallwheel_ros.bags import BagWriter, Message, Storage, header
-from smallwheel_ros.simulate.hidden import (
-    draw_effects,
-)
+from smallwheel_ros.bags import BagMessage, BagWriter, Message, Storage, header
+from smallwheel_ros.simulate.hidden import draw_effects
 from smallwheel_ros.simulate.ride import DriveSettings, WheelTruth, ride
 from smallwheel_ros.simulate.sensors import EPOCH, Readings, Sensors
 from smallwheel_ros.simulate.terrain import (
+    ROVERS,
     Rover,
     Stretch,
     draw_finish,
@@ -25,10 +24,7 @@ from smallwheel_ros.simulate.terrain import (
     draw_stretches,
     travel,
 )
-from smallwheel_ros.simulate.truth import (
-    Array,
-    HiddenEffect,
-)
+from smallwheel_ros.simulate.truth import Array, HiddenEffect
 
 # --- The drive
 
@@ -116,7 +112,9 @@ def simulate_drive(settings: DriveSettings) -> Drive:
         If a setting is outside its range, or a wheel sinks to its axle.
     """
     settings = settings.check()
-    rover, distance = settings.rover(), settings.distance
+    rover, distance = settings.wheels, settings.distance
+    if isinstance(rover, str):
+        rover = ROVERS[rover]
     # Streams of their own: more outliers do not change the ground, nor another soil the noise.
     streams = [np.random.default_rng([settings.seed, purpose]) for purpose in (10, 11, 12, 13)]
     effects = draw_effects(settings.hidden, streams[0], settings.strength, settings.form)
@@ -143,13 +141,6 @@ def simulate_drive(settings: DriveSettings) -> Drive:
 # --- The bag
 
 
-class _Recorded(NamedTuple):
-    log_time: int
-    topic: str
-    kind: str
-    message: Message
-
-
 def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap") -> int:
     """Write the drive's readings as a bag in a new folder; return the number of messages.
 
@@ -171,11 +162,11 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
         # Header stamps and log times do not depend on the order of topics here; ties do.
         messages = sorted(_messages(drive), key=lambda m: (m.log_time, m.topic))
         for m in tqdm(messages, "writing the bag", unit=" messages", disable=None, leave=False):
-            writer.write(m.topic, m.kind, m.log_time, m.message)
+            writer.write(*m)
     return len(messages)
 
 
-def _messages(drive: Drive) -> Iterator[_Recorded]:
+def _messages(drive: Drive) -> Iterator[BagMessage]:
     wrench, joint_state = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/JointState"
     for wheel in (wheel.name for wheel in drive.rover.wheels):
         yield from _topic(f"/{wheel}/load", wrench, wheel, drive.load[wheel], _load)
@@ -198,12 +189,12 @@ def _topic(
     frame: str,
     readings: Readings,
     fields: Callable[[Readings, int], dict[str, Any]],
-) -> Iterator[_Recorded]:
+) -> Iterator[BagMessage]:
     """Give a topic's messages. fields: those of a reading's message, besides its header."""
     times = zip(readings.stamp.tolist(), readings.log_time.tolist(), strict=True)
     for i, (stamp, log_time) in enumerate(times):
         message = Message(header=header(stamp, frame), **fields(readings, i))
-        yield _Recorded(log_time, topic, kind, message)
+        yield BagMessage(topic, kind, log_time, message)
 
 
 def _vector(x: float, y: float, z: float) -> Message:

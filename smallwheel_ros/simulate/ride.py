@@ -16,8 +16,7 @@ from smallwheel_ros.simulate.hidden import (
     Hidden,
     Seed,
     Strength,
-    check_hidden,
-    check_ranges,
+    check_settings,
     in_drives,
 )
 from smallwheel_ros.simulate.terrain import (
@@ -68,10 +67,12 @@ class DriveSettings:
     seed: Seed = 0
     distance: Annotated[float, Option("Way, m.", (2.0, 20_000.0, "m"))] = 30.0
     speed: Annotated[float, Option("Middle speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
-    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.")] = "four"
-    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.")] = "mixed"
+    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
+    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
-    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.")] = "none"
+    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.", FINISHES)] = (
+        "none"
+    )
     hidden: Hidden = ()
     strength: Strength = 1.0
     form: FormOfHidden = "own"
@@ -83,16 +84,6 @@ class DriveSettings:
         float, Option("Share of load and sinkage messages that are missing.", (0.0, 0.9), FRACTION)
     ] = 0.01
 
-    def rover(self) -> Rover:
-        """Return the rover that drives."""
-        if isinstance(self.wheels, Rover):
-            return self.wheels
-        if self.wheels not in ROVERS:
-            raise SimulationError(
-                f"wheels {self.wheels!r} are unknown: expected {' or '.join(ROVERS)}"
-            )
-        return ROVERS[self.wheels]
-
     def check(self) -> DriveSettings:
         """Return the settings without `none` among the hidden effects.
 
@@ -101,13 +92,7 @@ class DriveSettings:
         SimulationError
             Naming the setting, what it was, and what was expected.
         """
-        check_ranges(self)
-        if self.finish not in FINISHES:
-            raise SimulationError(
-                f"finish {self.finish!r} is unknown: expected {', '.join(FINISHES)}"
-            )
-        self.rover()
-        hidden = check_hidden(self.hidden)
+        hidden = check_settings(self)
         for name in hidden:
             if not in_drives(name):
                 raise SimulationError(
