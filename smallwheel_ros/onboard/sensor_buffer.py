@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
@@ -52,12 +50,8 @@ class Stream(Series):
         before = self.values[-1] if self.values else ()
         fault = super().add(stamp, values)
         if fault is None and stamp == self.newest:
-            same = before == values
-            if not same and math.isnan(
-                sum(values)
-            ):  # NaN, of what is not known, is the same as NaN
-                same = np.array_equal(before, values, equal_nan=True)
-            if same:
+            # What is not known is math.nan, one object, and so the same as itself.
+            if before == values:
                 self.same += 1
             else:
                 self.same, self.same_since = 1, stamp
@@ -147,24 +141,22 @@ class SensorBuffer:
         self.streams = {stream.name: stream for stream in streams}
         # The vehicle's, then those of the wheels.
         lateral = (0.0, *(wheel.lateral_position for wheel in settings.wheels))
-        self._start = (0.0,) * len(lateral)
-        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
+        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral)
         self._pressed_path = 0.0
         self._stood = 0.0  # m, what the noise of speeds added up to where the vehicle stood
 
-    def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
+    def add(self, stream: Stream, stamp: int, values: tuple[float, ...]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
         if stream is self._velocity:
             # A yaw rate of exactly 0 in every message so far is none: then odometry's is used.
             speed, yaw_rate, variance = values
             self._velocity_turns = self._velocity_turns or yaw_rate != 0.0
             values = (speed, yaw_rate if self._velocity_turns else math.nan, variance)
-        fault = stream.add(stamp, tuple(values))
-        if stream is self._odometry:
+        fault = stream.add(stamp, values)
+        if isinstance(values, Motion):
             # An odometry of the plane has a pitch of exactly 0 in every message: it measures none.
-            motion = Motion(*values)
-            self._pitches = self._pitches or motion.pitch != 0.0
-            self._pose_moves = self._pose_moves or (motion.x, motion.y) != (0.0, 0.0)
+            self._pitches = self._pitches or values.pitch != 0.0
+            self._pose_moves = self._pose_moves or (values.x, values.y) != (0.0, 0.0)
         if fault is None and stream is self._speeds:
             if stream is self._velocity:
                 odometry = self._odometry.at(stamp, self._gap)
@@ -340,7 +332,7 @@ class SensorBuffer:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
-        paths = self._travel.at(stamp, count=2 + order) or self._start
+        paths = self._travel.at(stamp, count=2 + order) or self._travel.start
         whole, own = paths[0] - self._stood, paths[1 + order] - state.stood
         if stands:
             self._stood += max(whole + self._pressed_path - self.distance, 0.0)

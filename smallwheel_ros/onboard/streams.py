@@ -145,8 +145,11 @@ class Travel(Series):
         Speeds up to this (m/s) are noise of a standing vehicle.
     lateral_positions
         Of the points, m left of the vehicle's middle.
+
+    Attributes
+    ----------
     start
-        Their paths so far, m.
+        Paths before anything has come.
     """
 
     def __init__(
@@ -155,13 +158,12 @@ class Travel(Series):
         longest_gap: int,
         standstill: float,
         lateral_positions: Sequence[float] = (0.0,),
-        start: Sequence[float] = (0.0,),
     ) -> None:
         super().__init__(horizon)
         self._gap = longest_gap
         self._standstill = standstill
-        self._lateral = tuple(lateral_positions)
-        self._start = tuple(start)
+        self._lateral = lateral_positions
+        self.start = (0.0,) * len(lateral_positions)
 
     def move(
         self,
@@ -174,7 +176,7 @@ class Travel(Series):
         """Take speed (m/s) and yaw rate (rad/s) of the vehicle, and its position where known (m)."""
         stamps, values, motion = self.stamps, self.values, (speed, yaw_rate, x, y)
         late = bool(stamps) and stamp <= stamps[-1]
-        paths = self._start
+        paths = self.start
         if stamps and not late:
             paths = self._paths(values[-1], motion, stamp - stamps[-1])
         if self.add(stamp, (*paths, *motion)) is not None or not late:
@@ -182,8 +184,7 @@ class Travel(Series):
         # A late message changes the paths at every later stamp.
         place = bisect_left(stamps, stamp)
         if place == 0:
-            nothing = tuple(0.0 for _ in paths)
-            steps = self._paths((*nothing, *motion), values[1][-4:], stamps[1] - stamp)
+            steps = self._paths((*self.start, *motion), values[1][-4:], stamps[1] - stamp)
             paths = tuple(path - step for path, step in zip(values[1], steps, strict=False))
             values[0] = (*paths, *motion)
         for i in range(max(place, 1), len(stamps)):
