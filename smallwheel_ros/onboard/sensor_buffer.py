@@ -277,12 +277,13 @@ class SensorBuffer:
         gained = None
         if speed is not None and before is not None:
             gained = (speed[0] - before[0]) / (_GAINING / SECOND)
-        measured = now.get(IMU)
-        if measured is not None and not math.isnan(measured[0]):
-            return measured[0], gained, measured[2]
-        if measured is not None:
+        # Between a message with orientation and one without neither is known.
+        force, felt, across = now.get(IMU) or (math.nan, math.nan, math.nan)
+        if not math.isnan(force):
+            return force, gained, across
+        if not math.isnan(felt):
             # An accelerometer feels both.
-            return measured[1] - (gained or 0.0), gained or 0.0, measured[2]
+            return felt - (gained or 0.0), gained or 0.0, across
         if not self.settings.with_imu and motion is not None and self._pitches:
             across = GRAVITY * math.cos(motion.pitch) * math.sin(motion.roll)
             return -GRAVITY * math.sin(motion.pitch), gained, across
