@@ -200,32 +200,39 @@ class SensorBuffer:
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(value, deviation)
         self._advance(state, order, stamp, sinkage, stands or repeats)
+        place = vehicle = heading = None
+        if motion is not None:
+            place, vehicle, heading = (
+                motion.place(state.wheel),
+                (motion.x, motion.y),
+                motion.heading,
+            )
         return Reading(
-            state.wheel,
-            stamp,
-            carried,
-            slip,
-            sinkage,
-            speed,
-            self.distance,
-            state.path,
-            None if motion is None else motion.place(state.wheel),
-            state.static_load is not None,
-            None if motion is None else (motion.x, motion.y),
-            None if pull is None else Quantity(pull[0], noise.drawbar_pull),
-            0.0 if motion is None else motion.pitch,
-            rim,
-            None if slope is None else way * slope,
-            None if torque is None else way * torque[0],
-            forward,
-            None if gained is None else way * gained,
-            0.0 if over_ground is None else over_ground.standard_deviation,
-            0.0 if turning is None else turning.standard_deviation,
-            stands,
-            across,
-            None if motion is None else motion.heading,
-            state.wheel_speed.held(stamp),
-            repeats,
+            wheel=state.wheel,
+            stamp=stamp,
+            load=carried,
+            slip=slip,
+            sinkage=sinkage,
+            speed=speed,
+            distance=self.distance,
+            path=state.path,
+            place=place,
+            load_is_static=state.static_load is not None,
+            vehicle=vehicle,
+            drawbar_pull=None if pull is None else Quantity(pull[0], noise.drawbar_pull),
+            pitch=0.0 if motion is None else motion.pitch,
+            rim_speed=rim,
+            slope_force=None if slope is None else way * slope,
+            torque=None if torque is None else way * torque[0],
+            forward=forward,
+            gained_force=None if gained is None else way * gained,
+            speed_std=0.0 if over_ground is None else over_ground.standard_deviation,
+            rim_std=0.0 if turning is None else turning.standard_deviation,
+            stands=stands,
+            across_force=across,
+            heading=heading,
+            rim_held=state.wheel_speed.held(stamp),
+            speed_repeats=repeats,
         )
 
     def _repeats(self, stamp: int, state: WheelState, turning: Quantity | None) -> bool:
@@ -273,7 +280,7 @@ class SensorBuffer:
 
         And the slope across, positive where the left side is higher.
         """
-        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap, 1)
+        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap)
         gained = None
         if speed is not None and before is not None:
             gained = (speed[0] - before[0]) / (_GAINING / SECOND)
@@ -333,7 +340,7 @@ class SensorBuffer:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
-        paths = self._travel.at(stamp, count=2 + order) or self._travel.start
+        paths = self._travel.at(stamp) or self._travel.start
         whole, own = paths[0] - self._stood, paths[1 + order] - state.stood
         if stands:
             self._stood += max(whole + self._pressed_path - self.distance, 0.0)

@@ -105,13 +105,10 @@ class Series:
         self.values.insert(place, values)
         return None
 
-    def at(
-        self, stamp: int, reach: int = _EVER, count: int | None = None
-    ) -> tuple[float, ...] | None:
+    def at(self, stamp: int, reach: int = _EVER) -> tuple[float, ...] | None:
         """Values at an instant: interpolated linearly, or held from the nearest stamp.
 
-        Only values within `reach` (ns) of the instant matter; None when there is none. count: of the first
-        ones that are wanted; None: all.
+        Only values within `reach` (ns) of the instant matter; None when there is none.
         """
         stamps, values = self.stamps, self.values
         after = bisect_left(stamps, stamp)
@@ -122,7 +119,7 @@ class Series:
         if earlier and later:
             start, end = stamps[after - 1], stamps[after]
             share = (stamp - start) / (end - start)
-            pairs = zip(values[after - 1][:count], values[after][:count], strict=True)
+            pairs = zip(values[after - 1], values[after], strict=True)
             return tuple([a + share * (b - a) for a, b in pairs])
         if earlier:
             return values[after - 1]

@@ -44,12 +44,6 @@ class Drive:
     joints: Readings
     imu: Readings
 
-    @property
-    def message_count(self) -> int:
-        """How many messages the readings are."""
-        of_wheels = [*self.load.values(), *self.sinkage.values()]
-        return sum(one.stamp.size for one in (*of_wheels, self.odometry, self.joints, self.imu))
-
     def answer(self) -> dict[str, Any]:
         """Return what the bag must not say: soils, hidden effects, true values over time.
 

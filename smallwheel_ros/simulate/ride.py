@@ -112,7 +112,6 @@ class WheelTruth:
     travel: Travel  # (times,)
     slip: Array  # (times,), of all wheels alike; as if rolling on while the rover stands
     stretch: Places  # index of the stretch that the wheel is on
-    speed: Array  # m/s, of the wheel's own place
     load: Array  # N
     sinkage: Array  # m, as an instrument without noise would show it
     drawbar_pull: Array  # N, what each wheel adds to moving the rover
@@ -144,7 +143,6 @@ class _Ride:
         twist = wave_value(ground.twist_waves, trip.way)
         self.load = wheel_loads(rover, trip.climb, trip.roll, trip.acceleration, twist)
         self.turning = 1.0 - trip.curvature[:, None] * y
-        self.speed = trip.speed[:, None] * self.turning
         self.stretch = stretch_index(stretches, way)
         self.grip = grip(ground, way)
         # Beyond its end, where a rover gets stuck, the texture comes back the other way round.
@@ -164,7 +162,7 @@ class _Ride:
             diameter=np.tile([wheel.diameter for wheel in rover.wheels], self.shape[0]),
             width=np.tile([wheel.width for wheel in rover.wheels], self.shape[0]),
             # A standing wheel keeps the state of a slow one.
-            speed=np.maximum(self.speed, 0.01).ravel(),
+            speed=np.maximum(trip.speed[:, None] * self.turning, 0.01).ravel(),
             pass_number=np.tile(passes, self.shape[0]),
             hidden=np.interp(place, ground.way, ground.unrecorded).ravel(),
         )
@@ -280,7 +278,6 @@ def ride(
         travel=replace(trip, acceleration=acceleration),
         slip=slip,
         stretch=wheels.stretch,
-        speed=wheels.speed,
         load=wheels.load,
         sinkage=response.shown_sinkage,
         drawbar_pull=pull,

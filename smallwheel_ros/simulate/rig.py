@@ -156,11 +156,6 @@ class RigDesign:
     ranges: dict[str, tuple[float, float]]
     tie: tuple[str, ...]
 
-    @property
-    def covariates(self) -> list[str]:
-        """Names of the extra columns."""
-        return [name for name in self.ranges if name not in RANGES]
-
 
 def draw_design(
     effects: Sequence[HiddenEffect], tie: Sequence[str], rng: np.random.Generator
@@ -194,10 +189,8 @@ def draw_design(
         tie=tuple(tie),
     )
     # Effects on stiffness keep their ratios, but on the whole the soil stays as firm as it was drawn.
-    middle = _circumstances(design, [typical_run(design)])
-    return replace(
-        design, soil=replace(soil, k=soil.k / WheelsOnSoil(soil, effects, middle).firmness())
-    )
+    firmness = WheelsOnSoil(soil, effects, Circumstances.of(**typical_run(design))).firmness()
+    return replace(design, soil=replace(soil, k=soil.k / firmness))
 
 
 def typical_run(design: RigDesign) -> RunSettings:
@@ -235,19 +228,13 @@ def draw_runs(
             )
         drawn = [_draw_run(design, rng) for _ in range(count)]
         tried += count
-        at = _circumstances(design, drawn)
+        at = Circumstances.of(**{name: [run[name] for run in drawn] for name in drawn[0]})
         response = WheelsOnSoil(design.soil, effects, at).response()
         with np.errstate(invalid="ignore"):
             fine = (response.depth < _DEEPEST * at.diameter) & (response.resistance > 0)
             fine &= np.minimum(response.depth, response.shown_sinkage) > _LEAST_SINKAGE
         runs += [run for run, good in zip(drawn, fine, strict=True) if good]
     return tuple(runs[:count])
-
-
-def _circumstances(design: RigDesign, runs: Sequence[RunSettings]) -> Circumstances:
-    arrays = {name: np.array([run[name] for run in runs]) for name in runs[0]}
-    extra = {name: arrays.pop(name) for name in design.covariates}
-    return Circumstances.of(extra, **arrays)
 
 
 def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
@@ -386,14 +373,13 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame
     scatter = float(np.exp(rng.normal(0.0, settings.soil_scatter)))
     unrecorded = rng.uniform(-1.0, 1.0)
     control, error = rng.normal(0.0, 1.0, (2, 3, rows))
-    columns = {name: run[name] for name in truth.design.covariates}
-    real = {name: np.full(rows, value) for name, value in run.items() if name not in columns}
+    real = {name: np.full(rows, value) for name, value in run.items()}
     real["load"] = run["load"] * (1.0 + _LOAD_CONTROL * control[0])
     real["slip"] = np.clip(run["slip"] + _SLIP_CONTROL * control[1], -0.99, 0.99)
     real["speed"] = run["speed"] * (1.0 + _SPEED_CONTROL * control[2])
     if run["slip"] == 0.0:  # a towed wheel
         real["slip"] = np.zeros(rows)
-    at = Circumstances.of(columns, **real, hidden=unrecorded)
+    at = Circumstances.of(**real, hidden=unrecorded)
     response = WheelsOnSoil(truth.soil, truth.effects, at, scatter).response()
     if not np.all(np.isfinite(response.depth)):
         raise SimulationError(

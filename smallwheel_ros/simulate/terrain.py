@@ -314,12 +314,8 @@ def travel(ground: Ground, distance: float, speed: float) -> Travel:
         now = min(max(wish, now - 3.0 * _PULL * TICK), now + _PULL * TICK)
         way += min(now * TICK, ahead)
     if ground.finish is None:
-        rows += [(way, 0.0)] * round(1.0 / TICK)
-    path = np.array(rows)
-    place, velocity = path[:, 0], path[:, 1]
-    if ground.finish is None:
-        velocity[-round(1.0 / TICK) - 1 :] = 0.0
-    return Travel.over(ground, place, velocity)
+        rows[-1:] = [(way, 0.0)] * (1 + round(1.0 / TICK))
+    return Travel.over(ground, *np.array(rows).T)
 
 
 def until_stuck(
@@ -360,10 +356,10 @@ def until_stuck(
         way += now * TICK
         rows.append((way, now))
         standing = standing + 1 if now < _HARDLY * rim else 0
-    path = np.array(rows)
+    places, speeds = np.array(rows).T
     return Travel.over(
         ground,
-        np.concatenate([trip.way, path[:, 0]]),
-        np.concatenate([trip.speed, path[:, 1]]),
+        np.concatenate([trip.way, places]),
+        np.concatenate([trip.speed, speeds]),
         np.concatenate([trip.rim, np.full(len(rows), rim)]),
     )

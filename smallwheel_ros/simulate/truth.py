@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -212,24 +212,22 @@ class Circumstances:
     covariates: Mapping[str, Array]
 
     @classmethod
-    def of(cls, covariates: Mapping[str, Any] | None = None, **settings: Any) -> Circumstances:
+    def of(cls, **settings: Any) -> Circumstances:
         """Broadcast numbers and arrays to one length; what is not given is at its plain value.
 
         Plain: no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, the middle of what is hidden.
+        What is none of the attributes is a covariate.
         """
         plain = {"slip": 0.0, "speed": 0.1, "pass_number": 1.0}
         plain |= {"slip_angle": 0.0, "grouser_height": 0.0, "hidden": 0.0}
-        named, extra = plain | settings, covariates or {}
-        values = [*named.values(), *extra.values()]
-        shape = np.broadcast_shapes((1,), *(np.shape(value) for value in values))
-
-        def filled(value: Any) -> Array:
-            return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
-
-        return cls(
-            **{name: filled(value) for name, value in named.items()},
-            covariates={name: filled(value) for name, value in extra.items()},
-        )
+        given = plain | settings
+        shape = np.broadcast_shapes((1,), *(np.shape(value) for value in given.values()))
+        arrays: dict[str, Array] = {
+            name: np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+            for name, value in given.items()
+        }
+        names = [one.name for one in fields(cls) if one.name != "covariates"]
+        return cls(**{name: arrays.pop(name) for name in names}, covariates=arrays)
 
     def rows(self, rows: Places) -> Circumstances:
         """Return some of the rows."""
