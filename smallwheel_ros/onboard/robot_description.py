@@ -16,7 +16,6 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -101,7 +100,7 @@ class Joint:
         )
         self._where = f"joint {quoted(self.name)}"
 
-    @cached_property
+    @property
     def pose(self) -> Array:
         """Pose of the child link in the parent link, with the joint at zero."""
         return _pose(self._element, self._where)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass
 from typing import Annotated, Any, NamedTuple
 
 import click
@@ -322,16 +323,13 @@ FRACTION = {"metavar": "FRACTION"}  # of options that are a share
 def check_settings(settings: Any) -> tuple[str, ...]:
     """Return the hidden effects without `none`.
 
-    Raises
-    ------
-    SimulationError
-        Naming the setting, what it was, and what was expected.
+    Raises SimulationError, naming the setting, what it was, and what was expected.
     """
     for name, option in options_of(type(settings)).items():
         value, within = getattr(settings, name), option.within
         if within and not isinstance(within[0], str):
             check_range(name.replace("_", " "), value, *within)
-        elif within and isinstance(value, str) and value not in within:
+        elif within and value not in within and not is_dataclass(value):  # not a rover of your own
             raise SimulationError(f"{name} {value!r} is unknown: expected {' or '.join(within)}")
     return check_hidden(settings.hidden)
 

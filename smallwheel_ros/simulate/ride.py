@@ -87,10 +87,7 @@ class DriveSettings:
     def check(self) -> DriveSettings:
         """Return the settings without `none` among the hidden effects.
 
-        Raises
-        ------
-        SimulationError
-            Naming the setting, what it was, and what was expected.
+        Raises SimulationError, naming the setting, what it was, and what was expected.
         """
         hidden = check_settings(self)
         for name in hidden:
@@ -245,10 +242,7 @@ def ride(
 ) -> WheelTruth:
     """Work out the truth of a drive.
 
-    Raises
-    ------
-    SimulationError
-        If a wheel sinks to its axle: soil or hidden effects are too much for this rover.
+    Raises SimulationError if a wheel sinks to its axle: the soil or hidden effects are too much.
     """
     if ground.finish is not None:
         # Let the rover drive on until it is stuck.

@@ -121,10 +121,7 @@ class RigSettings:
     def check(self) -> RigSettings:
         """Return the settings without `none` among the hidden effects.
 
-        Raises
-        ------
-        SimulationError
-            Naming the setting, what it was, and what was expected.
+        Raises SimulationError, naming the setting, what it was, and what was expected.
         """
         hidden = check_settings(self)
         wrong = [name for name in self.channels if name not in _CHANNELS]
@@ -212,11 +209,7 @@ def draw_runs(
 
     Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn
     again, as nobody measures there; that leaves slight correlations of load, diameter and width.
-
-    Raises
-    ------
-    SimulationError
-        If hardly any setting is left: the hidden effects are too strong.
+    Raises SimulationError if hardly any setting is left: the hidden effects are too strong.
     """
     runs: list[RunSettings] = []
     tried = 0
