@@ -30,7 +30,6 @@ from smallwheel_ros.simulate.terrain import (
     Stretch,
     Travel,
     grip,
-    stretch_index,
     until_stuck,
     wave_value,
     wheel_loads,
@@ -140,7 +139,8 @@ class _Ride:
         twist = wave_value(ground.twist_waves, trip.way)
         self.load = wheel_loads(rover, trip.climb, trip.roll, trip.acceleration, twist)
         self.turning = 1.0 - trip.curvature[:, None] * y
-        self.stretch = stretch_index(stretches, way)
+        starts = [stretch.start for stretch in stretches]  # the first one reaches back without end
+        self.stretch = np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
         self.grip = grip(ground, way)
         # Beyond its end, where a rover gets stuck, the texture comes back the other way round.
         end = ground.way[-1]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array, Places, TruthSoil
+from smallwheel_ros.simulate.truth import Array, TruthSoil
 
 GRAVITY = 9.81
 TICK = 0.1  # s, step of the truth
@@ -61,12 +61,6 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
     starts = (np.arange(count) + rng.uniform(-0.15, 0.15, count)) * distance / count
     starts[0] = 0.0
     return tuple(Stretch(float(start), soils[i % 3]) for i, start in enumerate(starts))
-
-
-def stretch_index(stretches: Sequence[Stretch], way: Array) -> Places:
-    """Which stretch each place (m along the way) is on; the first one reaches back without end."""
-    starts = [stretch.start for stretch in stretches]
-    return np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
 
 
 @dataclass(frozen=True)
