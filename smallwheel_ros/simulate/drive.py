@@ -196,15 +196,7 @@ def _vector(x: float, y: float, z: float) -> Message:
 
 
 def _orientation(of: Readings, i: int) -> Message:
-    """Quaternion of REP 103's fixed-axis roll, pitch, yaw (rad)."""
-    angles = (of.roll[i], of.pitch[i], of.yaw[i])
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a / 2), np.cos(a / 2)) for a in angles)
-    return Message(
-        x=float(sr * cp * cy - cr * sp * sy),
-        y=float(cr * sp * cy + sr * cp * sy),
-        z=float(cr * cp * sy - sr * sp * cy),
-        w=float(cr * cp * cy + sr * sp * sy),
-    )
+    return Message(**dict(zip("xyzw", of.orientation[i].tolist(), strict=True)))
 
 
 def _covariance(*deviations: float) -> Array:
