@@ -77,11 +77,11 @@ def run_demo(
     settings = DriveSettings(seed=seed, distance=distance, wheels="two_sizes", finish="slope")
     drive = simulate_drive(settings)
     bag = folder / _BAG
-    write_drive_bag(drive, bag)
+    count = write_drive_bag(drive, bag)
     answer = drive.answer()
     (folder / _ANSWER).write_text(json.dumps(answer), encoding="utf-8")
     epoch = int(answer["epoch_ns"])
-    _say(f"2/4 playing {drive.message_count} messages over DDS into the node mobility_estimator")
+    _say(f"2/4 playing {count} messages over DDS into the node mobility_estimator")
     parameters = config_file("two_wheel_sizes.yaml")
     balance = config_file("vehicle_balance.yaml")
     # So large that it holds the whole drive.

@@ -300,12 +300,11 @@ class OdometryWatch:
     def _judge(self) -> None:
         """Say of the newest stretches how late the odometry is, and whether it shows slip."""
         way, apart, gained = np.array(self._stretches).T
-        # Least squares of slip and delay, the latter with its prior.
-        columns = np.stack([way, gained], axis=1)
-        known = columns.T @ columns + np.diag([0.0, (_PATCHES / _LATE_STD) ** 2])
-        late = float(np.linalg.solve(known, columns.T @ apart)[1])
-        spread = _PATCHES * math.sqrt(float(np.linalg.inv(known)[1, 1]))
-        self.late = Quantity(min(max(late, 0.0), _LATEST), spread)
+        # Least squares of slip and delay, the latter with its prior; the slip is taken out of both.
+        changed = gained - way * float(way @ gained) / float(way @ way)
+        known = float(changed @ changed) + (_PATCHES / _LATE_STD) ** 2
+        late = float(changed @ apart) / known
+        self.late = Quantity(min(max(late, 0.0), _LATEST), _PATCHES / math.sqrt(known))
         count = len(self._stretches)
         if count >= _FEWEST:
             mean, deviation = self._scatter()

@@ -93,10 +93,7 @@ def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
 def wheel_names(value: object) -> list[str]:
     """Return the names in the parameter `wheels`.
 
-    Raises
-    ------
-    ParametersError
-        If it is not a list of different names that topics and parameters can have.
+    Raises ParametersError if it is no list of different names that topics and parameters can have.
     """
     table = GENERAL[0]
     example = f"for example {table.name}: [front_left, front_right]"
@@ -185,14 +182,14 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
 def _onboard(given: Given, inputs: Mapping[str, WheelInputs]) -> OnboardSettings:
     start, effects = _start(given)
     known = given.soil
-    law = {n: value for n in ("k", "n", "m") if (value := getattr(known, n)) is not None}
-    prior = SoilPrior.from_soil(
-        replace(start, **law), known.log_reference_pressure_std, known.n_std, known.m_std
+    names = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
+    start = replace(start, **{n: v for n in names if (v := getattr(known, n)) is not None})
+    prior = SoilPrior.from_soil(start, known.log_reference_pressure_std, known.n_std, known.m_std)
+    strength = Strength(
+        Quantity(start.cohesion, known.cohesion_std),
+        Quantity(start.friction_angle, known.friction_angle_std),
+        Quantity(start.shear_displacement, known.shear_displacement_std),
     )
-    strength = {}
-    for n in ("cohesion", "friction_angle", "shear_displacement"):
-        value = getattr(start, n) if getattr(known, n) is None else getattr(known, n)
-        strength[n] = Quantity(value, getattr(known, f"{n}_std"))
     static = _static_loads(given, inputs)
     estimator = replace(given.estimator, sinkage_std=given.noise.sinkage)
     if static:
@@ -210,7 +207,7 @@ def _onboard(given: Given, inputs: Mapping[str, WheelInputs]) -> OnboardSettings
             for n, w in inputs.items()
         ),
         prior=prior,
-        strength=Strength(**strength),
+        strength=strength,
         estimator=estimator,
         noise=given.noise,
         timing=given.timing,

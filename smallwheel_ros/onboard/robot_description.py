@@ -16,7 +16,6 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -33,7 +32,7 @@ from smallwheel_ros.physics.conditions import PRESSED
 
 Array = NDArray[np.float64]
 
-# Those of large robots have a megabyte, some thousand elements and ten levels.
+# Those of large robots have a megabyte, some thousand elements and ten joints above each other.
 _MOST_CHARACTERS = 10_000_000
 _MOST_ELEMENTS = 100_000
 _DEEPEST = 100
@@ -71,23 +70,16 @@ class _LimitedBuilder(ElementTree.TreeBuilder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._depth = self._count = 0
+        self._count = 0
 
     def start(self, tag: str, attrs: dict[str, str]) -> Element:
         """Begin an element."""
-        self._depth += 1
         self._count += 1
-        if self._depth > _DEEPEST or self._count > _MOST_ELEMENTS:
+        if self._count > _MOST_ELEMENTS:
             raise RobotDescriptionError(
-                f"elements more than {_DEEPEST} deep in each other, or more than {_MOST_ELEMENTS}"
-                " elements, expected the URDF of a robot"
+                f"more than {_MOST_ELEMENTS} elements, expected the URDF of a robot"
             )
         return super().start(tag, attrs)
-
-    def end(self, tag: str) -> Element:
-        """End an element."""
-        self._depth -= 1
-        return super().end(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         """Refuse a document type: it can define entities, and a URDF has none."""
@@ -108,7 +100,7 @@ class Joint:
         )
         self._where = f"joint {quoted(self.name)}"
 
-    @cached_property
+    @property
     def pose(self) -> Array:
         """Pose of the child link in the parent link, with the joint at zero."""
         return _pose(self._element, self._where)
@@ -126,7 +118,7 @@ class Joint:
 class Urdf:
     """The links and joints of a robot description.
 
-    joints: by name; only those of the robot, not those within transmissions or plugins.
+    links, joints: by name; only those of the robot, not those within transmissions or plugins.
 
     Raises
     ------
@@ -147,7 +139,7 @@ class Urdf:
             raise RobotDescriptionError(
                 f"its outermost element is {quoted(root.tag)}, expected 'robot'"
             )
-        self._links = {link.get("name", ""): link for link in root.findall("link")}
+        self.links = {link.get("name", ""): link for link in root.findall("link")}
         self.joints: dict[str, Joint] = {}
         self._above: dict[str, Joint] = {}
         for joint in map(Joint, root.findall("joint")):
@@ -159,10 +151,6 @@ class Urdf:
                     f" {quoted(self._above[joint.child].name)} and {quoted(joint.name)}"
                 )
             self.joints[joint.name] = self._above[joint.child] = joint
-
-    def has_link(self, name: str) -> bool:
-        """Whether there is a link of that name."""
-        return name in self._links
 
     def chain(self, link: str) -> list[Joint]:
         """Return the joints above a link, from the lowest up to the root link."""
@@ -196,7 +184,7 @@ class Urdf:
 
     def cylinder(self, link: str) -> Cylinder:
         """Return the largest cylinder of a link's collision, else of its visual."""
-        element, where = self._links.get(link), f"link {quoted(link)}"
+        element, where = self.links.get(link), f"link {quoted(link)}"
         if element is None:
             raise RobotDescriptionError(f"there is no {where}")
         for part in ("collision", "visual"):
@@ -367,7 +355,7 @@ def _joint(urdf: Urdf, wheel: str, given: object) -> Joint:
 def _base(urdf: Urdf, link: str, given: object) -> str:
     """Return the base frame: the one that is given, else base_link, else the root of the link."""
     name = given if isinstance(given, str) and given else _BASE
-    if urdf.has_link(name):
+    if name in urdf.links:
         return name
     if name == _BASE:
         return urdf.root(link)

@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.estimator.traction import GRAVITY
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
@@ -52,12 +50,8 @@ class Stream(Series):
         before = self.values[-1] if self.values else ()
         fault = super().add(stamp, values)
         if fault is None and stamp == self.newest:
-            same = before == values
-            if not same and math.isnan(
-                sum(values)
-            ):  # NaN, of what is not known, is the same as NaN
-                same = np.array_equal(before, values, equal_nan=True)
-            if same:
+            # What is not known is math.nan, one object, and so the same as itself.
+            if before == values:
                 self.same += 1
             else:
                 self.same, self.same_since = 1, stamp
@@ -147,24 +141,22 @@ class SensorBuffer:
         self.streams = {stream.name: stream for stream in streams}
         # The vehicle's, then those of the wheels.
         lateral = (0.0, *(wheel.lateral_position for wheel in settings.wheels))
-        self._start = (0.0,) * len(lateral)
-        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral, self._start)
+        self._travel = Travel(horizon, self._gap, settings.standstill_speed, lateral)
         self._pressed_path = 0.0
         self._stood = 0.0  # m, what the noise of speeds added up to where the vehicle stood
 
-    def add(self, stream: Stream, stamp: int, values: Sequence[float]) -> StampFault | None:
+    def add(self, stream: Stream, stamp: int, values: tuple[float, ...]) -> StampFault | None:
         """Keep values, and the travel that they show; a fault says why they were not kept."""
         if stream is self._velocity:
             # A yaw rate of exactly 0 in every message so far is none: then odometry's is used.
             speed, yaw_rate, variance = values
             self._velocity_turns = self._velocity_turns or yaw_rate != 0.0
             values = (speed, yaw_rate if self._velocity_turns else math.nan, variance)
-        fault = stream.add(stamp, tuple(values))
-        if stream is self._odometry:
+        fault = stream.add(stamp, values)
+        if isinstance(values, Motion):
             # An odometry of the plane has a pitch of exactly 0 in every message: it measures none.
-            motion = Motion(*values)
-            self._pitches = self._pitches or motion.pitch != 0.0
-            self._pose_moves = self._pose_moves or (motion.x, motion.y) != (0.0, 0.0)
+            self._pitches = self._pitches or values.pitch != 0.0
+            self._pose_moves = self._pose_moves or (values.x, values.y) != (0.0, 0.0)
         if fault is None and stream is self._speeds:
             if stream is self._velocity:
                 odometry = self._odometry.at(stamp, self._gap)
@@ -208,6 +200,13 @@ class SensorBuffer:
             deviation = math.sqrt(variance) if known else self.settings.estimator.sinkage_std
             sinkage = Quantity(value, deviation)
         self._advance(state, order, stamp, sinkage, stands or repeats)
+        place = vehicle = heading = None
+        if motion is not None:
+            place, vehicle, heading = (
+                motion.place(state.wheel),
+                (motion.x, motion.y),
+                motion.heading,
+            )
         return Reading(
             state.wheel,
             stamp,
@@ -217,9 +216,9 @@ class SensorBuffer:
             speed,
             self.distance,
             state.path,
-            None if motion is None else motion.place(state.wheel),
+            place,
             state.static_load is not None,
-            None if motion is None else (motion.x, motion.y),
+            vehicle,
             None if pull is None else Quantity(pull[0], noise.drawbar_pull),
             0.0 if motion is None else motion.pitch,
             rim,
@@ -231,7 +230,7 @@ class SensorBuffer:
             0.0 if turning is None else turning.standard_deviation,
             stands,
             across,
-            None if motion is None else motion.heading,
+            heading,
             state.wheel_speed.held(stamp),
             repeats,
         )
@@ -281,16 +280,17 @@ class SensorBuffer:
 
         And the slope across, positive where the left side is higher.
         """
-        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap, 1)
+        speed, before = now.get(self._speeds.kind), self._speeds.at(stamp - _GAINING, self._gap)
         gained = None
         if speed is not None and before is not None:
             gained = (speed[0] - before[0]) / (_GAINING / SECOND)
-        measured = now.get(IMU)
-        if measured is not None and not math.isnan(measured[0]):
-            return measured[0], gained, measured[2]
-        if measured is not None:
+        # Between a message with orientation and one without neither is known.
+        force, felt, across = now.get(IMU) or (math.nan, math.nan, math.nan)
+        if not math.isnan(force):
+            return force, gained, across
+        if not math.isnan(felt):
             # An accelerometer feels both.
-            return measured[1] - (gained or 0.0), gained or 0.0, measured[2]
+            return felt - (gained or 0.0), gained or 0.0, across
         if not self.settings.with_imu and motion is not None and self._pitches:
             across = GRAVITY * math.cos(motion.pitch) * math.sin(motion.roll)
             return -GRAVITY * math.sin(motion.pitch), gained, across
@@ -340,7 +340,7 @@ class SensorBuffer:
             # A pressed wheel meets new soil by going deeper than it has been.
             self._pressed_path += max(0.0, sinkage.value - state.deepest)
             state.deepest = max(state.deepest, sinkage.value)
-        paths = self._travel.at(stamp, count=2 + order) or self._start
+        paths = self._travel.at(stamp) or self._travel.start
         whole, own = paths[0] - self._stood, paths[1 + order] - state.stood
         if stands:
             self._stood += max(whole + self._pressed_path - self.distance, 0.0)

@@ -33,7 +33,15 @@ class Statement(NamedTuple):
 def statements(onboard: Onboard, newest: Iterable[Result]) -> tuple[Statement, ...]:
     """What is to be said now. newest: the newest result of each wheel."""
     results = list(newest)
-    return (*alarms(onboard, results), *_of_vehicle(onboard, results), *_of_sensors(onboard))
+    found = list(alarms(onboard, results))
+    margin = vehicle_margin(results)
+    if margin is not None and not margin.value > 0.0:
+        text = "the soil holds the vehicle on no slope, nor on the level"
+        found.append(Statement("vehicle", "holds_nothing", True, text))
+    if onboard.concern:
+        found.append(Statement("filter", "filter", False, onboard.concern))
+    found += [Statement("sensors", "sensor", False, text) for text in onboard.findings]
+    return tuple(found)
 
 
 def alarms(onboard: Onboard, newest: Iterable[Result]) -> tuple[Statement, ...]:
@@ -49,17 +57,3 @@ def alarms(onboard: Onboard, newest: Iterable[Result]) -> tuple[Statement, ...]:
     if missing is not None:
         found.append(Statement("alarms", "missing_effect", False, missing.message))
     return tuple(found)
-
-
-def _of_sensors(onboard: Onboard) -> tuple[Statement, ...]:
-    concern = [Statement("filter", "filter", False, text) for text in [onboard.concern] if text]
-    words = onboard.findings
-    return (*concern, *(Statement("sensors", "sensor", False, text) for text in words))
-
-
-def _of_vehicle(onboard: Onboard, newest: list[Result]) -> tuple[Statement, ...]:
-    margin = vehicle_margin(newest)
-    if margin is None or margin.value > 0.0:
-        return ()
-    text = "the soil holds the vehicle on no slope, nor on the level"
-    return (Statement("vehicle", "holds_nothing", True, text),)

@@ -105,13 +105,10 @@ class Series:
         self.values.insert(place, values)
         return None
 
-    def at(
-        self, stamp: int, reach: int = _EVER, count: int | None = None
-    ) -> tuple[float, ...] | None:
+    def at(self, stamp: int, reach: int = _EVER) -> tuple[float, ...] | None:
         """Values at an instant: interpolated linearly, or held from the nearest stamp.
 
-        Only values within `reach` (ns) of the instant matter; None when there is none. count: of the first
-        ones that are wanted; None: all.
+        Only values within `reach` (ns) of the instant matter; None when there is none.
         """
         stamps, values = self.stamps, self.values
         after = bisect_left(stamps, stamp)
@@ -122,7 +119,7 @@ class Series:
         if earlier and later:
             start, end = stamps[after - 1], stamps[after]
             share = (stamp - start) / (end - start)
-            pairs = zip(values[after - 1][:count], values[after][:count], strict=True)
+            pairs = zip(values[after - 1], values[after], strict=True)
             return tuple([a + share * (b - a) for a, b in pairs])
         if earlier:
             return values[after - 1]
@@ -145,8 +142,11 @@ class Travel(Series):
         Speeds up to this (m/s) are noise of a standing vehicle.
     lateral_positions
         Of the points, m left of the vehicle's middle.
+
+    Attributes
+    ----------
     start
-        Their paths so far, m.
+        Paths before anything has come.
     """
 
     def __init__(
@@ -155,13 +155,12 @@ class Travel(Series):
         longest_gap: int,
         standstill: float,
         lateral_positions: Sequence[float] = (0.0,),
-        start: Sequence[float] = (0.0,),
     ) -> None:
         super().__init__(horizon)
         self._gap = longest_gap
         self._standstill = standstill
-        self._lateral = tuple(lateral_positions)
-        self._start = tuple(start)
+        self._lateral = lateral_positions
+        self.start = (0.0,) * len(lateral_positions)
 
     def move(
         self,
@@ -174,7 +173,7 @@ class Travel(Series):
         """Take speed (m/s) and yaw rate (rad/s) of the vehicle, and its position where known (m)."""
         stamps, values, motion = self.stamps, self.values, (speed, yaw_rate, x, y)
         late = bool(stamps) and stamp <= stamps[-1]
-        paths = self._start
+        paths = self.start
         if stamps and not late:
             paths = self._paths(values[-1], motion, stamp - stamps[-1])
         if self.add(stamp, (*paths, *motion)) is not None or not late:
@@ -182,8 +181,7 @@ class Travel(Series):
         # A late message changes the paths at every later stamp.
         place = bisect_left(stamps, stamp)
         if place == 0:
-            nothing = tuple(0.0 for _ in paths)
-            steps = self._paths((*nothing, *motion), values[1][-4:], stamps[1] - stamp)
+            steps = self._paths((*self.start, *motion), values[1][-4:], stamps[1] - stamp)
             paths = tuple(path - step for path, step in zip(values[1], steps, strict=False))
             values[0] = (*paths, *motion)
         for i in range(max(place, 1), len(stamps)):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.problems import ProblemLog
@@ -19,7 +19,7 @@ from smallwheel_ros.onboard.sensor_buffer import SensorBuffer
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardError, OnboardSettings
 from smallwheel_ros.onboard.streams import StampFault, late_words, nanoseconds, stamp_problem
 
-Measured = tuple[str, Sequence[float]]  # the name of a stream, and its values
+Measured = tuple[str, tuple[float, ...]]  # the name of a stream, and its values
 
 # By the end of a stream's name: what has to be a number, with its unit; further values may be
 # unknown. In SI units nothing on a vehicle is larger than 1e9; squares of such numbers are finite.
@@ -58,10 +58,13 @@ class Synchroniser:
     def __init__(self, settings: OnboardSettings, on_time_jump: Callable[[], None]) -> None:
         self.problems = ProblemLog()
         self.received: Counter[str] = Counter()
-        self._on_time_jump = on_time_jump
+        self._settings, self._on_time_jump = settings, on_time_jump
+        self._reorder = nanoseconds(settings.timing.reorder_time)
+        self._silence = nanoseconds(settings.timing.silent_after)
+        self._jump = nanoseconds(settings.timing.jump_tolerance)
         # Stamp, wheel's number (it decides between measurements of one instant), values of sinkage.
-        self._waiting: list[tuple[int, int, Sequence[float]]] = []
-        self._begin(SensorBuffer(settings))
+        self._waiting: list[tuple[int, int, tuple[float, ...]]] = []
+        self._begin()
 
     def start_over(self, why: str) -> None:
         """Forget what was collected; the counts go on, and measurements that waited are counted."""
@@ -70,7 +73,7 @@ class Synchroniser:
                 name = self._buffer.wheels[order].sinkage.name
                 self.problems.add(name, "dropped_by_reset", f"not used: {why}")
         self._waiting.clear()
-        self._begin(SensorBuffer(self._settings))
+        self._begin()
 
     def newest(self, stream: str) -> int | None:
         """Return the newest stamp (ns) of what was kept of a stream; None where there is none."""
@@ -96,25 +99,20 @@ class Synchroniser:
         waiting, self._waiting = sorted(self._waiting), []
         return [self._buffer.reading(*one) for one in waiting]
 
-    def _begin(self, buffer: SensorBuffer) -> None:
-        self._settings, self._buffer = buffer.settings, buffer
-        timing = self._settings.timing
-        self._reorder = nanoseconds(timing.reorder_time)
-        self._silence = nanoseconds(timing.silent_after)
-        self._jump = nanoseconds(timing.jump_tolerance)
+    def _begin(self) -> None:
+        self._buffer = buffer = SensorBuffer(self._settings)
         self._oldest = self._latest = 0  # stamps of what was kept; 0: nothing
         self._doubted: int | None = None  # a stamp far from all others
         # What a measurement of each wheel waits for: its own streams, and the times of the others.
         others = [(state.timing, True) for state in buffer.wheels]
-        waits = timing.reorder_time > 0
         self._awaited = [
-            [*((stream, False) for stream in state.needed), *others] if waits else []
+            [*((stream, False) for stream in state.needed), *others] if self._reorder else []
             for state in buffer.wheels
         ]
 
     # --- What comes in
 
-    def _take(self, name: str, stamp: int, values: Sequence[float], now: int | None) -> None:
+    def _take(self, name: str, stamp: int, values: tuple[float, ...], now: int | None) -> None:
         if name not in self._buffer.streams:
             known = ", ".join(wheel.name for wheel in self._settings.wheels)
             raise OnboardError(f"no wheel '{name.partition('/')[0]}': the vehicle has {known}")
@@ -172,7 +170,7 @@ class Synchroniser:
             self._on_time_jump()
         return back
 
-    def _implausible(self, kind: str, values: Sequence[float]) -> tuple[str, str] | None:
+    def _implausible(self, kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
         """Key and words of a value that nothing can be computed with; None: there is none."""
         for i, (name, unit) in enumerate(_NUMBERS[kind]):
             value = values[i]

@@ -6,18 +6,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from smallwheel_ros.bags import BagWriter, Message, Storage, header
-from smallwheel_ros.simulate.hidden import (
-    draw_effects,
-)
+from smallwheel_ros.bags import BagMessage, BagWriter, Message, Storage, header
+from smallwheel_ros.simulate.hidden import draw_effects
 from smallwheel_ros.simulate.ride import DriveSettings, WheelTruth, ride
 from smallwheel_ros.simulate.sensors import EPOCH, Readings, Sensors
 from smallwheel_ros.simulate.terrain import (
+    ROVERS,
     Rover,
     Stretch,
     draw_finish,
@@ -25,10 +24,7 @@ from smallwheel_ros.simulate.terrain import (
     draw_stretches,
     travel,
 )
-from smallwheel_ros.simulate.truth import (
-    Array,
-    HiddenEffect,
-)
+from smallwheel_ros.simulate.truth import Array, HiddenEffect
 
 # --- The drive
 
@@ -47,12 +43,6 @@ class Drive:
     odometry: Readings
     joints: Readings
     imu: Readings
-
-    @property
-    def message_count(self) -> int:
-        """How many messages the readings are."""
-        of_wheels = [*self.load.values(), *self.sinkage.values()]
-        return sum(one.stamp.size for one in (*of_wheels, self.odometry, self.joints, self.imu))
 
     def answer(self) -> dict[str, Any]:
         """Return what the bag must not say: soils, hidden effects, true values over time.
@@ -116,7 +106,9 @@ def simulate_drive(settings: DriveSettings) -> Drive:
         If a setting is outside its range, or a wheel sinks to its axle.
     """
     settings = settings.check()
-    rover, distance = settings.rover(), settings.distance
+    rover, distance = settings.wheels, settings.distance
+    if isinstance(rover, str):
+        rover = ROVERS[rover]
     # Streams of their own: more outliers do not change the ground, nor another soil the noise.
     streams = [np.random.default_rng([settings.seed, purpose]) for purpose in (10, 11, 12, 13)]
     effects = draw_effects(settings.hidden, streams[0], settings.strength, settings.form)
@@ -143,13 +135,6 @@ def simulate_drive(settings: DriveSettings) -> Drive:
 # --- The bag
 
 
-class _Recorded(NamedTuple):
-    log_time: int
-    topic: str
-    kind: str
-    message: Message
-
-
 def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap") -> int:
     """Write the drive's readings as a bag in a new folder; return the number of messages.
 
@@ -171,11 +156,11 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
         # Header stamps and log times do not depend on the order of topics here; ties do.
         messages = sorted(_messages(drive), key=lambda m: (m.log_time, m.topic))
         for m in tqdm(messages, "writing the bag", unit=" messages", disable=None, leave=False):
-            writer.write(m.topic, m.kind, m.log_time, m.message)
+            writer.write(*m)
     return len(messages)
 
 
-def _messages(drive: Drive) -> Iterator[_Recorded]:
+def _messages(drive: Drive) -> Iterator[BagMessage]:
     wrench, joint_state = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/JointState"
     for wheel in (wheel.name for wheel in drive.rover.wheels):
         yield from _topic(f"/{wheel}/load", wrench, wheel, drive.load[wheel], _load)
@@ -198,12 +183,12 @@ def _topic(
     frame: str,
     readings: Readings,
     fields: Callable[[Readings, int], dict[str, Any]],
-) -> Iterator[_Recorded]:
+) -> Iterator[BagMessage]:
     """Give a topic's messages. fields: those of a reading's message, besides its header."""
     times = zip(readings.stamp.tolist(), readings.log_time.tolist(), strict=True)
     for i, (stamp, log_time) in enumerate(times):
         message = Message(header=header(stamp, frame), **fields(readings, i))
-        yield _Recorded(log_time, topic, kind, message)
+        yield BagMessage(topic, kind, log_time, message)
 
 
 def _vector(x: float, y: float, z: float) -> Message:
@@ -211,15 +196,7 @@ def _vector(x: float, y: float, z: float) -> Message:
 
 
 def _orientation(of: Readings, i: int) -> Message:
-    """Quaternion of REP 103's fixed-axis roll, pitch, yaw (rad)."""
-    angles = (of.roll[i], of.pitch[i], of.yaw[i])
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a / 2), np.cos(a / 2)) for a in angles)
-    return Message(
-        x=float(sr * cp * cy - cr * sp * sy),
-        y=float(cr * sp * cy + sr * cp * sy),
-        z=float(cr * cp * sy - sr * sp * cy),
-        w=float(cr * cp * cy + sr * sp * sy),
-    )
+    return Message(**dict(zip("xyzw", of.orientation[i].tolist(), strict=True)))
 
 
 def _covariance(*deviations: float) -> Array:

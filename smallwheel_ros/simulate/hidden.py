@@ -18,15 +18,15 @@ nothing of it is drawn, and `strength` has no say in it.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Annotated, Any
+from dataclasses import is_dataclass
+from typing import Annotated, Any, NamedTuple
 
 import click
 import numpy as np
 
+from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.options import Option, options_of
 from smallwheel_ros.simulate.truth import (
     FORMS,
@@ -126,19 +126,15 @@ def _in_column(at: Circumstances, column: str, centre: float, half_range: float)
     return (at.covariates[column] - centre) / half_range
 
 
-def _unrecorded(a: float, at: Circumstances) -> Array | float:
-    return 1.0 if at.hidden is None else np.asarray(np.exp(a * at.hidden))
-
-
 # --- The effects
 
 
 def _fault(
-    formula: str, typical: float, channel: str, does: Callable[..., Any], **rest: Any
+    formula: str, typical: float, channel: str, does: Callable[..., Any], either_sign: bool = False
 ) -> Law:
     """Return a fault of an instrument; there is one sensible form, which the library fits too."""
     shape = Shape(f"measured {formula}", typical, f"shown_{channel}", does)
-    return Law(shape, shape, kind="instrument", **{"in_drives": False, **rest})
+    return Law(shape, shape, either_sign=either_sign)
 
 
 def _offset(a: float, shown: Array, _: Circumstances) -> Array:
@@ -149,7 +145,7 @@ def _gain(a: float, shown: Array, _: Circumstances) -> Array:
     return shown * (1.0 + a)
 
 
-_UNRECORDED = Shape("k exp(A u)", 0.4, "modulus", _unrecorded)
+_UNRECORDED = Shape("k exp(A u)", 0.4, "modulus", lambda a, at: np.exp(a * at.hidden))
 
 # fmt: off
 EFFECTS: dict[str, Law] = {
@@ -177,7 +173,7 @@ EFFECTS: dict[str, Law] = {
                   1.0 / (1.0 + a * _carried(contact, np.tan(at.slip_angle) ** 2))),
         Shape("z = z0 (1 + A (1 - cos beta))", 4.0, "sinkage",
               lambda a, z, at: z * (1.0 + a * (1.0 - np.cos(at.slip_angle)))),
-        needs=("slip_angle",), in_drives=False,
+        needs=("slip_angle",),
     ),
     # Soil pushed ahead of the wheel: 20 to 60 % more resistance; sinkage does not show it.
     "bulldozing": Law(
@@ -236,7 +232,7 @@ EFFECTS: dict[str, Law] = {
         Shape("stress at z - A h (1 - exp(-i s / 0.15)), i > 0", 0.8, "carried_away", _dug_away),
         Shape("z = z0 + A h i, i > 0", 1.3, "sinkage",
               lambda a, z, at: z + a * at.grouser_height * _driven(at)),
-        needs=("grouser_height",), in_drives=False,
+        needs=("grouser_height",),
     ),
     # The rut, which is measured, is shallower than the wheel was. The soil that rises behind the lowest
     # point carries a share of the load and pushes the wheel on.
@@ -250,10 +246,9 @@ EFFECTS: dict[str, Law] = {
     # k follows something that nobody recorded, one value u a run, even between -1 and 1.
     "unrecorded": Law(_UNRECORDED, _UNRECORDED),
     # The zero of the sinkage sensor is off by 2 to 3 mm, always the same way.
-    "sinkage_offset": _fault("z = z + A, m", 0.0025, "sinkage", _offset, in_drives=True),
+    "sinkage_offset": _fault("z = z + A, m", 0.0025, "sinkage", _offset),
     # Scales are off by 10 %, zeros of the load cell by 4 N and of the sensor of resistance by 2 N.
-    "sinkage_gain": _fault("z = z (1 + A)", 0.10, "sinkage", _gain, in_drives=True,
-                           either_sign=True),
+    "sinkage_gain": _fault("z = z (1 + A)", 0.10, "sinkage", _gain, either_sign=True),
     "load_offset": _fault("W = W + A, N", 4.0, "load", _offset, either_sign=True),
     "load_gain": _fault("W = W (1 + A)", 0.10, "load", _gain, either_sign=True),
     "resistance_offset": _fault("R = R + A, N", 2.0, "resistance", _offset, either_sign=True),
@@ -268,7 +263,6 @@ EFFECTS: dict[str, Law] = {
                   shown * (1.0 + a * (np.expm1(-2.0 * _driven(at)) / np.expm1(-2.0)))),
         Shape("measured R = R (1 + A i), i > 0", 0.5, "shown_resistance",
               lambda a, shown, at: shown * (1.0 + a * _driven(at))),
-        kind="instrument", in_drives=False,
     ),
 }
 # k follows something else that is recorded: its column is `column`, its middle `centre`.
@@ -287,7 +281,7 @@ _OF_COLUMN = Law(
 _MOISTURE = "moisture"  # a column like any other, only better known
 _COLUMN = "column:"
 # Unit in the header, low, high. Others are pure numbers between 0.5 and 1.5.
-KNOWN_COLUMNS: dict[str, tuple[str, float, float]] = {
+_KNOWN_COLUMNS = {
     _MOISTURE: ("", 0.02, 0.14),
     "density": ("kg/m^3", 1400.0, 1700.0),
     "temperature": ("K", 268.0, 308.0),
@@ -319,116 +313,112 @@ FormOfHidden = Annotated[
     Form,
     Option(
         "Form of the hidden effects: the simulator's own, or one from the literature.",
-        words={"type": click.Choice(FORMS)},
+        FORMS,
+        {"type": click.Choice(FORMS)},
     ),
 ]
 FRACTION = {"metavar": "FRACTION"}  # of options that are a share
 
 
-def check_ranges(settings: Any) -> None:
-    """Raise `SimulationError` for the first setting that is outside its range, or an unknown form."""
-    for name, option in options_of(type(settings)).items():
-        if option.within:
-            check_range(name.replace("_", " "), getattr(settings, name), *option.within)
-    if settings.form not in FORMS:
-        raise SimulationError(f"form {settings.form!r} is unknown: expected {' or '.join(FORMS)}")
+def check_settings(settings: Any) -> tuple[str, ...]:
+    """Return the hidden effects without `none`.
 
-
-def column_unit(column: str) -> str:
-    """Unit of an extra column, empty for a pure number."""
-    return KNOWN_COLUMNS.get(column, ("",))[0]
-
-
-def _split_size(text: str) -> tuple[str, float | None]:
-    """Name and size of `NAME=SIZE`; the size is None where none is given.
-
-    Raises
-    ------
-    SimulationError
-        If the size is no finite number.
+    Raises SimulationError, naming the setting, what it was, and what was expected.
     """
-    name, equals, size = text.partition("=")
-    if not equals:
-        return name, None
-    if name == "none":
-        raise SimulationError(f"hidden effect {text!r}: 'none' has no size")
-    try:
-        number = float(size)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise SimulationError(
-            f"hidden effect {text!r}: its size is {size!r}, expected a number, as in {name}=0.1"
-        )
-    return name, number
-
-
-def hidden_column(text: str) -> str | None:
-    """Name of the extra column that drives an effect, None when it needs no column of its own."""
-    name, _ = _split_size(text)
-    if name == _MOISTURE:
-        return name
-    return name[len(_COLUMN) :] if name.startswith(_COLUMN) else None
-
-
-def in_drives(text: str) -> bool:
-    """Whether a drive can have this effect: its driver and its instrument are there."""
-    name, _ = _split_size(text)
-    return hidden_column(text) is None and EFFECTS[name].in_drives
+    for name, option in options_of(type(settings)).items():
+        value, within = getattr(settings, name), option.within
+        if within and not isinstance(within[0], str):
+            check_range(name.replace("_", " "), value, *within)
+        elif within and value not in within and not is_dataclass(value):  # not a rover of your own
+            raise SimulationError(f"{name} {value!r} is unknown: expected {' or '.join(within)}")
+    return check_hidden(settings.hidden)
 
 
 def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
     """Return the effects without `none`; raise `SimulationError` for unknown ones."""
-    names = [_split_size(text)[0] for text in texts]
-    for name in names:
-        known = name == "none" or name in EFFECTS
-        column = hidden_column(name)
-        if not known and (column is None or not column.isidentifier()):
-            close = difflib.get_close_matches(name, hidden_names(), n=1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
-            raise SimulationError(
-                f"hidden effect {name!r} is unknown; {hint}It can be: {', '.join(hidden_names())}"
-            )
+    asked = [Asked.of(text) for text in texts]
+    for name, column, _ in asked:
         if column in _CONTRACT_COLUMNS:
             raise SimulationError(
                 f"hidden effect {name!r}: a column {column!r} has a meaning of its own already;"
                 " take another name"
             )
-    if "none" in names and len(names) > 1:
+        if not (name in ("none", *EFFECTS) if column is None else column.isidentifier()):
+            known = nearest(name, list(hidden_names()))
+            raise SimulationError(f"hidden effect {name!r} is unknown: {known}")
+    if "none" in texts and len(texts) > 1:
         raise SimulationError("hidden effect 'none' together with others: give either")
-    if len({hidden_column(name) or name for name in names}) < len(names):
-        raise SimulationError(f"hidden effects {', '.join(names)}: one of them is given twice")
+    if len({one.column or one.name for one in asked}) < len(asked):
+        names = ", ".join(one.name for one in asked)
+        raise SimulationError(f"hidden effects {names}: one of them is given twice")
     return tuple(text for text in texts if text != "none")
+
+
+class Asked(NamedTuple):
+    """A hidden effect as it is asked for.
+
+    column: the extra column that drives it; None: none of its own. size: None: it is drawn.
+    """
+
+    name: str
+    column: str | None
+    size: float | None
+
+    @classmethod
+    def of(cls, text: str) -> Asked:
+        """Read ``NAME`` or ``NAME=SIZE``. Raises SimulationError where the size is no number."""
+        name, equals, size = text.partition("=")
+        of_column = name == _MOISTURE or name.startswith(_COLUMN)
+        column = name.removeprefix(_COLUMN) if of_column else None
+        if not equals:
+            return cls(name, column, None)
+        if name == "none":
+            raise SimulationError(f"hidden effect {text!r}: 'none' has no size")
+        try:
+            number = float(size)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise SimulationError(
+                f"hidden effect {text!r}: its size is {size!r}, expected a number, as in {name}=0.1"
+            )
+        return cls(name, column, number)
+
+
+def in_drives(text: str) -> bool:
+    """Whether a drive's bag has sensors for what an effect depends on and for what it acts on."""
+    name, column, _ = Asked.of(text)
+    if column is not None:
+        return False
+    law = EFFECTS[name]
+    return not law.needs and law.own.stage not in ("shown_load", "shown_resistance")
+
+
+def extra_column(column: str) -> tuple[str, float, float]:
+    """Unit of an extra column in the header, empty for a pure number, and its range."""
+    return _KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
 
 
 def draw_effects(
     hidden: Sequence[str], rng: np.random.Generator, strength: float, form: Form
 ) -> tuple[HiddenEffect, ...]:
     """Draw the numbers of the named effects, in that order."""
-    drawn = []
-    for text in check_hidden(hidden):
-        name, size = _split_size(text)
-        column = hidden_column(name)
-        if column is None:
-            effect = _drawn(name, EFFECTS[name], rng, strength, form)
-        else:
-            _, low, high = KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
-            middle, half = (low + high) / 2, (high - low) / 2
-            numbers = {"column": column, "centre": middle, "half_range": half}
-            effect = replace(_drawn("column", _OF_COLUMN, rng, strength, form), numbers=numbers)
-        drawn.append(effect if size is None else replace(effect, amplitude=size))
-    return tuple(drawn)
+    texts = check_hidden(hidden)
+    return tuple(_drawn(Asked.of(text), rng, strength, form) for text in texts)
 
 
-def _drawn(
-    name: str, law: Law, rng: np.random.Generator, strength: float, form: Form
-) -> HiddenEffect:
+def _drawn(asked: Asked, rng: np.random.Generator, strength: float, form: Form) -> HiddenEffect:
     """Draw an effect of about the typical size (within 15 %), or of that size and its numbers."""
+    name, column, size = asked
+    law = EFFECTS[name] if column is None else _OF_COLUMN
     amplitude = strength * law.forms[form].typical
     between = {key: at for key, at in law.numbers.items() if isinstance(at, tuple)}
     if law.either_sign and rng.uniform() >= 0.5:
         amplitude = -amplitude
     if not between:
         amplitude *= rng.uniform(0.85, 1.15)
-    numbers = {key: rng.uniform(*ends) for key, ends in between.items()}
-    return HiddenEffect(name, law, form, amplitude, {**law.numbers, **numbers})
+    numbers = {**law.numbers, **{key: rng.uniform(*ends) for key, ends in between.items()}}
+    if column is not None:
+        name, (_, low, high) = "column", extra_column(column)
+        numbers = {"column": column, "centre": (low + high) / 2, "half_range": (high - low) / 2}
+    return HiddenEffect(name, law, form, amplitude if size is None else size, numbers)

@@ -16,8 +16,7 @@ from smallwheel_ros.simulate.hidden import (
     Hidden,
     Seed,
     Strength,
-    check_hidden,
-    check_ranges,
+    check_settings,
     in_drives,
 )
 from smallwheel_ros.simulate.terrain import (
@@ -31,7 +30,6 @@ from smallwheel_ros.simulate.terrain import (
     Stretch,
     Travel,
     grip,
-    stretch_index,
     until_stuck,
     wave_value,
     wheel_loads,
@@ -68,10 +66,12 @@ class DriveSettings:
     seed: Seed = 0
     distance: Annotated[float, Option("Way, m.", (2.0, 20_000.0, "m"))] = 30.0
     speed: Annotated[float, Option("Middle speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
-    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.")] = "four"
-    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.")] = "mixed"
+    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
+    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
-    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.")] = "none"
+    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.", FINISHES)] = (
+        "none"
+    )
     hidden: Hidden = ()
     strength: Strength = 1.0
     form: FormOfHidden = "own"
@@ -83,31 +83,12 @@ class DriveSettings:
         float, Option("Share of load and sinkage messages that are missing.", (0.0, 0.9), FRACTION)
     ] = 0.01
 
-    def rover(self) -> Rover:
-        """Return the rover that drives."""
-        if isinstance(self.wheels, Rover):
-            return self.wheels
-        if self.wheels not in ROVERS:
-            raise SimulationError(
-                f"wheels {self.wheels!r} are unknown: expected {' or '.join(ROVERS)}"
-            )
-        return ROVERS[self.wheels]
-
     def check(self) -> DriveSettings:
         """Return the settings without `none` among the hidden effects.
 
-        Raises
-        ------
-        SimulationError
-            Naming the setting, what it was, and what was expected.
+        Raises SimulationError, naming the setting, what it was, and what was expected.
         """
-        check_ranges(self)
-        if self.finish not in FINISHES:
-            raise SimulationError(
-                f"finish {self.finish!r} is unknown: expected {', '.join(FINISHES)}"
-            )
-        self.rover()
-        hidden = check_hidden(self.hidden)
+        hidden = check_settings(self)
         for name in hidden:
             if not in_drives(name):
                 raise SimulationError(
@@ -127,7 +108,6 @@ class WheelTruth:
     travel: Travel  # (times,)
     slip: Array  # (times,), of all wheels alike; as if rolling on while the rover stands
     stretch: Places  # index of the stretch that the wheel is on
-    speed: Array  # m/s, of the wheel's own place
     load: Array  # N
     sinkage: Array  # m, as an instrument without noise would show it
     drawbar_pull: Array  # N, what each wheel adds to moving the rover
@@ -159,8 +139,8 @@ class _Ride:
         twist = wave_value(ground.twist_waves, trip.way)
         self.load = wheel_loads(rover, trip.climb, trip.roll, trip.acceleration, twist)
         self.turning = 1.0 - trip.curvature[:, None] * y
-        self.speed = trip.speed[:, None] * self.turning
-        self.stretch = stretch_index(stretches, way)
+        starts = [stretch.start for stretch in stretches]  # the first one reaches back without end
+        self.stretch = np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
         self.grip = grip(ground, way)
         # Beyond its end, where a rover gets stuck, the texture comes back the other way round.
         end = ground.way[-1]
@@ -179,7 +159,7 @@ class _Ride:
             diameter=np.tile([wheel.diameter for wheel in rover.wheels], self.shape[0]),
             width=np.tile([wheel.width for wheel in rover.wheels], self.shape[0]),
             # A standing wheel keeps the state of a slow one.
-            speed=np.maximum(self.speed, 0.01).ravel(),
+            speed=np.maximum(trip.speed[:, None] * self.turning, 0.01).ravel(),
             pass_number=np.tile(passes, self.shape[0]),
             hidden=np.interp(place, ground.way, ground.unrecorded).ravel(),
         )
@@ -262,10 +242,7 @@ def ride(
 ) -> WheelTruth:
     """Work out the truth of a drive.
 
-    Raises
-    ------
-    SimulationError
-        If a wheel sinks to its axle: soil or hidden effects are too much for this rover.
+    Raises SimulationError if a wheel sinks to its axle: the soil or hidden effects are too much.
     """
     if ground.finish is not None:
         # Let the rover drive on until it is stuck.
@@ -295,7 +272,6 @@ def ride(
         travel=replace(trip, acceleration=acceleration),
         slip=slip,
         stretch=wheels.stretch,
-        speed=wheels.speed,
         load=wheels.load,
         sinkage=response.shown_sinkage,
         drawbar_pull=pull,

@@ -6,7 +6,6 @@ Units in the tables' headers are mixed on purpose, as people's tables are.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,19 +15,19 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.files import write_whole
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
     FRACTION,
+    Asked,
     FormOfHidden,
     Hidden,
     Seed,
     Strength,
-    check_hidden,
-    check_ranges,
-    column_unit,
+    check_settings,
     draw_effects,
-    hidden_column,
+    extra_column,
 )
 from smallwheel_ros.simulate.terrain import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
@@ -42,8 +41,6 @@ from smallwheel_ros.simulate.truth import (
 )
 
 SUFFIXES = (".csv", ".parquet")
-CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")
-_UNITS = {"sinkage": (1e3, "mm"), "torque": (1.0, "N m")}  # the others in N
 _TYPICAL_NOISE = 0.03
 # How far a rig is from what was asked of it, which its own sensors see (1 sigma).
 _LOAD_CONTROL, _SLIP_CONTROL, _SPEED_CONTROL = 0.01, 0.004, 0.01
@@ -60,7 +57,8 @@ RANGES: dict[str, tuple[float, float]] = {
 }
 CONTINUOUS = ("load", "slip", "speed")
 PASSES = (1, 2, 3, 4, 5)
-_HEADERS = {
+# By name, in the order of the table: header and factor from SI.
+_SETTINGS = {
     "load": ("load [N]", 1.0),
     "diameter": ("diameter [mm]", 1e3),
     "width": ("width [mm]", 1e3),
@@ -68,6 +66,12 @@ _HEADERS = {
     "slip_angle": ("slip_angle [deg]", 180.0 / np.pi),
     "grouser_height": ("grouser_height [mm]", 1e3),
     "speed": ("speed [mm/s]", 1e3),
+}
+_CHANNELS = {
+    "sinkage": ("sinkage [mm]", 1e3),
+    "resistance": ("resistance [N]", 1.0),
+    "drawbar_pull": ("drawbar_pull [N]", 1.0),
+    "torque": ("torque [N m]", 1.0),
 }
 # A rig's wheels stay visible: truth sinkages outside these limits are not measured.
 _LEAST_SINKAGE, _DEEPEST = 1e-3, 0.3
@@ -100,7 +104,7 @@ class RigSettings:
     ] = 0.05
     channels: Annotated[
         tuple[str, ...],
-        Option(f"What is measured: {', '.join(CHANNELS)}.", words={"metavar": "NAME[,NAME]"}),
+        Option(f"What is measured: {', '.join(_CHANNELS)}.", words={"metavar": "NAME[,NAME]"}),
     ] = ("sinkage", "resistance")
     tie: Annotated[
         tuple[str, ...],
@@ -117,38 +121,23 @@ class RigSettings:
     def check(self) -> RigSettings:
         """Return the settings without `none` among the hidden effects.
 
-        Raises
-        ------
-        SimulationError
-            Naming the setting, what it was, and what was expected.
+        Raises SimulationError, naming the setting, what it was, and what was expected.
         """
-        check_ranges(self)
-        wrong = [name for name in self.channels if name not in CHANNELS]
+        hidden = check_settings(self)
+        wrong = [name for name in self.channels if name not in _CHANNELS]
         if wrong or not self.channels or len(set(self.channels)) < len(self.channels):
             raise SimulationError(
                 f"channels are {','.join(self.channels) or 'empty'}: expected one or more of"
-                f" {', '.join(CHANNELS)}, each once"
+                f" {', '.join(_CHANNELS)}, each once"
             )
-        hidden = check_hidden(self.hidden)
-        _check_tie(self.tie, hidden)
+        columns = [column for text in hidden if (column := Asked.of(text).column) is not None]
+        for name in self.tie:
+            if name not in (*CONTINUOUS, *columns):
+                known = nearest(name, [*CONTINUOUS, *columns])
+                raise SimulationError(f"tied setting {name!r} cannot be tied: {known}")
+        if self.tie and (len(self.tie) != 2 or self.tie[0] == self.tie[1]):
+            raise SimulationError(f"tie is {','.join(self.tie)}: expected two different settings")
         return replace(self, hidden=hidden)
-
-
-def _check_tie(tie: Sequence[str], hidden: Sequence[str]) -> None:
-    """Raise `SimulationError` unless the two tied settings can be driven together."""
-    if not tie:
-        return
-    extra = [column for name in hidden if (column := hidden_column(name)) is not None]
-    possible = [*CONTINUOUS, *extra]
-    for name in tie:
-        if name not in possible:
-            close = difflib.get_close_matches(name, possible, n=1)
-            hint = f"did you mean {close[0]!r}? " if close else ""
-            raise SimulationError(
-                f"tied setting {name!r} cannot be tied; {hint}It can be: {', '.join(possible)}"
-            )
-    if len(tie) != 2 or tie[0] == tie[1]:
-        raise SimulationError(f"tie is {','.join(tie)}: expected two different settings")
 
 
 # --- Which wheels, soil and settings a rig has
@@ -162,14 +151,7 @@ class RigDesign:
     diameters: tuple[float, ...]
     widths: tuple[float, ...]
     ranges: dict[str, tuple[float, float]]
-    covariates: tuple[str, ...]
     tie: tuple[str, ...]
-
-    @property
-    def columns(self) -> tuple[tuple[str, str, float], ...]:
-        """Settings in the order of the table: name, header, factor from SI."""
-        there = {"diameter", "width", *self.ranges}
-        return tuple((name, *_HEADERS[name]) for name in _HEADERS if name in there)
 
 
 def draw_design(
@@ -183,10 +165,9 @@ def draw_design(
         ranges |= {name: RANGES[name] for name in effect.law.needs}
         if effect.name == "skid_sinkage":
             ranges["slip"] = (-0.6, 0.6)
-    columns = {}
     for numbers in (effect.numbers for effect in effects if effect.name == "column"):
         middle, half = numbers["centre"], numbers["half_range"]
-        columns[numbers["column"]] = (middle - half, middle + half)
+        ranges[numbers["column"]] = (middle - half, middle + half)
     soil = soil_of_pressure(
         "rig_soil",
         np.exp(rng.uniform(np.log(12e3), np.log(32e3))),
@@ -201,15 +182,12 @@ def draw_design(
         soil=soil,
         diameters=tuple(round(float(d) / 0.005) * 5 / 1000 for d in diameters),
         widths=tuple(round(float(b) / 0.005) * 5 / 1000 for b in widths),
-        ranges=ranges | columns,
-        covariates=tuple(columns),
+        ranges=ranges,
         tie=tuple(tie),
     )
     # Effects on stiffness keep their ratios, but on the whole the soil stays as firm as it was drawn.
-    middle = _circumstances(design, [typical_run(design)])
-    return replace(
-        design, soil=replace(soil, k=soil.k / WheelsOnSoil(soil, effects, middle).firmness())
-    )
+    firmness = WheelsOnSoil(soil, effects, Circumstances.of(**typical_run(design))).firmness()
+    return replace(design, soil=replace(soil, k=soil.k / firmness))
 
 
 def typical_run(design: RigDesign) -> RunSettings:
@@ -231,11 +209,7 @@ def draw_runs(
 
     Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn
     again, as nobody measures there; that leaves slight correlations of load, diameter and width.
-
-    Raises
-    ------
-    SimulationError
-        If hardly any setting is left: the hidden effects are too strong.
+    Raises SimulationError if hardly any setting is left: the hidden effects are too strong.
     """
     runs: list[RunSettings] = []
     tried = 0
@@ -247,19 +221,13 @@ def draw_runs(
             )
         drawn = [_draw_run(design, rng) for _ in range(count)]
         tried += count
-        at = _circumstances(design, drawn)
+        at = Circumstances.of(**{name: [run[name] for run in drawn] for name in drawn[0]})
         response = WheelsOnSoil(design.soil, effects, at).response()
         with np.errstate(invalid="ignore"):
             fine = (response.depth < _DEEPEST * at.diameter) & (response.resistance > 0)
             fine &= np.minimum(response.depth, response.shown_sinkage) > _LEAST_SINKAGE
         runs += [run for run, good in zip(drawn, fine, strict=True) if good]
     return tuple(runs[:count])
-
-
-def _circumstances(design: RigDesign, runs: Sequence[RunSettings]) -> Circumstances:
-    arrays = {name: np.array([run[name] for run in runs]) for name in runs[0]}
-    extra = {name: arrays.pop(name) for name in design.covariates}
-    return Circumstances.of(extra, **arrays)
 
 
 def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
@@ -335,7 +303,6 @@ def measure(
     runs: Sequence[Mapping[str, float]],
     *,
     first_run: int | None = None,
-    rows_per_run: int | None = None,
 ) -> pd.DataFrame:
     """Measure runs on the rig of a truth: same soil, own scatter and noise.
 
@@ -347,8 +314,6 @@ def measure(
     first_run
         Number of the first of them, which also picks its random stream; None goes on after the
         truth's own runs.
-    rows_per_run
-        None means as in the truth's settings.
 
     Returns
     -------
@@ -361,9 +326,8 @@ def measure(
         If a setting is unknown or out of range, or the wheel would sink to its axle.
     """
     first = len(truth.runs) if first_run is None else first_run
-    repeats = truth.settings.rows_per_run if rows_per_run is None else rows_per_run
     blocks = [
-        _measure_run(truth, first + i, _complete(truth, run), repeats)
+        _measure_run(truth, first + i, _complete(truth, run))
         for i, run in enumerate(tqdm(runs, "measuring", unit=" runs", disable=None, delay=1))
     ]
     if not blocks:
@@ -395,21 +359,20 @@ def _significant(values: Any, digits: int = 6) -> Any:
     return np.array([float(f"{value:.{digits}g}") for value in values])
 
 
-def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> pd.DataFrame:
-    settings = truth.settings
+def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame:
+    settings, rows = truth.settings, truth.settings.rows_per_run
     size = settings.noise / _TYPICAL_NOISE
     rng = np.random.default_rng([settings.seed, 23, number])
     scatter = float(np.exp(rng.normal(0.0, settings.soil_scatter)))
     unrecorded = rng.uniform(-1.0, 1.0)
     control, error = rng.normal(0.0, 1.0, (2, 3, rows))
-    columns = {name: run[name] for name in truth.design.covariates}
-    real = {name: np.full(rows, value) for name, value in run.items() if name not in columns}
+    real = {name: np.full(rows, value) for name, value in run.items()}
     real["load"] = run["load"] * (1.0 + _LOAD_CONTROL * control[0])
     real["slip"] = np.clip(run["slip"] + _SLIP_CONTROL * control[1], -0.99, 0.99)
     real["speed"] = run["speed"] * (1.0 + _SPEED_CONTROL * control[2])
     if run["slip"] == 0.0:  # a towed wheel
         real["slip"] = np.zeros(rows)
-    at = Circumstances.of(columns, **real, hidden=unrecorded)
+    at = Circumstances.of(**real, hidden=unrecorded)
     response = WheelsOnSoil(truth.soil, truth.effects, at, scatter).response()
     if not np.all(np.isfinite(response.depth)):
         raise SimulationError(
@@ -426,7 +389,7 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
     # Its own stream: tables without torque stay what they were.
     of_torque = np.random.default_rng([settings.seed, 24, number])
     measured = {}
-    for name in CHANNELS:  # all of them: what is measured does not change the noise of the rest
+    for name in _CHANNELS:  # all of them: what is measured does not change the noise of the rest
         spread = np.hypot(settings.noise * true[name], size * _ABSOLUTE_NOISE[name])
         source = of_torque if name == "torque" else rng
         measured[name] = true[name] + spread * source.normal(0.0, 1.0, rows)
@@ -437,15 +400,16 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings, rows: int) -> p
     real["speed"] = real["speed"] * (1.0 + size * _SPEED_ERROR * error[2])
     table: dict[str, Any] = {"run": [_run_name(number)] * rows, "soil": [truth.soil.name] * rows}
     table["wheel"] = [f"d{1e3 * run['diameter']:.0f}_b{1e3 * run['width']:.0f}"] * rows
-    for name, header, factor in truth.design.columns:
-        table[header] = _significant(real[name] * factor)
+    for name, (header, factor) in _SETTINGS.items():
+        if name in real:
+            table[header] = _significant(real[name] * factor)
     table["pass_number"] = real["pass_number"].astype(int)
-    for name in truth.design.covariates:
-        unit = column_unit(name)
-        table[f"{name} [{unit}]" if unit else name] = _significant(at.covariates[name])
+    for name, values in at.covariates.items():
+        unit, *_ = extra_column(name)
+        table[f"{name} [{unit}]" if unit else name] = _significant(values)
     for name in settings.channels:
-        factor, unit = _UNITS.get(name, (1.0, "N"))
-        table[f"{name} [{unit}]"] = _significant(measured[name] * factor)
+        header, factor = _CHANNELS[name]
+        table[header] = _significant(measured[name] * factor)
     frame: pd.DataFrame = pd.DataFrame(table)
     return frame
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from smallwheel_ros.simulate.ride import DriveSettings, WheelTruth
 from smallwheel_ros.simulate.terrain import GRAVITY, STANDS, Rover
@@ -37,11 +38,13 @@ class Readings(SimpleNamespace):
     - a wheel's load, in its frame: `normal` (N), positive when the soil pushes the wheel up; `pull` (N),
       what the soil pushes it forward with, thrust less resistance;
     - a wheel's sinkage: `sinkage` (m), positive down; `variance` (m^2); `outlier` marks gross errors;
-    - odometry of a source other than the wheels (visual and inertial): `x`, `y`, `z` (m) and `roll`,
-      `pitch`, `yaw` (rad) in odom, `forward_speed` (m/s) and `yaw_rate` (rad/s) in the base;
+    - odometry of a source other than the wheels (visual and inertial): `x`, `y`, `z` (m) and
+      `orientation` in odom, `forward_speed` (m/s) and `yaw_rate` (rad/s) in the base;
     - joints, shape (times, wheels), positive forward: `position` (rad), `velocity` (rad/s), `effort` (N m);
-    - the imu, in base_link: `roll`, `pitch`, `yaw` of REP 103 (rad), `yaw_rate` (rad/s), and
-      `acceleration`, what is felt (m/s^2), shape (times, 3).
+    - the imu, in base_link: `orientation`, `yaw_rate` (rad/s), and `acceleration`, what is felt
+      (m/s^2), shape (times, 3).
+
+    An orientation is a quaternion, x, y, z, w, shape (times, 4).
     """
 
 
@@ -74,6 +77,16 @@ class Sensors:
         if values.ndim == 1:
             return np.interp(time, self.truth.travel.time, values)
         return np.stack([self._at(time, of_wheel) for of_wheel in values.T], axis=1)
+
+    def _orientation(self, time: Array, wrong: Array) -> Array:
+        """How the rover stands, with errors of roll, pitch and yaw (rad), shape (3, times).
+
+        REP 103: positive about x lifts the left side, positive about y lowers the nose.
+        """
+        trip = self.truth.travel
+        angles = wrong + [self._at(time, one) for one in (trip.roll, -trip.climb, trip.heading)]
+        turned: Array = Rotation.from_euler("xyz", angles.T).as_quat()
+        return turned
 
     def load(self, wheel: int) -> Readings:
         """Read the force sensor of a wheel: noise 0.4 N and 1.2 % (1 sigma)."""
@@ -126,10 +139,7 @@ class Sensors:
         found.x = self._at(time, trip.x) + drift[0]
         found.y = self._at(time, trip.y) + drift[1]
         found.z = self._at(time, height)
-        # REP 103: positive about x lifts the left side, positive about y lowers the nose.
-        found.roll = self._at(time, trip.roll) + angles[0]
-        found.pitch = -self._at(time, trip.climb) + angles[1]
-        found.yaw = self._at(time, trip.heading) + angles[2]
+        found.orientation = self._orientation(time, angles)
         found.forward_speed = speed + rng.normal(0.0, 0.008, time.size) * still
         found.yaw_rate = rate + rng.normal(0.0, 0.005, time.size) * still
         return found
@@ -173,10 +183,7 @@ class Sensors:
             ],
             axis=1,
         )
-        # REP 103, as above.
-        found.roll = roll + wrong[0]
-        found.pitch = -climb + wrong[1]
-        found.yaw = self._at(time, trip.heading) + wrong[2]
+        found.orientation = self._orientation(time, wrong)
         found.yaw_rate = rate + noise * rng.normal(0.0, 0.003, time.size)
         found.acceleration = felt + noise * rng.normal(0.0, 0.1, felt.shape)
         return found

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array, Places, SimulationError, TruthSoil
+from smallwheel_ros.simulate.truth import Array, TruthSoil
 
 GRAVITY = 9.81
 TICK = 0.1  # s, step of the truth
@@ -43,8 +43,6 @@ def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: flo
 
 def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
     """Draw what the rover drives over: `single` is one soil, `mixed` changes about every 10 m."""
-    if terrain not in TERRAINS:
-        raise SimulationError(f"terrain {terrain!r} is unknown: expected {' or '.join(TERRAINS)}")
 
     def draw(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
         return soil_of_pressure(
@@ -63,12 +61,6 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
     starts = (np.arange(count) + rng.uniform(-0.15, 0.15, count)) * distance / count
     starts[0] = 0.0
     return tuple(Stretch(float(start), soils[i % 3]) for i, start in enumerate(starts))
-
-
-def stretch_index(stretches: Sequence[Stretch], way: Array) -> Places:
-    """Which stretch each place (m along the way) is on; the first one reaches back without end."""
-    starts = [stretch.start for stretch in stretches]
-    return np.maximum(np.searchsorted(starts, way, side="right") - 1, 0)
 
 
 @dataclass(frozen=True)
@@ -316,12 +308,8 @@ def travel(ground: Ground, distance: float, speed: float) -> Travel:
         now = min(max(wish, now - 3.0 * _PULL * TICK), now + _PULL * TICK)
         way += min(now * TICK, ahead)
     if ground.finish is None:
-        rows += [(way, 0.0)] * round(1.0 / TICK)
-    path = np.array(rows)
-    place, velocity = path[:, 0], path[:, 1]
-    if ground.finish is None:
-        velocity[-round(1.0 / TICK) - 1 :] = 0.0
-    return Travel.over(ground, place, velocity)
+        rows[-1:] = [(way, 0.0)] * (1 + round(1.0 / TICK))
+    return Travel.over(ground, *np.array(rows).T)
 
 
 def until_stuck(
@@ -362,10 +350,10 @@ def until_stuck(
         way += now * TICK
         rows.append((way, now))
         standing = standing + 1 if now < _HARDLY * rim else 0
-    path = np.array(rows)
+    places, speeds = np.array(rows).T
     return Travel.over(
         ground,
-        np.concatenate([trip.way, path[:, 0]]),
-        np.concatenate([trip.speed, path[:, 1]]),
+        np.concatenate([trip.way, places]),
+        np.concatenate([trip.speed, speeds]),
         np.concatenate([trip.rim, np.full(len(rows), rim)]),
     )

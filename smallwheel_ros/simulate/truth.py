@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -112,17 +112,14 @@ class Contact:
 
     def upward(self, stress: Array, width: Array) -> Array:
         """Vertical component (N) of a stress (Pa) on these points."""
-        return self._sum(stress * np.cos(self.angle), width)
+        return self.along(stress * np.cos(self.angle), width)
 
     def backward(self, stress: Array, width: Array) -> Array:
         """Horizontal component (N) of a stress (Pa) on these points."""
-        return self._sum(stress * np.sin(self.angle), width)
+        return self.along(stress * np.sin(self.angle), width)
 
     def along(self, stress: Array, width: Array) -> Array:
         """Sum (N) along the arc of a stress (Pa) on these points: its torque over the radius."""
-        return self._sum(stress, width)
-
-    def _sum(self, stress: Array, width: Array) -> Array:
         force: Array = width * self.diameter / 2 * np.sum(stress * self.weight, axis=1)
         return force
 
@@ -200,7 +197,7 @@ class Circumstances:
     """Where and how wheels roll; arrays of shape (rows,), SI units and radians.
 
     Slip is 1 - v/(r omega) when driven and r omega/v - 1 when skidding. `covariates` holds what
-    else is recorded, `hidden` what is not.
+    else is recorded, `hidden` what is not, -1 .. 1.
     """
 
     load: Array
@@ -211,40 +208,32 @@ class Circumstances:
     pass_number: Array
     slip_angle: Array
     grouser_height: Array
-    covariates: Mapping[str, Array] = field(default_factory=dict)
-    hidden: Array | None = None
+    hidden: Array
+    covariates: Mapping[str, Array]
 
     @classmethod
-    def of(cls, covariates: Mapping[str, Any] | None = None, **settings: Any) -> Circumstances:
+    def of(cls, **settings: Any) -> Circumstances:
         """Broadcast numbers and arrays to one length; what is not given is at its plain value.
 
-        Plain: no slip, 0.1 m/s, fresh soil, no slip angle, no grousers.
+        Plain: no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, the middle of what is hidden.
+        What is none of the attributes is a covariate.
         """
         plain = {"slip": 0.0, "speed": 0.1, "pass_number": 1.0}
-        plain |= {"slip_angle": 0.0, "grouser_height": 0.0}
-        extra = {} if covariates is None else dict(covariates)
-        hidden = settings.pop("hidden", None)
-        named = plain | settings
-        values = [*named.values(), *extra.values(), *([] if hidden is None else [hidden])]
-        shape = np.broadcast_shapes((1,), *(np.shape(value) for value in values))
-
-        def filled(value: Any) -> Array:
-            return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
-
-        return cls(
-            **{name: filled(value) for name, value in named.items()},
-            covariates={name: filled(value) for name, value in extra.items()},
-            hidden=None if hidden is None else filled(hidden),
-        )
+        plain |= {"slip_angle": 0.0, "grouser_height": 0.0, "hidden": 0.0}
+        given = plain | settings
+        shape = np.broadcast_shapes((1,), *(np.shape(value) for value in given.values()))
+        arrays: dict[str, Array] = {
+            name: np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
+            for name, value in given.items()
+        }
+        names = [one.name for one in fields(cls) if one.name != "covariates"]
+        return cls(**{name: arrays.pop(name) for name in names}, covariates=arrays)
 
     def rows(self, rows: Places) -> Circumstances:
         """Return some of the rows."""
-        arrays: dict[str, Any] = {
-            name: values[rows]
-            for name, values in vars(self).items()
-            if isinstance(values, np.ndarray)
-        }
-        return replace(self, **arrays)
+        arrays = dict(vars(self))
+        extra = {name: values[rows] for name, values in arrays.pop("covariates").items()}
+        return Circumstances(**{n: values[rows] for n, values in arrays.items()}, covariates=extra)
 
 
 def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
@@ -316,10 +305,8 @@ class Law:
     own: Shape
     published: Shape
     needs: tuple[str, ...] = ()  # columns that a table has only for this effect
-    kind: Literal["soil", "instrument"] = "soil"  # who does it, the instrument only shows it
     on_stiffness: bool = False  # changes how firm the soil is for any wheel
     in_ruts: bool = False  # depends on the rut that earlier passes left
-    in_drives: bool = True  # False where a drive's bag has no sensor for the driver or the fault
     either_sign: bool = False  # where no size is given the sign is drawn as well
     # What it has besides its amplitude: a number, or two between which one is drawn; then the
     # amplitude is the typical one.
@@ -339,20 +326,24 @@ class HiddenEffect:
     law: Law
     form: Form
     amplitude: float
-    numbers: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Mapping[str, Any]
+
+    @property
+    def shape(self) -> Shape:
+        """Its form, of the law's."""
+        return self.law.forms[self.form]
 
     def describe(self) -> dict[str, Any]:
         """Name, formula and numbers, for the answer."""
-        told = {"effect": self.name, "formula": self.law.forms[self.form].formula}
+        told = {"effect": self.name, "formula": self.shape.formula}
         return {**told, "form": self.form, "amplitude": self.amplitude, **self.numbers}
 
 
 def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
     """Give what effects do in a stage, in their order."""
     for effect in effects:
-        form = effect.law.forms[effect.form]
-        if form.stage == stage:
-            yield partial(form.does, effect.amplitude, **effect.numbers)
+        if effect.shape.stage == stage:
+            yield partial(effect.shape.does, effect.amplitude, **effect.numbers)
 
 
 def shown_by_instrument(

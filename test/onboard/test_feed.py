@@ -495,3 +495,33 @@ def test_an_acceleration_that_no_vehicle_has_is_counted_and_changes_nothing(
     results += feed.onboard.flush()
     assert {r.reading.slope_force + r.reading.gained_force for r in results} == {0.5}
     assert feed.onboard.counts == {("imu", reason): 1}
+
+
+def test_an_imu_that_loses_its_orientation_leaves_no_nan() -> None:
+    """Between a message with orientation and one without it the slope is not known."""
+    feed = make(imu_topic="imu", **{"vehicle.mass": 6.0})
+    readings: list[Any] = []
+    feed.onboard.on_reading = readings.append
+    for i in range(200):
+        told = i % 3 > 0
+        message = message_type("sensor_msgs/msg/Imu")(
+            header=header(step(i)),
+            orientation=message_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=np.full(9, 0.0 if told else -1.0),
+            angular_velocity=vector(),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=vector(x=0.5, z=9.81),
+            linear_acceleration_covariance=np.zeros(9),
+        )
+        topic(feed, "imu").handle(message, None)
+        topic(feed, "odom").handle(odometry(step(i), 0.01 * i, 0.5), None)
+        state = joints(step(i), [0.5 / 0.9 / 0.125], [], ["front_joint"])
+        topic(feed, "joint_states").handle(state, None)
+        topic(feed, "front/load").handle(wrench(step(i), 60.0), None)
+        between = step(i) - SECOND // 100
+        topic(feed, "front/sinkage").handle(sinkage(between, 0.008), None)
+    feed.onboard.flush()
+    slopes = [one.slope_force for one in readings[3:]]
+    assert None in slopes
+    assert all(slope is None or math.isfinite(slope) for slope in slopes)
+    assert math.isfinite(feed.onboard.strength.strength.friction_angle.value)

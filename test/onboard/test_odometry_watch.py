@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
+from random_examples import examples
 
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.motion_watch import OdometryWatch
@@ -135,3 +138,19 @@ def test_a_pressed_wheel_is_left_alone() -> None:
     wheel = Wheel("plate", 0.25, 0.1, contact=PRESSED)
     one = Reading(wheel, 10**9, None, None, None, None, 0.0, 0.0)
     assert OdometryWatch((wheel,), STANDSTILL).add(one) is one
+
+
+@settings(max_examples=examples(30), deadline=None)
+@given(
+    rims=st.lists(st.floats(-1e8, 1e8), min_size=8, max_size=40),
+    speeds=st.lists(st.floats(-50.0, 50.0), min_size=8, max_size=40),
+)
+def test_no_speed_of_a_rim_is_too_wild(rims: list[float], speeds: list[float]) -> None:
+    """Over some metres at 1e8 m/s slip and delay are one and the same to sixteen digits."""
+    rows = min(len(rims), len(speeds))
+    watch = OdometryWatch(WHEELS, STANDSTILL)
+    for one in driven(watch, np.array(rims[:rows]), np.array(speeds[:rows])):
+        assert one.slip is None or np.isfinite(one.slip).all()
+    assert 0.0 <= watch.late.value <= 0.5
+    assert np.isfinite(watch.late.standard_deviation)
+    assert all("nan" not in words for words in watch.findings)

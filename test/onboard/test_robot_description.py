@@ -302,7 +302,7 @@ def test_a_steered_wheel_is_said() -> None:
         ),
         ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "it has a DOCTYPE"),
         ("<robot>&b;</robot>", "it is no XML: undefined entity"),
-        ("<robot>" + "<a>" * 200 + "</a>" * 200 + "</robot>", "more than 100 deep"),
+        ("<robot>" + "<a>" * 100_001, "more than 100000 elements"),
         ("<robot>" + "<a/>" * 100_001 + "</robot>", "more than 100000 elements"),
         (f"<robot>{' ' * 10_000_000}</robot>", "10000015 characters, expected at most 10000000"),
         (

@@ -11,9 +11,9 @@ from scipy.optimize import brentq
 
 from smallwheel_ros.simulate.hidden import (
     EFFECTS,
+    Asked,
     check_hidden,
     draw_effects,
-    hidden_column,
     hidden_names,
 )
 from smallwheel_ros.simulate.terrain import soil_of_pressure
@@ -250,7 +250,7 @@ def test_each_effect_moves_its_channels_in_its_direction(text):
     assert direction(there.shown_sinkage, plain.shown_sinkage) == deeper
     if harder is not None:
         assert direction(there.shown_resistance, plain.shown_resistance) == harder
-    if effects[0].law.kind == "instrument":  # the wheel does not notice
+    if effects[0].law.own.stage.startswith("shown_"):  # the wheel does not notice
         assert np.array_equal(there.depth, plain.depth)
         assert np.array_equal(there.drawbar_pull, plain.drawbar_pull)
 
@@ -425,7 +425,7 @@ def test_linear_rebound_gives_back_half_of_pressure_times_rise():
 
 def test_own_forms_differ_from_the_published_ones():
     same = {name for name, kind in EFFECTS.items() if kind.own.formula == kind.published.formula}
-    faults = {name for name, kind in EFFECTS.items() if kind.kind == "instrument"}
+    faults = {name for name, kind in EFFECTS.items() if kind.own.stage.startswith("shown_")}
     assert same == {"unrecorded"} | faults - {"slip_resistance"}
 
 
@@ -436,10 +436,10 @@ def test_names():
         "column:density",
         "moisture",
     )
-    assert hidden_column("column:density") == "density"
+    assert Asked.of("column:density").column == "density"
     assert check_hidden(["load_offset=-4"]) == ("load_offset=-4",)
-    assert hidden_column("column:density=0.2") == "density"
-    assert hidden_column("bulldozing") is None
+    assert Asked.of("column:density=0.2").column == "density"
+    assert Asked.of("bulldozing").column is None
     assert set(EFFECTS) < set(hidden_names())
     for wrong, match in [
         (["slip_sinkag"], "did you mean 'slip_sinkage'"),
