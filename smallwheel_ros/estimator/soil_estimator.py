@@ -353,8 +353,9 @@ class SoilEstimator:
         now = Segment.single(given, load, (load_std / load) ** 2, position)
         law, _ = self._soils.under(known)
         try:
-            law = law or self._soils.new_law(reference_wheel(now, self.prior))
-            value, variance = law.sinkage(now, self._watch.missed_variance)
+            with np.errstate(over="raise", divide="raise", invalid="raise"):
+                law = law or self._soils.new_law(reference_wheel(now, self.prior))
+                value, variance = law.sinkage(now, self._watch.missed_variance)
         except NO_SINKAGE as error:
             raise EstimatorError(_no_sinkage(given, error)) from None
         return SinkagePrediction(value, math.sqrt(max(variance, 0.0)), value > 0.5 * diameter)

@@ -215,7 +215,7 @@ class _Rows(NamedTuple):
     factor: Array
     immobilised: NDArray[np.bool_]
 
-    def where(self, own: slice) -> _Rows:
+    def where(self, own: slice | NDArray[np.bool_]) -> _Rows:
         """Some of the rows."""
         return _Rows._make(column[..., own] for column in self)
 
@@ -342,7 +342,8 @@ def _laws_and_loads(samples: Sequence[Sample]) -> tuple[Array, Array, Array]:
     loads, deviations = np.array(carried).T
     laws = np.array([one.law.law for one in samples])
     laws[:, 0] -= laws[:, 1] * _LOG_DEPTH
-    return laws, loads, (deviations / loads) ** 2
+    with np.errstate(over="ignore"):  # of a load that is next to none: it is left out of means
+        return laws, loads, (deviations / loads) ** 2
 
 
 def _plain(samples: Sequence[Sample]) -> _Rows:
@@ -362,13 +363,14 @@ def _plain(samples: Sequence[Sample]) -> _Rows:
 
 def _mean_contact(wheel: Wheel, rows: _Rows, scatter: float) -> RollingContact | None:
     """Mean over a wheel's samples. scatter: of ln k from place to place."""
-    good = ~rows.immobilised & np.isfinite(rows.values).all(axis=0)
+    good = ~rows.immobilised & np.isfinite([*rows.values, rows.noise]).all(axis=0)
     if not good[0]:
         return None
+    rows = rows.where(good)
     by_modulus, by_load, noise = rows.slopes[0, 0], rows.slopes[0, 3], rows.noise
     own = by_modulus**2 * scatter**2 + by_load**2 * noise, by_load * noise, noise
     columns = [rows.reaching, *rows.values[[0, 2]], rows.factor, *own]
-    load, sinkage, other, factor, *spread = np.mean(np.array(columns)[:, good], axis=1).tolist()
+    load, sinkage, other, factor, *spread = np.mean(columns, axis=1).tolist()
     size, n = (wheel.diameter, wheel.width), float(rows.exponent[0])
     zz, zw, ww = spread
     return RollingContact(load, sinkage, *size, n, other, factor, (zz, zw, ww))

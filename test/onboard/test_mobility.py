@@ -27,7 +27,7 @@ from smallwheel_ros.onboard.mobility import (
     WheelForces,
     wheel_forces,
 )
-from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, wheels_on_soil
+from smallwheel_ros.onboard.wheel_on_soil import WheelOnSoil, mean_contacts, wheels_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import (
     Soil,
@@ -280,6 +280,12 @@ class TestForces:
                 forces(slip=Quantity(slip, 1.0))
         with pytest.raises(MobilityError, match="'plate', expected rolling or pressed"):
             forces(wheel=replace(WHEEL, contact="plate"))
+
+    def test_a_load_that_is_next_to_none_is_left_out_of_means(self) -> None:
+        """Its noise over itself has no square: one such reading made the filter's covariance NaN."""
+        good, none = sample(WHEEL, SAND, LOAD, 0.2), sample(WHEEL, SAND, Quantity(1e-300, 1.0), 0.2)
+        found = mean_contacts({"front_left": [good, none]}, scatter=0.05)
+        assert found == mean_contacts({"front_left": [good]}, scatter=0.05)
 
     @settings(max_examples=examples(40))
     @given(
