@@ -35,6 +35,7 @@ _NUMBERS = {
 }
 _LARGEST = 1e9
 _STRONGEST = 100.0  # m/s^2, ten times gravity: beyond any vehicle that drives
+_LIGHTEST = 1e-6  # N: no load cell tells less from nothing
 # Predictions for a wheel without sinkage sensor come so far apart.
 _PREDICTION_PERIOD = SECOND // 10
 
@@ -191,7 +192,7 @@ class Synchroniser:
                 "torque is exactly 0 N m, expected a measured one: the driver leaves the effort of this"
                 " joint empty (parameter torque_source)"
             )
-        if kind == "load" and first <= 0:
+        if kind == "load" and first < _LIGHTEST:
             return "load_not_positive", (
                 f"load is {first:g} N, expected more than 0: the wheel is in the air, or the"
                 " sensor's sign is the other one (parameter load_sign)"

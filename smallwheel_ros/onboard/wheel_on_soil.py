@@ -305,8 +305,12 @@ def mean_contacts(
     def solve(samples: Sequence[Sample]) -> _Rows:
         return _of_model(samples, effects, strength) if effects else _plain(samples)
 
+    with np.errstate(
+        all="ignore"
+    ):  # of a load that is next to none: what has no number is left out
+        solved = _solved(known, solve)
     found = {}
-    for name, rows in _solved(known, solve).items():
+    for name, rows in solved.items():
         contact = _mean_contact(known[name][0].reading.wheel, rows, scatter)
         if contact is not None:
             found[name] = contact
@@ -342,8 +346,7 @@ def _laws_and_loads(samples: Sequence[Sample]) -> tuple[Array, Array, Array]:
     loads, deviations = np.array(carried).T
     laws = np.array([one.law.law for one in samples])
     laws[:, 0] -= laws[:, 1] * _LOG_DEPTH
-    with np.errstate(over="ignore"):  # of a load that is next to none: it is left out of means
-        return laws, loads, (deviations / loads) ** 2
+    return laws, loads, (deviations / loads) ** 2
 
 
 def _plain(samples: Sequence[Sample]) -> _Rows:

@@ -304,7 +304,7 @@ class TestBadInput:
         onboard.on_load("front_left", T, 1e300)
         assert "1e+300 N" in self.text(onboard, "front_left/load", "not_plausible")
 
-    @pytest.mark.parametrize("value", [0.0, -60.0])
+    @pytest.mark.parametrize("value", [0.0, 1e-300, -60.0])
     def test_load_not_positive(self, onboard: Onboard, value: float) -> None:
         onboard.on_load("front_left", T, value)
         text = self.text(onboard, "front_left/load", "load_not_positive")
