@@ -493,7 +493,8 @@ def replay(
     config
         The node's parameter file; if not given, what `smallwheel init` finds in the bag.
     output
-        Folder for tables, bag and report; if not given, a temporary one that goes with the result.
+        Folder for tables and bag; if not given, a temporary one that goes with the result. The report is
+        what the result saves as .html.
     remaps
         By the node's name of an input, the bag's topic: ``{"odom": "/rover/odom"}``.
     clock
