@@ -302,7 +302,8 @@ def _pull(full: Clip, bare: Clip, answer: dict[str, Any]) -> list[str]:
 def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Array]:
     """What estimates of moving wheels are off in drawbar pull, and their standard deviations, N."""
     off, deviations = [], []
-    for wheel, rows in table.dropna(subset=["drawbar_pull"]).groupby("wheel"):
+    for wheel, rows in table.groupby("wheel"):
+        rows = rows.dropna(subset=["drawbar_pull"])
         truth = answer["wheels"][wheel]
         moving = np.interp(rows["time"], truth["time"], np.asarray(truth["moving"], float)) > 0.5
         true = np.interp(rows["time"], truth["time"], truth["drawbar_pull"])

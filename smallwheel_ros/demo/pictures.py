@@ -117,8 +117,9 @@ def _draw_sinkage(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colou
                   label="did not fit")  # fmt: skip
     _curve(axes, rows, "sinkage_predicted", colour, "predicted", 1e3)
     _dashed(axes, true["time"], 1e3 * np.where(true["moving"], true["sinkage"], np.nan))
-    top = np.nanpercentile(np.concatenate([measured, 1e3 * rows["sinkage_predicted"]]), 99.8)
-    axes.set_ylim(1.15 * top, 0.0)  # positive down, as in the soil
+    known = pd.concat([measured, 1e3 * rows["sinkage_predicted"]]).dropna()
+    if known.size:
+        axes.set_ylim(1.15 * np.percentile(known, 99.8), 0.0)  # positive down, as in the soil
     style(axes, _TIME, "sinkage [mm]", f"{rows['wheel'].iloc[0]}: sinkage")
 
 
@@ -127,9 +128,11 @@ def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: 
     _curve(axes, rows, "drawbar_pull", colour, "drawbar pull")
     axes.axhline(0.0, color=INK, linewidth=0.8)
     _dashed(axes, true["time"], np.where(true["moving"], true["drawbar_pull"], np.nan))
-    low, high = np.nanpercentile(rows["drawbar_pull"], [0.5, 99.5])
-    edge = 0.35 * (high - low) + 1.0
-    axes.set_ylim(low - edge, high + edge)
+    known = rows["drawbar_pull"].dropna()
+    if known.size:
+        low, high = np.percentile(known, [0.5, 99.5])
+        edge = 0.35 * (high - low) + 1.0
+        axes.set_ylim(low - edge, high + edge)
     style(axes, _TIME, "drawbar pull [N]", f"{rows['wheel'].iloc[0]}: drawbar pull")
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Sequence
 from contextlib import suppress
@@ -169,7 +170,10 @@ def _corrupt(path: Path, why: str) -> EstimatorError:
 def _compare(path: Path, content: dict[str, Any], expected: dict[str, Any]) -> None:
     for name, value in expected["prior"].items():
         found = content["prior"].get(name)
-        if found != value:
+        same = found == value
+        if isinstance(value, float):  # of another processor the last digit may be another
+            same = math.isclose(found, value, rel_tol=1e-9, abs_tol=1e-9)
+        if not same:
             raise EstimatorError(
                 f"{path}: saved under another prior ({name} {found!r}, now {value!r}); restore the "
                 "old setting, or delete the file to begin with the prior"

@@ -310,7 +310,7 @@ class TractionEstimator:
         if record is None:
             self.reset()
             return
-        if record["prior"] != self._prior:
+        if not np.allclose(record["prior"], self._prior, rtol=1e-9):
             raise ValueError("saved under another prior of the soil's strength")
         self.reset()
         self.now.strength = np.array(record["mean"]), np.array(record["covariance"])

@@ -104,7 +104,8 @@ class Player:
         self.skipped = {name: why for name, why in reasons.items() if why}
         self.topics = {name: recorded[name].type for name, why in reasons.items() if not why}
         if not self.topics:
-            raise PlayError(f"bag {self._bag} has no message of a type that is installed here")
+            why = "; ".join(f"{name}: {words}" for name, words in self.skipped.items())
+            raise PlayError(f"bag {self._bag} has no message that can be played here ({why})")
         self._wanted = {
             name: (message_class(kind), _quality(recorded[name]))
             for name, kind in self.topics.items()
@@ -116,11 +117,15 @@ class Player:
     def __enter__(self) -> Player:
         # Ctrl-C ends it like any other program.
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node(self._name)
-        self._publishers = {
-            topic: self.node.create_publisher(kind, topic, quality)
-            for topic, (kind, quality) in self._wanted.items()
-        }
+        try:
+            self.node = Node(self._name)
+            self._publishers = {
+                topic: self.node.create_publisher(kind, topic, quality)
+                for topic, (kind, quality) in self._wanted.items()
+            }
+        except BaseException:
+            rclpy.try_shutdown()
+            raise
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         return self
@@ -349,7 +354,8 @@ class _Recorder:
         # The node knows that we listen when its first soil has come, and that we publish when it misses
         # nobody who does: what a stranger sends is lost.
         self._wait(lambda: bool(found.soil), lambda: "it published no soil")
-        self._wait(lambda: self._diagnosed > 0 and self._missed().isdisjoint(player.topics))
+        self._wait(lambda: self._diagnosed > 0)
+        self._wait(lambda: self._missed().isdisjoint(player.topics))
 
         def answered() -> bool:
             if self._by_sinkage or not found.mobility:

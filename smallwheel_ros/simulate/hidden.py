@@ -290,7 +290,7 @@ _KNOWN_COLUMNS = {
 _CONTRACT_COLUMNS = frozenset([
     "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "sinkage_std",
     "resistance_std", "drawbar_pull_std", "slip", "slip_angle", "slope", "speed", "pass_number",
-    "grouser_height", "contact", "soil", "run", "wheel",
+    "grouser_height", "contact", "soil", "run", "wheel", "hidden",
 ])  # fmt: skip
 
 

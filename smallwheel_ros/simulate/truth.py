@@ -212,7 +212,7 @@ class Circumstances:
     covariates: Mapping[str, Array]
 
     @classmethod
-    def of(cls, **settings: Any) -> Circumstances:
+    def of(cls, /, **settings: Any) -> Circumstances:
         """Broadcast numbers and arrays to one length; what is not given is at its plain value.
 
         Plain: no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, the middle of what is hidden.

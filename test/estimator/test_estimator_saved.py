@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from contextlib import suppress
 from dataclasses import replace
@@ -155,6 +156,14 @@ def refused(saved: Path, estimator: SoilEstimator, words: str) -> None:
 )
 def test_another_prior_is_refused(saved: Path, prior: SoilPrior) -> None:
     refused(saved, SoilEstimator(prior), "another prior")
+
+
+def test_the_last_digit_of_a_prior_is_of_the_processor(saved: Path) -> None:
+    """The logarithm of another machine may differ in it."""
+    nearly = replace(PRIOR, n=math.nextafter(PRIOR.n, 9.0))
+    e = SoilEstimator(nearly)
+    e.restore(saved)
+    assert e.estimate().accepted > 0
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.97])
