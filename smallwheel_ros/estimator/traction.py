@@ -298,8 +298,10 @@ class TractionEstimator:
             "covariance": covariance.tolist(),
             "steps": self.steps,
             "sources": sorted(self.sources),
-            "loads": list(self.excitation.load),
-            "slips": list(self.excitation.slip),
+            # None: on the newest soil nothing was measured yet.
+            "excitation": None
+            if self.excitation == Excitation()
+            else [list(bounds) for bounds in self.excitation],
         }
 
     def restore(self, record: Any) -> None:
@@ -315,7 +317,9 @@ class TractionEstimator:
         self.reset()
         self.now.strength = np.array(record["mean"]), np.array(record["covariance"])
         self.steps, self.sources = record["steps"], set(record["sources"])
-        self.excitation = Excitation(tuple(record["loads"]), tuple(record["slips"]))
+        if record["excitation"] is not None:
+            load, slip = record["excitation"]
+            self.excitation = Excitation(tuple(load), tuple(slip))
 
 
 def _in_words(

@@ -37,7 +37,7 @@ from smallwheel_ros.estimator.strength_filter import (
     iterated_update,
 )
 from smallwheel_ros.estimator.strength_filter import WHEELS as WHEELS_AT
-from smallwheel_ros.estimator.traction import TractionEstimator
+from smallwheel_ros.estimator.traction import Excitation, TractionEstimator
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.physics.stresses import PointForces, point_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -397,6 +397,10 @@ def test_a_record_goes_on_with_the_strength() -> None:
     again = TractionEstimator(PRIOR, WHEELS, MASS)
     again.restore(record)
     assert again.estimate().strength == estimator.estimate().strength
+    estimator.excitation = Excitation()  # as just behind a border
+    record = json.loads(json.dumps(estimator.record(), allow_nan=False))
+    again.restore(record)
+    assert again.excitation == Excitation()
     other = TractionEstimator(replace(PRIOR, cohesion=Quantity(9.0, 1.0)), WHEELS, MASS)
     with pytest.raises(ValueError, match="another prior of the soil's strength"):
         other.restore(record)
