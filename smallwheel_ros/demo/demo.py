@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import UNKNOWN
-from smallwheel_ros.demo.pictures import draw_drive, draw_known
+from smallwheel_ros.demo.pictures import Clip, draw_drive, draw_known
 from smallwheel_ros.onboard.result import VALID, Status
 from smallwheel_ros.ros import NodeProcess, check_ros, config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
@@ -45,17 +45,6 @@ _WITH_ALL, _BARE = "with sinkage, imu and mass", "with load and slip only"
 
 class DemoError(SmallwheelError):
     """The demo did not work; the message says where."""
-
-
-class Clip(NamedTuple):
-    """What the node answered to a bag that was played into it.
-
-    mobility: one row per estimate, quantities that are not known blank; soil: one per message.
-    """
-
-    mobility: pd.DataFrame
-    soil: pd.DataFrame
-    recording: Recording
 
 
 def run_demo(

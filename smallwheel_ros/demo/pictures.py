@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,7 +25,7 @@ from smallwheel_ros.pictures.house import (
 )
 
 if TYPE_CHECKING:
-    from smallwheel_ros.demo.demo import Clip
+    from smallwheel_ros.ros.play import Recording
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,17 @@ _BAND = 1.96  # standard deviations: 95 %
 _TIME = "time [s]"
 _EVERY = 0.5  # s, over which the wheels' margins are put together
 _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
+
+
+class Clip(NamedTuple):
+    """What the node answered to a bag that was played into it.
+
+    mobility: one row per estimate, quantities that are not known blank; soil: one per message.
+    """
+
+    mobility: pd.DataFrame
+    soil: pd.DataFrame
+    recording: Recording
 
 
 def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], path: Path) -> None:

@@ -325,8 +325,10 @@ def _solved(
     samples: Mapping[str, Sequence[Sample]], solve: Callable[[Sequence[Sample]], _Rows]
 ) -> dict[str, _Rows]:
     """Rows of each wheel, by name: of all at once, or, where there is no sinkage, of those that have one."""
+    if not samples:
+        return {}
     try:
-        whole = solve([one for found in samples.values() for one in found]) if samples else None
+        whole = solve([one for found in samples.values() for one in found])
     except NO_SINKAGE:
         if len(samples) == 1:
             return {}
@@ -334,7 +336,6 @@ def _solved(
         return {name: rows for found in alone for name, rows in found.items()}
     rows, begin = {}, 0
     for name, found in samples.items():
-        assert whole is not None
         rows[name] = whole.where(slice(begin, begin + len(found)))
         begin += len(found)
     return rows

@@ -330,14 +330,17 @@ def _replay_or_say(spec: ReplaySpec, report: Report) -> Outcome:
         return _outcome(spec, f"{type(error).__name__}: {error}")
 
 
-def _outcome(spec: ReplaySpec, error: str = "", before: bool = False) -> Outcome:
-    """What became of a bag, as its folder says; error: what went wrong instead."""
+def _outcome(spec: ReplaySpec, error: str = "", before: bool | None = None) -> Outcome:
+    """What became of a bag, as its folder says; error: what went wrong instead.
+
+    before: whether an earlier replay did it, and not this one; None: nobody told.
+    """
     bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
     state = found.get("state")
     if error:
         return Outcome(bag, folder, "failed", error)
-    if state == "interrupted" or is_done(spec):
-        return Outcome(bag, folder, found["state"], found["ended"], before, found)
+    if state == "interrupted" or before is not None or is_done(spec):
+        return Outcome(bag, folder, found["state"], found["ended"], bool(before), found)
     # A replay that was killed says that it is at work; what else is there is of an earlier one.
     return Outcome(bag, folder, "interrupted" if state == "running" else "not_begun")
 
