@@ -28,9 +28,9 @@ import numpy as np
 import pandas as pd
 from scipy.io import loadmat
 
+from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
-from smallwheel_ros.replay.trial import TrialSettings, read_trial
 
 DATA = "raw-data-processing"
 ROLLING = "all_smooth_data.mat"
@@ -88,16 +88,66 @@ TRIALS = (
 def indentation(folder: Path, trials: tuple[Press, ...] = TRIALS) -> pd.DataFrame:
     """Sinkage and load of each trial, a row for each sample that is kept.
 
-    Raises RigError where a file is missing, TrialError and BagError where one is not as expected.
+    Raises RigError where a file is missing or not as expected, BagError where a bag is not.
     """
     return pd.concat([_pressed(folder / DATA, trial) for trial in trials], ignore_index=True)
+
+
+class Recorded(NamedTuple):
+    """Load (N, positive when pressing) and sinkage (m), each at its times, ns of the bag's clock."""
+
+    load_time: np.ndarray
+    load: np.ndarray
+    sinkage_time: np.ndarray
+    sinkage: np.ndarray
+
+
+def _recorded(bag: Path, zero: Path, log: Path, trial: Press) -> Recorded:
+    """Read the force's z component less the unloaded sensor's mean, and the log of the axis.
+
+    The log has a line for each instant: X, Vx, rim speed, slip angle, Z (mm, up), clock, unix time (s).
+    """
+    begin, time, force = _forces(bag)
+    unloaded = _forces(zero)[2].mean()
+    axis = pd.read_csv(log, header=None).to_numpy()
+    if axis.shape[1] not in (7, 8):  # later logs of that rig end with one more
+        raise RigError(f"{log}: {axis.shape[1]} columns, expected 7 numbers in a line")
+    log_time = np.round((axis[:, 6] + trial.behind * HOUR) * 1e9).astype(np.int64)
+    log_time, first = np.unique(log_time, return_index=True)
+    felt, seen = (
+        (since >= trial.start) & (since <= trial.end)
+        for since in ((time - begin) / 1e9, (log_time - begin) / 1e9)
+    )
+    if not (felt.any() and seen.any()):
+        raise RigError(
+            f"{bag}: nothing from {trial.start:g} to {trial.end:g} s after its beginning"
+        )
+    sinkage = -1e-3 * axis[first, 4]
+    return Recorded(time[felt], (unloaded - force)[felt], log_time[seen], sinkage[seen])
+
+
+def _forces(path: Path) -> tuple[int, np.ndarray, np.ndarray]:
+    """Time of the bag's first message (ns), stamps (ns) and z components (N) of its forces."""
+    found: dict[int, float] = {}
+    with BagReader(path) as reader:
+        for _, _, _, message in reader.messages():
+            for part in (message, *vars(message).values()):  # a vendor's message has it in a field
+                if getattr(part, "__msgtype__", None) == "geometry_msgs/msg/WrenchStamped":
+                    stamp = part.header.stamp
+                    found.setdefault(
+                        int(stamp.sec) * 10**9 + int(stamp.nanosec), part.wrench.force.z
+                    )
+        begin = reader.start_time or 0
+    if not found:
+        raise RigError(f"{path}: no geometry_msgs/WrenchStamped in any message")
+    times = np.array(sorted(found), dtype=np.int64)
+    return begin, times, np.array([found[time] for time in times.tolist()])
 
 
 def _pressed(folder: Path, trial: Press) -> pd.DataFrame:
     start = folder / trial.folder / f"force-displacement_{trial.name}"
     bag, zero, log = (_there(Path(f"{start}{end}")) for end in (".bag", "_zero.bag", ".txt"))
-    settings = TrialSettings(log_behind=trial.behind * HOUR, start=trial.start, end=trial.end)
-    found = read_trial(bag, zero, log, settings)
+    found = _recorded(bag, zero, log, trial)
     time = found.load_time - found.load_time[0]
     # At either end the log may have a sample less: its own end is held.
     z = np.interp(time, found.sinkage_time - found.load_time[0], found.sinkage) + 1e-3 * trial.depth

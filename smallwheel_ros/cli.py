@@ -33,7 +33,6 @@ COMMANDS = {
     "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),
     "demo": ("demo.command:demo", "Play a simulated drive into the node over DDS, draw what it finds."),
     "play": ("demo.command:play", "Publish a bag over DDS."),
-    "convert-trial": ("replay.trial:convert_trial", "Turn a recorded indentation trial into a bag."),
 }  # fmt: skip
 
 

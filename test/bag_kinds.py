@@ -36,7 +36,7 @@ def compressed_copy(bag: Path, target: Path, storage: str, how: str) -> Path:
     with BagReader(bag) as reader, writer:
         connections = {}
         for topic in reader.topics:
-            channel, _ = reader.as_channel(topic.name, topic.type)
+            channel = reader.channel(topic.name, topic.type)
             connections[topic.name] = writer.add_connection(
                 topic.name, topic.type, typestore=channel.store
             )
@@ -125,7 +125,7 @@ def write_foreign(path: Path, like: Path, storage: str = "mcap") -> Path:
     with BagReader(like) as reader, writer:
         connections = {}
         for topic in reader.topics:
-            channel, _ = reader.as_channel(topic.name, topic.type)
+            channel = reader.channel(topic.name, topic.type)
             connections[topic.name] = writer.add_connection(
                 topic.name, topic.type, typestore=channel.store
             )

@@ -7,19 +7,18 @@ ROS 2 Jazzy and of this package are used.
 
 from __future__ import annotations
 
-from smallwheel_ros.bags.bag import (
-    STORAGES,
+from smallwheel_ros.bags.reader import (
     BagError,
     BagMessage,
     BagReader,
-    BagWriter,
-    Message,
+    BagTopic,
+    CopiedTopic,
+    Key,
+    RawMessage,
     Storage,
-    check_new_bag,
-    header,
 )
-from smallwheel_ros.bags.storage import Key, RawMessage
-from smallwheel_ros.bags.types import BagTopic, DefinitionError, message_type, typestore
+from smallwheel_ros.bags.types import DefinitionError, message_type, typestore
+from smallwheel_ros.bags.writer import STORAGES, BagWriter, Message, check_new_bag, header
 
 __all__ = [
     "STORAGES",
@@ -28,6 +27,7 @@ __all__ = [
     "BagReader",
     "BagTopic",
     "BagWriter",
+    "CopiedTopic",
     "DefinitionError",
     "Key",
     "Message",

@@ -5,9 +5,6 @@ There is one copy of the package's own ``.msg`` files in the source, in ``msg/``
 generates the message classes. Every kind of installation puts them into ``smallwheel_ros/definitions``
 too (a folder of that name must not be called ``msg``: it would collide with the generated module), so
 that bags can be written and read on machines without ROS.
-
-rosbags makes Python code of a bag's definitions. One that contains itself, or that has a billion
-fields, would keep it busy for ever, so definitions are measured before.
 """
 
 from __future__ import annotations
@@ -15,19 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rosbags.convert.converter import migrate_bytes
-from rosbags.interfaces import (
-    Nodetype,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2.metadata import parse_qos
+from rosbags.interfaces import Connection, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -35,31 +23,10 @@ from smallwheel_ros.common.errors import SmallwheelError, reason
 
 _Fields = dict[str, tuple[Any, Any]]  # of types: constants, and names and kinds of fields
 _PACKAGE = "smallwheel_ros"
-_LONGEST_QOS = 100_000  # characters, of some hundred publishers
-_NEVER = QosTime(2147483647, 4294967295)
-# Of a topic whose last message is given to those who come late.
-LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _NEVER,
-    _NEVER,
-    QosLiveliness.AUTOMATIC,
-    _NEVER,
-    False,
-)
-# Characters of a definition with all that it refers to; MoveIt's largest has 60 kB.
-_MOST_CHARACTERS = 128 << 10
-_MOST_IN_BAG = 2 << 20  # of all definitions: some seconds' work
-_MOST_FIELDS = 100_000  # of a message, those of the messages in it counted each time
-_DEEPEST = 50  # messages in messages
-# Encodings of definitions that can be read; without one the types known here are meant.
-_ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
 _IDL_SEPARATOR = "=" * 80 + "\n"
 # Fields that older definitions of a type lack, and that whoever reads it can do without.
 _NEWER = {("sensor_msgs/msg/Range", "variance")}
-# Jazzy has the same messages under another name.
+# Jazzy has the same messages of ROS 1 under another name.
 _RENAMED = {"rosgraph_msgs/msg/Log": "rcl_interfaces/msg/Log"}
 
 
@@ -99,22 +66,11 @@ def typestore() -> Typestore:
     return store
 
 
-def _store_with(types: _Fields) -> Typestore:
-    """Return what makes messages of bytes, for these types."""
-    store = get_typestore(Stores.EMPTY)
-    store.register(types)
-    return store
-
-
 def message_type(name: str) -> Callable[..., Any]:
     """Return the class of a message, such as ``geometry_msgs/msg/WrenchStamped``.
 
-    Its fields are keyword arguments, all of them required.
-
-    Raises
-    ------
-    SmallwheelError
-        If neither ROS 2 Jazzy nor this package has a message of that name.
+    Its fields are keyword arguments, all of them required. Raises SmallwheelError if neither ROS 2
+    Jazzy nor this package has a message of that name.
     """
     try:
         return typestore().types[name]
@@ -131,49 +87,6 @@ def plain_fields(name: str) -> dict[str, str]:
     return {field: str(kind[1][0]) for field, kind in fields if kind[0] == Nodetype.BASE}
 
 
-def qos_of(text: str) -> tuple[Qos, ...]:
-    """Return the qualities of service in a bag's text (YAML); none where it is damaged.
-
-    References (&) in it are not followed: a few lines can make any number of values.
-    """
-    try:
-        return tuple(parse_qos(text)) if "&" not in text and len(text) < _LONGEST_QOS else ()
-    except Exception:  # the messages are worth having without it
-        return ()
-
-
-class BagTopic(NamedTuple):
-    """One topic of a bag, or of one of its files.
-
-    Attributes
-    ----------
-    readable
-        False when nobody knows its message definition.
-    encoding, definition
-        ``ros2msg``, ``ros2idl``, or another that nobody here can read, and the text of the type's
-        definition; empty where the bag has none.
-    qos
-        How it was offered, as rosbags has it.
-    """
-
-    name: str
-    type: str
-    message_count: int = 0
-    readable: bool = False
-    encoding: str = ""
-    definition: str = ""
-    qos: tuple[Any, ...] = ()
-
-
-class Channel(NamedTuple):
-    """A topic as a bag is to hold it: its type with the store that knows it, and QoS."""
-
-    topic: str
-    type: str
-    store: Typestore
-    qos: tuple[Qos, ...] = ()
-
-
 class DefinitionError(SmallwheelError):
     """A bag's definition of a message type cannot be used, or is another one than here."""
 
@@ -183,25 +96,19 @@ class Definitions:
 
     def __init__(self, ros2: bool) -> None:
         self.ros2 = ros2
-        self._left = _MOST_IN_BAG
-        self._stores: dict[str, Typestore | DefinitionError] = {}
+        self._stores: dict[str, Typestore] = {}
 
-    def is_known(self, topic: BagTopic) -> bool:
+    def is_known(self, topic: Connection) -> bool:
         """Whether a topic's type is defined in the bag, or known here."""
-        known = bool(topic.definition) or topic.type in typestore().fielddefs
-        return known and topic.encoding in _ENCODINGS
+        return bool(topic.msgdef.data) or topic.msgtype in typestore().fielddefs
 
-    def decoder(self, topic: BagTopic, *, as_here: bool = False) -> Callable[[bytes], Any]:
+    def decoder(self, topic: Connection, *, as_here: bool = False) -> Callable[[bytes], Any]:
         """Return what makes a message of a topic's bytes.
 
-        as_here: the type must have the fields that it has here; it may have others besides.
-
-        Raises
-        ------
-        DefinitionError
-            If nobody knows the type, its definition is beyond all measure, or another than here.
+        as_here: the type must have the fields that it has here; it may have others besides. Raises
+        DefinitionError.
         """
-        kind, store = topic.type, self._store(topic)
+        kind, store = topic.msgtype, self._store(topic)
         if as_here and kind not in typestore().fielddefs:
             raise DefinitionError("only the bag knows the type, expected one that is known here")
         problem = next(_differences(kind, store, ""), "") if as_here else ""
@@ -210,75 +117,49 @@ class Definitions:
         decode = store.deserialize_cdr if self.ros2 else store.deserialize_ros1
         return partial(decode, typename=kind)
 
-    def in_ros2(self, topic: BagTopic) -> tuple[Channel, Callable[[bytes], bytes | memoryview]]:
-        """Return a topic as a bag of ROS 2 is to hold it, and what its bytes become there.
+    def in_ros2(
+        self, topic: Connection
+    ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
+        """Return a topic's type in ROS 2, the store that knows it, and what its bytes become there.
 
-        Raises DefinitionError.
+        Raises DefinitionError for a type that nobody knows; of ROS 1 only those known here are.
         """
-        kind, store = topic.type, self._store(topic)
+        kind, store = topic.msgtype, self._store(topic)
         if self.ros2:
-            return Channel(topic.name, kind, store, topic.qos), bytes
-        name, known = _RENAMED.get(kind, kind), typestore().fielddefs
-        target = typestore()
-        if name not in known:  # types that only the bag knows are taken over
-            text, _ = store.generate_msgdef(kind, ros_version=2)
-            target = _store_with({**get_types_from_msg(text, name), **known})
-        cache: dict[str, Any] = {}
+            return kind, store, bytes
+        name, target = _RENAMED.get(kind, kind), typestore()
+        if name not in target.fielddefs:
+            raise DefinitionError("ROS 2 Jazzy has no such type")
+        convert = partial(migrate_bytes, store, target, kind, name, {}, src_is2=False, dst_is2=True)
+        return name, target, convert
 
-        def convert(data: bytes) -> memoryview:
-            return migrate_bytes(
-                store, target, kind, name, cache, data, src_is2=False, dst_is2=True
-            )
-
-        return Channel(topic.name, name, target, topic.qos), convert
-
-    def _store(self, topic: BagTopic) -> Typestore:
-        """Return what knows a topic's type. Raises DefinitionError."""
-        found = self._stores.get(topic.type)
-        if found is None:
+    def _store(self, topic: Connection) -> Typestore:
+        """Return what knows a topic's type: ours, or where the bag has another one, one of its own."""
+        kind, known = topic.msgtype, typestore().fielddefs
+        if kind not in self._stores:
+            if not topic.msgdef.data:
+                if kind not in known:
+                    raise DefinitionError("its definition is neither in the bag nor known here")
+                return typestore()
             try:
-                found = self._read(topic.type, topic.encoding, topic.definition)
-            except DefinitionError as error:
-                found = error
-            self._stores[topic.type] = found
-        if isinstance(found, DefinitionError):
-            raise found
-        return found
-
-    def _read(self, kind: str, encoding: str, text: str) -> Typestore:
-        """Read a definition; what it does not bring is as known here."""
-        known: _Fields = dict(typestore().fielddefs)
-        if encoding not in _ENCODINGS:
-            raise DefinitionError(f"it is encoded as {encoding}, not as in ROS 2")
-        if not text:
-            if kind not in known:
-                raise DefinitionError("its definition is neither in the bag nor known here")
-            return typestore()
-        if len(text) > min(_MOST_CHARACTERS, self._left):
-            raise DefinitionError(
-                f"its definition has {len(text)} characters; expected at most {_MOST_CHARACTERS},"
-                f" and {_MOST_IN_BAG} in all definitions of a bag"
-            )
-        self._left -= len(text)
-        try:
-            found = _parsed(kind, encoding, text)
-        except Exception as error:  # whatever the parser makes of a wrong text
-            words = f"its definition cannot be understood ({reason(error)[:100]})"
-            raise DefinitionError(words) from error
-        sizes: dict[str, int] = {}
-        _measure(kind, {**known, **found}, (), sizes)
-        if all(known.get(name) == found.get(name, known.get(name)) for name in sizes):
-            return typestore()
-        try:
-            return _store_with({name: found.get(name) or known[name] for name in sizes})
-        except Exception as error:
-            raise DefinitionError(f"its definition cannot be used ({reason(error)})") from error
+                found = _parsed(topic)
+                used = _used(kind, {**known, **found}, {})
+                same = all(known.get(name) == fields for name, fields in used.items())
+                store = typestore() if same else get_typestore(Stores.EMPTY)
+                if not same:
+                    store.register(used)
+            except Exception as error:  # whatever the parser makes of a wrong text
+                words = f"its definition cannot be understood ({reason(error)[:100]})"
+                raise DefinitionError(words) from error
+            self._stores[kind] = store
+        return self._stores[kind]
 
 
-def _parsed(kind: str, encoding: str, text: str) -> _Fields:
+def _parsed(topic: Connection) -> _Fields:
     """Return the types in a definition; raises whatever rosbags raises for one that is wrong."""
-    if encoding in ("ros2msg", ""):
-        return dict(get_types_from_msg(text, kind))
+    text = topic.msgdef.data
+    if topic.msgdef.format != MessageDefinitionFormat.IDL:
+        return dict(get_types_from_msg(text, topic.msgtype))
     found: _Fields = {}
     parts = [part.partition("\n")[2] for part in text.split(_IDL_SEPARATOR)[1:]]
     for part in parts or [text]:
@@ -286,39 +167,21 @@ def _parsed(kind: str, encoding: str, text: str) -> _Fields:
     return found
 
 
-def _measure(kind: str, types: _Fields, above: tuple[str, ...], sizes: dict[str, int]) -> int:
-    """Return the number of fields of a type; `sizes` gets that of each type in it, too."""
-    if kind in above:
-        raise DefinitionError(f"its definition contains itself ({kind})")
-    if kind not in types:
-        raise DefinitionError(f"its definition refers to {kind}, which nobody knows")
-    if len(above) > _DEEPEST:
-        raise DefinitionError(f"its definition is more than {_DEEPEST} messages deep")
-    if kind not in sizes:
-        total = 0
-        for name, described in types[kind][1]:
-            node, of, times = _element(described)
-            size = 1
+def _used(kind: str, types: _Fields, found: _Fields) -> _Fields:
+    """Return a type and those of the messages in it. Raises KeyError for one that nobody knows."""
+    if kind not in found:
+        found[kind] = types[kind]
+        for _, described in types[kind][1]:
+            node, of = _element(described)
             if node == Nodetype.NAME:
-                size = _measure(of, types, (*above, kind), sizes)
-                if size == 0 and described[0] != Nodetype.NAME:
-                    raise DefinitionError(f"{kind}.{name} is an array of messages without fields")
-            elif described[0] == Nodetype.ARRAY and of[0] != "string":
-                times = 1  # numbers are read at once
-            total += size * times
-            if total > _MOST_FIELDS:
-                raise DefinitionError(f"its definition has more than {_MOST_FIELDS} fields")
-        sizes[kind] = total
-    return sizes[kind]
+                _used(str(of), types, found)
+    return found
 
 
-def _element(described: Any) -> tuple[Any, Any, int]:
-    """Return what a field is made of, and how many times: (kind of node, of what, times)."""
+def _element(described: Any) -> tuple[Any, Any]:
+    """Return what a field, or the array in it, is made of: kind of node, and of what."""
     node, of = described
-    if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        (inner, what), times = of
-        return inner, what, times if node == Nodetype.ARRAY else 1
-    return node, of, 1
+    return of[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, of)
 
 
 def _differences(kind: str, store: Typestore, path: str) -> Iterator[str]:
@@ -337,8 +200,8 @@ def _differences(kind: str, store: Typestore, path: str) -> Iterator[str]:
 
 def _words(described: Any) -> str:
     """A field's type as definitions have it."""
-    inner, what, times = _element(described)
+    inner, what = _element(described)
     text = str(what if inner == Nodetype.NAME else what[0])
     if described[0] == Nodetype.SEQUENCE:
         return f"{text}[]"
-    return f"{text}[{times}]" if described[0] == Nodetype.ARRAY else text
+    return f"{text}[{described[1][1]}]" if described[0] == Nodetype.ARRAY else text

@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
 from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.ros import check_ros
@@ -28,7 +27,7 @@ def demo(output: Path, seed: int, distance: float, rate: float, json_file: str |
 
     A rover with two wheel sizes drives over three soils and up a slope until it is stuck. Its bag is
     played into the node mobility_estimator, which runs in a process of its own and sees only what
-    sensors measure; the beginning of it once more, into a node that is given load and slip only.
+    sensors measure.
     """
     from smallwheel_ros.demo.demo import run_demo
 
@@ -43,41 +42,15 @@ def demo(output: Path, seed: int, distance: float, rate: float, json_file: str |
 @click.argument("bag", type=_FILE)
 @click.option("--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True,
               help="Times as fast as recorded.")  # fmt: skip
-@click.option("--start", type=click.FloatRange(0), default=0.0, show_default=True,
-              help="Skip so many s.")  # fmt: skip
-@click.option("--loop", is_flag=True, help="Again and again, until Ctrl-C.")
-@click.option("--clock/--no-clock", default=True, show_default=True,
-              help="Publish /clock, for nodes with use_sim_time.")  # fmt: skip
 @click.option("--wait", type=click.FloatRange(0, 86400), default=10.0, show_default=True,
               help="For listeners, at most so many s; 0: begin at once.")  # fmt: skip
-def play(bag: Path, rate: float, start: float, loop: bool, clock: bool, wait: float) -> None:
-    """Publish the messages of BAG over DDS; bags of ROS 1 are converted on the way.
+def play(bag: Path, rate: float, wait: float) -> None:
+    """Publish the messages of BAG over DDS, with /clock; bags of ROS 1 are converted on the way.
 
-    Nodes that listen must have use_sim_time set: stamps are those of the recording.
-
-    It begins when every topic of BAG has a listener. Where some have one and others none, it begins 2 s
-    after the last listener has come; where nobody listens at all, after --wait. Topics that nobody
-    listens to are named. It ends when all reliable listeners have everything.
+    Nodes that listen must have use_sim_time set: stamps are those of the recording. It begins when
+    every topic of BAG has a listener, or after --wait. `ros2 bag play` can do more.
     """
     check_ros()
-    from smallwheel_ros.ros.play import CONFIRM, Player
+    from smallwheel_ros.ros.play import play_bag
 
-    def say(line: str) -> None:
-        click.echo(f"{bag}: {line}", err=True)
-
-    with Player("smallwheel_play", bag, rate=rate, start=start, loop=loop, clock=clock) as player:
-        for name, why in player.skipped.items():
-            click.echo(f"{name} is left out: {why}", err=True)
-        total = None if loop else player.message_count
-        with player.stop.listening():
-            if wait > 0:
-                say(f"waiting for listeners, at most {wait:g} s (--wait)")
-                player.wait_for_listeners(wait)
-                if lonely := player.nobody_listens():
-                    say(lonely)
-            bar = tqdm(player.play(), total=total, unit=" messages", disable=None, leave=False)
-            count = sum(1 for _ in bar)
-            if lacking := player.wait_for_confirmation():
-                late = f"listeners have not confirmed the last messages within {CONFIRM:g} s"
-                say(f"{late}: {', '.join(lacking)}")
-    click.echo(f"{bag}: {count} messages published")
+    click.echo(f"{bag}: {play_bag(bag, rate, wait)} messages published")

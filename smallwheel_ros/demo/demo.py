@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import time
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import UNKNOWN
-from smallwheel_ros.demo.pictures import Clip, draw_drive, draw_known
+from smallwheel_ros.demo.pictures import Clip, draw_drive
 from smallwheel_ros.onboard.result import VALID, Status
 from smallwheel_ros.ros import NodeProcess, check_ros, config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
@@ -35,12 +34,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BAG, _ANSWER = "drive", "drive.answer.json"
-_LOG, _BARE_LOG = "node.log", "node_bare.log"
-_PICTURES = ("drive.png", "cost.png", "known.png")
-_TABLES = ("mobility.csv", "soil.csv", "mobility_bare.csv")
+_LOG = "node.log"
+_PICTURES = ("drive.png", "cost.png")
+_TABLES = ("mobility.csv", "soil.csv")
 _BAND = 1.96  # standard deviations: 95 %
-_BARE_SECONDS = 25.0  # of the drive, played a second time
-_WITH_ALL, _BARE = "with sinkage, imu and mass", "with load and slip only"
 
 
 class DemoError(SmallwheelError):
@@ -56,13 +53,13 @@ def run_demo(
     slope that ends the drive. rate: times as fast as real time, at most. Returns what was made as plain
     values, and what was found in words; each step is said on standard error.
 
-    Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer,
+    Raises NodeProcessError if there is no ROS, PlayError if the node dies or does not answer,
     DemoError if the folder cannot be used.
     """
     start = time.monotonic()
     check_ros()
     _prepare(folder)
-    _say("1/4 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
+    _say("1/3 simulating a drive of a rover with two wheel sizes over three soils, up a slope")
     settings = DriveSettings(seed=seed, distance=distance, wheels="two_sizes", finish="slope")
     drive = simulate_drive(settings)
     bag = folder / _BAG
@@ -70,28 +67,15 @@ def run_demo(
     answer = drive.answer()
     (folder / _ANSWER).write_text(json.dumps(answer), encoding="utf-8")
     epoch = int(answer["epoch_ns"])
-    _say(f"2/4 playing {count} messages over DDS into the node mobility_estimator")
+    _say(f"2/3 playing {count} messages over DDS into the node mobility_estimator")
     parameters = config_file("two_wheel_sizes.yaml")
     balance = config_file("vehicle_balance.yaml")
     # So large that it holds the whole drive.
     whole = {"cost.size": f"{4.0 * (distance + 10.0):.1f}", "cost.unknown": "none"}
     full = clip_of(recorded(bag, [parameters, balance], folder, rate=rate, overrides=whole), epoch)
-    _say(f"3/4 playing its first {_BARE_SECONDS:.0f} s again: nothing but load and slip")
-    blind = {f"{wheel.name}.sinkage_topic": "''" for wheel in drive.rover.wheels}
-    beginning = recorded(
-        bag,
-        [parameters],
-        folder,
-        rate=rate,
-        overrides=blind,
-        seconds=_BARE_SECONDS,
-        by_sinkage=False,
-        log=_BARE_LOG,
-    )
-    bare = clip_of(beginning, epoch)
-    _say("4/4 writing tables and pictures")
+    _say("3/3 writing tables and pictures")
     tables, pictures = ([folder / name for name in names] for names in (_TABLES, _PICTURES))
-    for path, table in zip(tables, (full.mobility, full.soil, bare.mobility), strict=True):
+    for path, table in zip(tables, (full.mobility, full.soil), strict=True):
         table.to_csv(path, index=False, float_format="%.9g")
     warned = [(stamp - epoch) / 1e9 for stamp, _ in full.recording.warnings]
     draw_drive(full, answer, warned, pictures[0])
@@ -99,7 +83,6 @@ def run_demo(
         way = np.array([answer["rover"]["x"], answer["rover"]["y"]]).T
         title = "What the soil costs, as the node tells it to a planner"
         draw_cost(full.recording.cost, pictures[1], way=way, title=title)
-    draw_known({_WITH_ALL: full, _BARE: bare}, answer, pictures[2])
     seconds = time.monotonic() - start
     document = {
         "picture": str(pictures[0]),
@@ -111,7 +94,7 @@ def run_demo(
         "unanswered": full.recording.unanswered,
         "seconds": round(seconds, 1),
     }
-    lines = [summary(full, bare, answer), f"took {seconds:.0f} s", ""]
+    lines = [summary(full, answer), f"took {seconds:.0f} s", ""]
     lines += [f"picture  {path}" for path in pictures]
     lines += [f"table    {path}" for path in tables]
     return document, "\n".join(lines)
@@ -126,7 +109,7 @@ def _prepare(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(folder / _BAG, ignore_errors=True)
-        for name in (_ANSWER, _LOG, _BARE_LOG, *_TABLES, *_PICTURES):
+        for name in (_ANSWER, _LOG, *_TABLES, *_PICTURES):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise DemoError(f"the folder {folder} cannot be used: {error.strerror}") from error
@@ -142,16 +125,13 @@ def recorded(
     *,
     rate: float,
     overrides: Mapping[str, str] | None = None,
-    seconds: float = math.inf,
-    by_sinkage: bool = True,
-    log: str = _LOG,
 ) -> Recording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
-    parameters: the node's parameter files; later ones win. folder, log: for the node's log, and its
-    name. overrides: further parameters. rate, seconds, by_sinkage: as in `drive_through`.
+    parameters: the node's parameter files; later ones win. folder: for the node's log.
+    overrides: further parameters. rate: as in `drive_through`.
 
-    Raises NodeProcessError if there is no ROS, DriveThroughError if the node dies or does not answer.
+    Raises NodeProcessError if there is no ROS, PlayError if the node dies or does not answer.
     """
     check_ros()
     from smallwheel_ros.ros.play import drive_through  # needs ROS
@@ -159,11 +139,9 @@ def recorded(
     more = {"use_sim_time": "true", **(overrides or {})}
     with (
         _own_ros(folder / "ros_log"),
-        NodeProcess(parameters, folder / log, more) as node,
+        NodeProcess(parameters, folder / _LOG, more) as node,
     ):
-        return drive_through(
-            bag, rate=rate, seconds=seconds, by_sinkage=by_sinkage, alive=node.death
-        )
+        return drive_through(bag, rate=rate, alive=node.death)
 
 
 @contextmanager
@@ -217,8 +195,8 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
 # --- In words: what the node found, against what was true
 
 
-def summary(full: Clip, bare: Clip, answer: dict[str, Any]) -> str:
-    """What the node found in the whole drive, and in its beginning with load and slip only."""
+def summary(full: Clip, answer: dict[str, Any]) -> str:
+    """What the node found, against what was true."""
     found = full.recording
     latencies = np.array(found.latencies) * 1e3
     lines = [
@@ -226,12 +204,10 @@ def summary(full: Clip, bare: Clip, answer: dict[str, Any]) -> str:
         "",
         *_soil(full.soil.iloc[-1], answer),
         "",
-        *_pull(full, bare, answer),
+        _pull(full, answer),
         "",
         _stuck(found, answer),
         _cost(found),
-        "",
-        *_without_sensors(full, bare),
         "",
         f"{found.published} messages played, {len(full.mobility)} estimates,"
         f" {found.unanswered} sinkages without answer",
@@ -269,23 +245,15 @@ def _soil(last: pd.Series[Any], answer: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _pull(full: Clip, bare: Clip, answer: dict[str, Any]) -> list[str]:
+def _pull(full: Clip, answer: dict[str, Any]) -> str:
     """Stated against true drawbar pull of wheels that move."""
-    end = bare.mobility["time"].max()
-    begun = full.mobility[full.mobility["time"] <= end]
-    lines = ["drawbar pull                 error, rms   stated, 1 sd   true one in its 95 % band"]
-    for name, table in {
-        _WITH_ALL: full.mobility,
-        f"  of that, first {end:.0f} s": begun,
-        _BARE: bare.mobility,
-    }.items():
-        off, deviation = _pull_errors(table, answer)
-        inside = (abs(off) < _BAND * deviation).mean()
-        lines.append(
-            f"{name:<28} {np.sqrt((off**2).mean()):>8.2f} N {deviation.mean():>12.2f} N"
-            f" {inside:>14.0%} of {len(off)}"
-        )
-    return lines
+    off, deviation = _pull_errors(full.mobility, answer)
+    inside = (abs(off) < _BAND * deviation).mean()
+    rms = np.sqrt((off**2).mean())
+    return (
+        f"drawbar pull: error {rms:.2f} N rms, stated {deviation.mean():.2f} N (1 sd); true one in its"
+        f" 95 % band: {inside:.0%} of {len(off)}"
+    )
 
 
 def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Array]:
@@ -329,17 +297,3 @@ def _cost(found: Recording) -> str:
         f"cost map: {known.size} cells with a cost; 0 to 19 in {low:.0%}, 20 to 59 in"
         f" {middle:.0%}, 60 and more in {high:.0%}"
     )
-
-
-def _without_sensors(full: Clip, bare: Clip) -> list[str]:
-    last = bare.soil.iloc[-1]
-    unknown = [name for name in ("k", "n", "m") if not last[f"{name}_identifiable"]]
-    why = f" ({last['status_text']})" if last["status_text"] else ""
-    begun = full.mobility[full.mobility["time"] <= bare.mobility["time"].max()]
-    less, more = (
-        table["mobility_margin_standard_deviation"].median() for table in (bare.mobility, begun)
-    )
-    return [
-        f"{_BARE} the node does not know: {', '.join(unknown)}{why}",
-        f"margin for slopes then +- {less:.2f} of the load, with everything +- {more:.2f}",
-    ]

@@ -196,35 +196,3 @@ def _draw_ground(axes: Axes, truth: Mapping[str, Any], end: float) -> None:
         axes.axvspan(inside[0], last, color=shade, zorder=-5, linewidth=0)
         axes.text(inside[0] + 0.5, 0.98, name.replace("_", " "), va="top", fontsize=8, color=GREY,
                   transform=axes.get_xaxis_transform())  # fmt: skip
-
-
-def draw_known(clips: Mapping[str, Clip], truth: Mapping[str, Any], path: Path) -> None:
-    """Write a PNG: a column for each of several runs of one drive, by name; it ends with the shortest.
-
-    truth: answer of the simulated drive.
-    """
-    end = min(float(clip.mobility["time"].max()) for clip in clips.values())
-    wheel, colour = sorted(wheel_colours(truth["wheels"]).items())[0]
-    true = truth["wheels"][wheel]
-    figure = new_figure(13.0, 7.5)
-    grid = figure.subplots(3, len(clips), sharex=True, sharey="row")
-    for (pull, sinkage, exponent), (name, clip) in zip(grid.T, clips.items(), strict=True):
-        rows = clip.mobility[clip.mobility["wheel"] == wheel]
-        _draw_pull(pull, rows, true, colour)
-        style(pull, y="drawbar pull [N]", title=f"{wheel}, {name}")
-        _draw_sinkage(sinkage, rows, true, colour)
-        soil = clip.soil
-        if len(soil) == 1:  # nothing was measured: what it believed at its start, all the time
-            soil = pd.concat([soil.assign(time=time) for time in (0.0, end)])
-        _draw_parameter(exponent, "n", soil, truth)
-    for axes in grid.ravel():
-        axes.set_xlim(0.0, end)
-        axes.label_outer()
-        key(axes)
-    # Bands of what is not known may be wider than what anybody wants to see.
-    grid[0, 0].set_ylim(min(true["drawbar_pull"]) - 20.0, max(true["drawbar_pull"]) + 20.0)
-    grid[1, 0].set_ylim(40.0, 0.0)  # positive down, as in the soil
-    figure.suptitle(
-        "The same drive with more and with fewer sensors; bands: 95 %", fontsize=11, color=INK
-    )
-    figure.savefig(path, dpi=110)

@@ -42,7 +42,7 @@ IMU = "sensor_msgs/msg/Imu"
 
 def rover_of_bag(path: Path) -> Rover:
     """The rover of a recorded drive. Raises BagError, InitError where there is nothing of a wheel."""
-    with BagReader(path, salvage=True) as reader:
+    with BagReader(path) as reader:
         return _Finder(reader).rover()
 
 

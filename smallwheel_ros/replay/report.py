@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,25 +14,11 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.costmap.cost_map import CostRules
 from smallwheel_ros.measurements.display import number
-from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.replay.result import FILES, Replayed
+from smallwheel_ros.replay.tables import is_used
 from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
 from smallwheel_ros.report.page import Page
 
-_REASONS = {  # those that are not words already
-    "gate": "does not fit the soil (outlier gate)",
-    "load_missing": "no usable load near it",
-    "stamp_zero": "header stamp is zero",
-    "stamp_in_future": "header stamp ahead of the clock",
-    "stamp_too_old": "header stamp far behind the clock",
-    "late": "came too late, out of order",
-    "duplicate": "the same stamp twice",
-    "time_jump": "time went back: all began anew",
-    "dropped_by_reset": "still waited when time went back",
-    "undecodable": "cannot be deserialised",
-    "out_of_range": "means a soil outside the model's range",
-    "range_out_of_limits": "outside the range sensor's limits",
-}
 _MOST_EVENTS = 25
 _MAP = (
     '<p><label>The path, coloured by <select name="colour"><option value="sinkage">sinkage, mean of the '
@@ -53,7 +38,9 @@ _STEPS = 400  # of the way
 _MOST_POINTS = 2000  # of a wheel, and of the soil
 _MOST_OF_ALL = 12_000  # of all wheels: what a page of two megabytes holds
 _GAP = 5.0  # times the usual step of time: a longer one is a gap
-_BLOCK = 100_000  # rows of a long drive that are in memory at a time
+_BANDS = ("sinkage_predicted", "drawbar_pull", "mobility_margin")
+_USED = {"time", "wheel", "x", "y", "status", "load", "sinkage_measured", "slip", *_BANDS}
+_USED |= {f"{name}_standard_deviation" for name in _BANDS}
 
 _MARGIN, _MARGIN_STD = "mobility_margin", "mobility_margin_standard_deviation"
 _SOIL = (
@@ -67,10 +54,15 @@ _SOIL = (
 # --- The page
 
 
-def replay_page(result: Replayed) -> Page:
-    """All of a replay, when its table of estimates is there."""
-    summary = result.to_dict()
-    return _page(summary, _drive(result, summary))
+def replay_page(result: Replayed, folder: Path | None = None) -> Page:
+    """All of a replay. folder: where its table is; the spec's where it is not given."""
+    summary = result.to_dict(folder)
+    return _page(summary, _drive(result, summary, folder or result.spec.folder))
+
+
+def save_page(result: Replayed, folder: Path) -> None:
+    """Write the page into the folder of a replay that is about to be done."""
+    replay_page(result, folder).save(folder / FILES["report"])
 
 
 def replay_text(result: Replayed) -> str:
@@ -145,7 +137,6 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     blocks += [
         Callout("The model misses something", missed, "warning"),
         Callout("Look at these sensors", _sentences(summary["sensors"]), "warning"),
-        Callout("A slip test would tell more of the strength", _sentences(summary["slip_tests"])),
         Callout("The filter is not as it should be", concern, "warning"),
         Callout("Inputs that the bag lacks", summary["missing"], "warning"),
     ]
@@ -160,11 +151,11 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _drive(result: Replayed, summary: dict[str, Any]) -> list[Block]:
+def _drive(result: Replayed, summary: dict[str, Any], folder: Path) -> list[Block]:
     """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
     counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
     every = max(1, math.ceil(max(counts) / min(_MOST_POINTS, _MOST_OF_ALL // len(counts))))
-    courses = read_courses(result.spec.folder / FILES["estimates_csv"], every)
+    courses = read_courses(folder / FILES["estimates_csv"], every)
     if not courses:
         return []
     rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
@@ -247,7 +238,7 @@ def _not_used(summary: dict[str, Any]) -> list[Block]:
     received = {item["stream"]: item["messages"] for item in summary["inputs"]}
     rows = []
     for drop in summary["not_used"]:
-        why = _REASONS.get(drop["reason"], drop["reason"].replace("_", " "))
+        why = drop["reason"].replace("_", " ")
         share = _share(drop["count"], received.get(drop["stream"], 0))
         first = "-" if drop["first_time"] is None else f"{drop['first_time']:.1f}"
         rows.append([drop["topic"], why, str(drop["count"]), share, first, drop["example"]])
@@ -291,20 +282,18 @@ def _caveats(summary: dict[str, Any]) -> Block:
 # --- The drive as the data that the page draws; a number that is not known is a gap
 
 
+def _needed(column: Any) -> bool:
+    return column in _USED or str(column).startswith("soil_")
+
+
 def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     """Return every so many-th row of each wheel of a table of estimates (CSV), by wheel.
 
     With a column `used`: whether the measured sinkage was used for the soil.
     """
-    found: dict[str, list[pd.DataFrame]] = {}
-    seen: Counter[str] = Counter()
-    for block in pd.read_csv(table, chunksize=_BLOCK):
-        known = block["load"].notna() & block["sinkage_measured"].notna()
-        block["used"] = known & (block["status"] != Status.REJECTED.name)
-        for wheel, rows in block.groupby("wheel"):
-            found.setdefault(str(wheel), []).append(rows.iloc[-seen[str(wheel)] % every :: every])
-            seen[str(wheel)] += len(rows)
-    return {wheel: pd.concat(parts) for wheel, parts in found.items()}
+    rows = pd.read_csv(table, usecols=_needed)
+    rows["used"] = is_used(rows)
+    return {str(wheel): course.iloc[::every] for wheel, course in rows.groupby("wheel")}
 
 
 def _wheel_data(name: str, course: pd.DataFrame, rules: CostRules) -> dict[str, Any]:

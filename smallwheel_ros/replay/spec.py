@@ -5,23 +5,18 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from smallwheel_ros.bags import BagReader, Key
-from smallwheel_ros.bags.storage import storage_kind
-from smallwheel_ros.common.errors import SmallwheelError, reason
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.version import __version__
-from smallwheel_ros.estimator.reading import SECOND
-from smallwheel_ros.init import from_bag
-from smallwheel_ros.init.from_bag import JOINTS, joint_names, rover_of_bag
-from smallwheel_ros.init.rover import InitError, best_match, only_or_best_match
+from smallwheel_ros.init.from_bag import rover_of_bag
+from smallwheel_ros.init.rover import InitError
 from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import (
     NODE_NAME,
     ParametersError,
@@ -42,16 +37,7 @@ Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
 _HASHED = 1 << 20  # bytes
 _CONFIG = "rover.yaml"
-_DESCRIPTION_TOPIC = "robot_description"
 _TOPIC_NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
-_ROLES = {
-    from_bag.WRENCH: "a wheel's load",
-    from_bag.SINKAGE: "a wheel's sinkage",
-    from_bag.RANGE: "a wheel's sinkage by range",
-    from_bag.ODOMETRY: "odom",
-    from_bag.TWIST: "velocity",
-    JOINTS: "joint_states",
-}
 
 
 class ReplayError(SmallwheelError):
@@ -80,15 +66,13 @@ class ReplaySpec:
 
     @property
     def name(self) -> str:
-        """The bag's name without folder and suffixes."""
-        name = self.bag.resolve().name
-        if self.bag.is_dir():
-            return name
-        return name.removesuffix(".zstd").removesuffix(storage_kind(self.bag) or "")
+        """The bag's name without folder and suffix."""
+        bag = self.bag.resolve()
+        return bag.name if bag.is_dir() else bag.stem
 
     def in_bag(self, name: str) -> str:
         """Return the bag's name of a topic that the node knows by `name`."""
-        return self.remaps.get(_resolved(name), _resolved(name))
+        return self.remaps.get(resolved(name), resolved(name))
 
     def fingerprint(self) -> str:
         """Return what tells this replay from any other: the bag, the parameters, the options.
@@ -108,7 +92,7 @@ class ReplaySpec:
         return digest.hexdigest()
 
 
-def _resolved(name: str) -> str:
+def resolved(name: str) -> str:
     """Return a topic's full name, as ROS does for the node in the root namespace."""
     if name.startswith("~"):
         return f"/{NODE_NAME}/{name[1:].lstrip('/')}"
@@ -128,22 +112,13 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
                 f"remap {text!r}: expected NAME:=TOPIC, first the node's name, then the bag's:"
                 " odom:=/rover/odom"
             )
-        if _resolved(old) in remaps:
+        if resolved(old) in remaps:
             raise ReplayError(f"remap {text!r}: {old} is remapped twice")
-        remaps[_resolved(old)] = _resolved(new)
+        remaps[resolved(old)] = resolved(new)
     return remaps
 
 
 # --- Parameters
-
-
-@contextmanager
-def using(folder: Path) -> Iterator[None]:
-    """Raise ReplayError, which names the folder, where the system does not let us use it."""
-    try:
-        yield
-    except OSError as error:
-        raise ReplayError(f"folder {folder} cannot be used: {reason(error)}") from error
 
 
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
@@ -162,8 +137,7 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     path, text = like.folder / _CONFIG, rover.parameter_file()
     if path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
         raise InitError(f"{path} is not what the bag tells: give it with --config, or remove it")
-    with using(like.folder):
-        like.folder.mkdir(parents=True, exist_ok=True)
+    like.folder.mkdir(parents=True, exist_ok=True)
     write_bytes(path, text.encode())
     remaps = read_remaps(f"{a}:={b}" for a, b in rover.remaps.items())
     said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
@@ -205,7 +179,7 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
 
 
 def _description_topic(values: Mapping[str, object]) -> str:
-    topic = values.get("robot_description_topic", _DESCRIPTION_TOPIC)
+    topic = values.get("robot_description_topic", "robot_description")
     return topic if isinstance(topic, str) else ""  # another type is found when all is checked
 
 
@@ -231,12 +205,11 @@ def _described(
 class Input:
     """A topic that the node listens to, for one stream of the estimate (`Onboard.streams`).
 
-    name: as the node knows it. topic: after remaps. detail: which part of the message, in words.
-    lacking: why the bag does not give it, in words; empty where it does.
+    topic: after remaps. detail: which part of the message, in words. lacking: why the bag does not give
+    it, in words; empty where it does.
     """
 
     stream: str
-    name: str
     topic: str
     type: str
     detail: str = ""
@@ -258,7 +231,7 @@ def inputs_of(
     """
     # The robot description is no stream, but may be remapped too.
     names = [*(topic.name for topic in feed.topics), feed.settings.robot_description_topic]
-    known = {_resolved(name) for name in names if name}
+    known = {resolved(name) for name in names if name}
     for name in spec.remaps:
         if name not in known:
             raise ReplayError(
@@ -267,97 +240,28 @@ def inputs_of(
     inputs = []
     for topic in feed.topics:
         name = spec.in_bag(topic.name)
-        types = [
-            found.type for found in reader.topics if found.name == name and found.message_count
-        ]
+        types = [t.type for t in reader.topics if t.name == name and t.message_count]
         lacking = unusable.get((name, topic.type), "")
         if not types:
             lacking = "not in the bag"
         elif topic.type not in types:
             lacking = f"the bag has it as {', '.join(types)}"
         for stream, detail in topic.streams.items():
-            words = detail.removeprefix(", ")
-            inputs.append(Input(stream, _resolved(topic.name), name, topic.type, words, lacking))
+            inputs.append(Input(stream, name, topic.type, detail.removeprefix(", "), lacking))
     return tuple(inputs)
 
 
-def check_enough(onboard: Onboard, inputs: Sequence[Input], reader: BagReader) -> None:
+def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagReader) -> None:
     """Raise ReplayError, which says what to do, unless a wheel has what an estimate needs."""
     missing = [item for item in inputs if item.lacking]
     lost = {item.stream for item in missing}
-    for wheel in onboard.settings.wheels:
-        if not {f"{wheel.name}/load", f"{wheel.name}/sinkage"} & lost:
-            return
+    if any(not {f"{wheel}/load", f"{wheel}/sinkage"} & lost for wheel in wheels):
+        return
     lines = "".join(f"\n  {entry}" for entry in missing)
-    offers = [proposal["add"] for proposal in _proposals(reader, inputs)]
-    hint = "\n  ".join(["These may be them:", *offers])
-    if not offers:
-        command = f"`smallwheel replay {reader.path} --topics`"
-        hint = f"{command} lists what is in the bag; use --remap NAME:=TOPIC"
+    kinds = {item.type for item in missing}
+    there = [f"{topic.name} ({topic.type})" for topic in reader.topics if topic.type in kinds]
     raise ReplayError(
-        f"nothing can be estimated: no wheel has load and sinkage in this bag. Missing:{lines}\n{hint}"
+        f"nothing can be estimated: no wheel has load and sinkage in this bag. Missing:{lines}\nOf these"
+        f" types the bag has {', '.join(there) or 'no topic'}; --remap NAME:=TOPIC says which is"
+        " which, and `smallwheel init` looks for them by itself"
     )
-
-
-def topics_document(reader: BagReader, inputs: Sequence[Input]) -> dict[str, Any]:
-    """Return the bag's topics, their use, and which may be inputs that it lacks, as plain values."""
-    duration = ((reader.end_time or 0) - (reader.start_time or 0)) / SECOND
-    topics = []
-    for topic in reader.topics:
-        streams = [i.stream for i in inputs if (i.topic, i.type) == (topic.name, topic.type)]
-        likely = f"may be {_ROLES[topic.type]}" if topic.type in _ROLES else ""
-        content = {
-            "name": topic.name,
-            "type": topic.type,
-            "messages": topic.message_count,
-            "rate": topic.message_count / duration if duration > 0 else None,
-            "readable": topic.readable,
-            "role": ", ".join(streams) or likely
-            if topic.readable
-            else "its type is not known here",
-        }
-        topics.append(content)
-    return {
-        "bag": str(reader.path),
-        "damage": reader.damage,
-        "duration": duration,
-        "messages": reader.message_count,
-        "topics": topics,
-        "missing": [str(item) for item in inputs if item.lacking],
-        "proposals": _proposals(reader, inputs),
-    }
-
-
-def _proposals(reader: BagReader, inputs: Sequence[Input]) -> list[dict[str, str]]:
-    """Say which of the bag's topics, or joints, may be the inputs that it lacks under their names.
-
-    Of each the `input`, what was `found`, and what to `add` to the command or the parameter file.
-    """
-    taken = {item.topic for item in inputs if not item.lacking}
-    free = [t for t in reader.topics if t.message_count and t.name not in taken]
-    found: dict[str, str] = {}  # by the node's name of a topic: all wheels share the joint states
-    proposals = []
-    for item in inputs:
-        if not item.lacking or item.name in found:
-            continue
-        wheel, _, quantity = item.stream.partition("/")
-        names = [topic.name for topic in free if topic.type == item.type]
-        if item.type == JOINTS or not quantity:  # of the vehicle
-            name = only_or_best_match(item.name, names)
-        else:
-            name = best_match(wheel, quantity, names)
-        if name is not None:
-            found[item.name] = name
-            option = f"--remap {item.name}:={name}"
-            proposals.append({"input": item.stream, "found": name, "add": option})
-    turning = [item for item in inputs if item.stream.endswith("/wheel_speed")]
-    topics = {found.get(item.name, item.topic) for item in turning}
-    joints = [name for topic in sorted(topics) for name in joint_names(reader, topic)]
-    for item in turning:
-        wheel = item.stream.partition("/")[0]
-        if item.detail.removeprefix("joint ") not in joints:
-            name = best_match(wheel, "joint", joints)
-            if name is not None:
-                option = f"{wheel}.joint: {name}   (in the parameter file)"
-                proposals.append({"input": item.stream, "found": name, "add": option})
-    return proposals

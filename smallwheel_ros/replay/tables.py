@@ -1,349 +1,299 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two tables of a drive: its estimates, and its steady stretches as measurements.
 
-A row of estimates is written while the replay goes on. From a drive to steady measurements there is
-one row for each wheel and stretch of way.
-
 Readings that a sensor takes one after the other are no independent evidence: they share the spot.
-So each row is the median of a wheel's readings over a stretch of way no shorter than a turn of the
-largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or speed
-changed are left out, since a row is to be one steady measurement. So are those of a turn after a
-change of soil: some wheels are on the old one still. The soils are those between the changes that the
-replay counts, so a drive has one more of them than its summary has changes. The pass number (see
-`PassCounter`) is that of the middle half of a stretch's readings. Where the drive tells it for most rows,
-those without are left out, since a table of measurements has no blank one; else the column is.
+So each row of measurements is the median of a wheel's readings over a stretch of way no shorter than a
+turn of the largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or
+speed changed are left out, since a row is to be one steady measurement. So are those of a turn before
+and after a change of soil: some wheels are on the other one. The pass number is that of the middle half
+of a stretch's readings. Where the drive tells it for most rows, those without are left out, since a
+table of measurements has no blank one; else the column is.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from smallwheel_ros.bags import Message, header
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
-from smallwheel_ros.common.tables import plain
 from smallwheel_ros.estimator.identifiability import SoilEstimate
 from smallwheel_ros.estimator.reading import SECOND, Reading
-from smallwheel_ros.onboard.result import VALID, Result, mobility_fields, soil_fields
+from smallwheel_ros.onboard.result import VALID, Result
 from smallwheel_ros.physics.conditions import PRESSED
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.replay.new_bag import MOBILITY, SOIL
 from smallwheel_ros.replay.spec import ReplayError
 
-MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
-SOIL = "smallwheel_ros/msg/SoilEstimate"
-_ARROW = {"bool": "bool", "string": "string", "float64": "float64"}  # else an integer
-_FIRST = {
-    "stamp": "int64",
-    "time": "float64",
-    "wheel": "string",
-    "x": "float64",
-    "y": "float64",
-    "speed": "float64",
-    "travel": "float64",
-    "status": "string",
-    "status_text": "string",
-}
-_DEVIATIONS = tuple(f"{name}_standard_deviation" for name in "knm")
+_FIRST = ("stamp", "time", "wheel", "x", "y", "speed", "travel", "status", "status_text")
+_BLOCK = 20_000  # rows that are kept before they are written, or reduced to stretches
+COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
 _STEADY_SLIP, _STEADY_SHARE = 0.1, 0.5
 _DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
-_UNKNOWN = Quantity(math.nan, math.nan)
-
-
-# --- Files
-
-
-@contextmanager
-def table(stem: Path, columns: Mapping[str, str]) -> Iterator[Callable[[Iterable[Any]], object]]:
-    """Write NAME.csv and, where pyarrow is installed, NAME.parquet, by a function that takes a row.
-
-    While the `with` block lasts, the first is called NAME.csv.part. What is in it is whole rows,
-    readable at any time, whatever becomes of the program. stem: path without suffix; files that are
-    there are replaced. columns: names, and types (Arrow's), in the order of a row's cells, of which None
-    is a blank one. Raises ReplayError if a file cannot be written.
-    """
-    whole, parquet, part = (Path(f"{stem}{suffix}") for suffix in (".csv", ".parquet", ".csv.part"))
-    try:
-        whole.unlink(missing_ok=True)
-        parquet.unlink(missing_ok=True)
-        with part.open("w", newline="", encoding="utf-8", buffering=1) as file:  # row by row
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            yield writer.writerow
-        part.replace(whole)
-        _write_parquet(whole, parquet, columns)
-    except OSError as error:
-        path = error.filename or whole
-        raise ReplayError(f"{path}: cannot be written: {reason(error)}") from error
-
-
-def _write_parquet(whole: Path, path: Path, columns: Mapping[str, str]) -> None:
-    """Turn the CSV file into Parquet, some megabytes at a time."""
-    try:
-        import pyarrow
-        from pyarrow.csv import ConvertOptions, open_csv
-        from pyarrow.parquet import ParquetWriter
-    except ImportError:
-        return
-    types = [(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()]
-    options = ConvertOptions(column_types=pyarrow.schema(types))
-    with (
-        open_csv(whole, convert_options=options) as batches,
-        ParquetWriter(path, batches.schema) as parquet,
-    ):
-        for batch in batches:
-            parquet.write_batch(batch)
 
 
 # --- Estimates
 
 
 @cache
-def columns() -> dict[str, str]:
-    """Return the table's columns in their order, with their types (Arrow's).
+def columns() -> tuple[str, ...]:
+    """Return the table's columns in their order.
 
     They are the fields of both messages; not the flags of what is valid, since an unknown cell is blank.
     """
-    found = dict(_FIRST)
-    for prefix, message in (("", MOBILITY), ("soil_", SOIL)):
-        for name, kind in plain_fields(message).items():
-            if name not in VALID:
-                found.setdefault(f"{prefix}{name}", _ARROW.get(kind, "int64"))
-    found |= {f"soil_{name}": "float64" for name in _DEVIATIONS}
-    return {**found, "soil_changes": "int64"}
+    fields = [name for name in plain_fields(MOBILITY) if name not in VALID]
+    soil = [f"soil_{name}" for name in plain_fields(SOIL)]
+    deviations = [f"soil_{name}_standard_deviation" for name in "knm"]
+    return tuple(dict.fromkeys([*_FIRST, *fields, *soil, *deviations, "soil_changes"]))
 
 
 def deviations(soil: SoilEstimate) -> dict[str, float]:
     """Return the standard deviations of k, n and m, which the message has as a covariance."""
     spread = np.sqrt(np.maximum(soil.covariance.diagonal(), 0.0)).tolist()
-    return dict(zip(_DEVIATIONS, spread, strict=True))
+    return {f"{name}_standard_deviation": value for name, value in zip("knm", spread, strict=True)}
 
 
-class Estimate:
-    """One result, as a row of the table and as the two messages that the node publishes of it.
+class EstimatesTable(AbstractContextManager["EstimatesTable"]):
+    """Writes NAME.csv and, where pyarrow is installed, NAME.parquet, block by block.
 
-    before: the one before it. What is said of the soil changes only when a stretch of way ends, and to
-    say it again takes a fourteenth of a replay's time.
+    stem: path without suffix. start: the bag's first log time, ns. counts: by wheel, how many estimates
+    there were and had what, and the `squares` of measured minus predicted sinkage, m^2. statuses: how
+    many estimates had which.
     """
 
-    def __init__(self, result: Result, before: Estimate | None = None) -> None:
-        self.result, soil = result, result.soil
-        self._mobility = mobility_fields(result)
-        law = (soil.k, soil.n, soil.m, soil.log_covariance.tobytes())
-        self._state = (*law, soil.variety, soil.accepted, result.rejected)
-        self._soil: dict[str, Any]
-        self._soil_cells: dict[str, str]
-        if before is not None and before._state == self._state:
-            self._soil, self._soil_cells = before._soil, before._soil_cells
-            return
-        self._soil = soil_fields(soil, result.rejected)
-        cells = self._soil | deviations(soil)
-        del cells["covariance"]
-        self._soil_cells = {f"soil_{name}": str(cell) for name, cell in cells.items()}
+    def __init__(self, stem: Path, start: int) -> None:
+        self._csv, self._parquet_path = Path(f"{stem}.csv"), Path(f"{stem}.parquet")
+        self._start = start
+        self._rows: list[dict[str, Any]] = []
+        self._soils: list[dict[str, Any]] = []  # of the block
+        self._parquet: Any = None
+        self._begun = False
+        self.counts: dict[str, Counter[str]] = {}
+        self.statuses: Counter[str] = Counter()
 
-    def row(self, start: int) -> list[Any]:
-        """Return the cells in the order of `columns`, None for a blank one.
-
-        start: the bag's first log time, ns.
-        """
-        result, reading = self.result, self.result.reading
+    def add(self, result: Result, mobility: dict[str, Any], soil: dict[str, Any]) -> None:
+        """Take an estimate; soil: the same object as long as the soil is believed the same."""
+        reading = result.reading
+        if not self._soils or self._soils[-1] is not soil:
+            self._soils.append(soil)
         x, y = reading.vehicle or (None, None)
-        cells = self._mobility | self._soil_cells
-        cells |= {
-            "stamp": reading.stamp,
-            "time": (reading.stamp - start) / SECOND,
-            "wheel": result.wheel,
-            "x": x,
-            "y": y,
-            "speed": reading.speed,
-            "travel": result.travel,
-            "status": result.status.name,
-            "soil_changes": result.soil.soil_changes,
-        }
-        for flag, names in VALID.items():
-            if not cells[flag]:
-                for name in names:
-                    cells[name] = cells[f"{name}_standard_deviation"] = None
-        return [cells[name] for name in columns()]
+        self._rows.append(
+            mobility
+            | {
+                "stamp": reading.stamp,
+                "wheel": result.wheel,
+                "x": x,
+                "y": y,
+                "speed": reading.speed,
+                "travel": result.travel,
+                "status": result.status.name,
+                "soil_changes": result.soil.soil_changes,
+                "soil_at": len(self._soils) - 1,
+            }
+        )
+        if len(self._rows) >= _BLOCK:
+            self._write()
 
-    def mobility(self) -> Message:
-        """Return it as MobilityEstimate."""
-        stamp = header(self.result.reading.stamp, self.result.wheel)
-        return Message(header=stamp, **self._mobility)
+    def __exit__(self, *_: object) -> None:
+        if self._rows or not self._begun:
+            self._write()
+        if self._parquet is not None:
+            self._parquet.close()
 
-    def soil(self, frame: str) -> Message:
-        """Return it as SoilEstimate; frame: that of odometry."""
-        return Message(header=header(self.result.reading.stamp, frame), **self._soil)
+    def _write(self) -> None:
+        """Write the block."""
+        soil = pd.DataFrame(self._soils).drop(columns="covariance", errors="ignore")
+        block = pd.DataFrame(self._rows)
+        if self._rows:
+            block = block.join(soil.add_prefix("soil_"), on="soil_at")
+            block["time"] = (block["stamp"] - self._start) / SECOND
+            for flag, names in VALID.items():
+                unknown = [*names, *(f"{name}_standard_deviation" for name in names)]
+                block.loc[~block[flag], block.columns.intersection(unknown)] = np.nan
+        block = block.reindex(columns=list(columns())).astype({"wheel": str, "status": str})
+        self._rows, self._soils = [], []
+        self._count(block)
+        try:
+            block.to_csv(self._csv, mode="a", header=not self._begun, index=False)
+            self._write_parquet(block)
+        except OSError as error:
+            raise ReplayError(f"{self._csv}: cannot be written: {reason(error)}") from error
+        self._begun = True
+
+    def _write_parquet(self, block: pd.DataFrame) -> None:
+        try:
+            import pyarrow
+            from pyarrow.parquet import ParquetWriter
+        except ImportError:
+            return
+        numbers = block.columns.difference(block.select_dtypes(object).columns)
+        floats = [name for name in numbers if block[name].dtype.kind == "f"]
+        table = pyarrow.Table.from_pandas(block.astype(dict.fromkeys(floats, float)))
+        if self._parquet is None:
+            self._parquet = ParquetWriter(self._parquet_path, table.schema)
+        self._parquet.write_table(table.cast(self._parquet.schema))
+
+    def _count(self, block: pd.DataFrame) -> None:
+        used = is_used(block)
+        off = (block["sinkage_measured"] - block["sinkage_predicted"]).astype(float)
+        counted = pd.DataFrame(
+            {
+                "wheel": block["wheel"],
+                "estimates": 1,
+                "with_sinkage": block["sinkage_measured"].notna(),
+                "with_load": block["load"].notna(),
+                "with_slip": block["slip"].notna(),
+                "used_for_soil": used,
+                "squares": (off**2).where(used).fillna(0.0),
+            }
+        )
+        for wheel, sums in counted.groupby("wheel").sum().iterrows():
+            known = self.counts.setdefault(str(wheel), Counter())
+            known.update({str(name): value for name, value in sums.items()})
+        self.statuses.update(block["status"])
+
+
+def is_used(table: pd.DataFrame) -> pd.Series[bool]:
+    """Whether the measured sinkage of each estimate was used for the soil."""
+    known = table["load"].notna() & table["sinkage_measured"].notna()
+    return known & (table["status"] != "REJECTED")
 
 
 # --- Steady stretches
 
 
-class _Key(NamedTuple):
-    """Which soil, stretch of way and wheel; numbers, in the order of the table."""
-
-    soil: int
-    stretch: int
-    wheel: int
-
-
-class _Row(NamedTuple):
-    """What one reading says, or the readings of one wheel over one stretch; NaN: not known.
-
-    Deviations are those that the sensor declares, or those of the medians.
-    """
-
-    load: float
-    sinkage: float
-    pull: float
-    slip: float
-    speed: float
-    sinkage_std: float
-    pull_std: float
-    passes: float
-
-
-class SteadySegments:
-    """Takes readings as they come, and gives the rows of a section 5 table at the end.
+class SteadyStretches:
+    """Takes readings as they come, and gives the rows of a table of measurements at the end.
 
     pulls: whether there are columns of measured drawbar pull. unsteady: stretches that were left out,
     at_changes and unusable: readings.
     """
 
     def __init__(self, wheels: Sequence[Wheel], pulls: bool = False) -> None:
-        self._wheels, self._pulls = tuple(wheels), pulls
-        self._order = {wheel.name: i for i, wheel in enumerate(wheels)}
+        self._wheels, self._pulls = {wheel.name: wheel for wheel in wheels}, pulls
         self._turn = math.pi * max(wheel.diameter for wheel in wheels)
-        self._open: dict[_Key, list[_Row]] = {}  # stretches that still go on, one of each wheel
-        self._rows: dict[_Key, _Row] = {}
-        self._soil = 1
-        self._changing = False
-        self._way = 0.0
+        self._readings: list[tuple[Any, ...]] = []
+        self._done: list[pd.DataFrame] = []
+        self._soil, self._changing, self._way = 1, False, 0.0
         self.unsteady = self.at_changes = self.unusable = 0
 
     def add(self, reading: Reading, way: float, changing: bool) -> None:
-        """Take one reading; changing: the soil is taken to change just now (`DriveSummary.changing`).
-
-        way: m that the vehicle has travelled.
-        """
-        forgotten = way < self._way - 1e-9  # time went back
-        if forgotten or (changing and not self._changing):
-            self._next_soil()
+        """Take one reading; way: m that the vehicle has travelled. changing: the soil does just now."""
+        went_back = way < self._way - 1e-9
+        if went_back or (changing and not self._changing):
+            self._soil += 1
         self._changing, self._way = changing, way
         if changing:
             self.at_changes += 1
             return
-        order, pressed = self._order[reading.wheel.name], reading.wheel.contact == PRESSED
-        load, sinkage, slip, pull = (
-            quantity or _UNKNOWN
-            for quantity in (reading.load, reading.sinkage, reading.slip, reading.drawbar_pull)
-        )
-        speed = math.nan if reading.speed is None else abs(reading.speed)
-        passes = math.nan if reading.pass_number is None else float(reading.pass_number)
-        needed = (load.value, sinkage.value, *(() if pressed else (slip.value, speed)))
-        if any(map(math.isnan, needed)):
+        wheel, pressed = reading.wheel, reading.wheel.contact == PRESSED
+        slip, speed, pull = reading.slip, reading.speed, reading.drawbar_pull
+        lacks = reading.load is None or reading.sinkage is None
+        if lacks or (not pressed and (slip is None or speed is None)):
             self.unusable += 1
             return
-        key = _Key(self._soil, int(way / (_DEPTH if pressed else self._turn)), order)
-        if key not in self._open:
-            self._close([old for old in self._open if old.wheel == order])
-        row = _Row(load.value, sinkage.value, pull.value, slip.value, speed,
-                   sinkage.standard_deviation, pull.standard_deviation, passes)  # fmt: skip
-        self._open.setdefault(key, []).append(row)
+        assert reading.load is not None
+        assert reading.sinkage is not None
+        self._readings.append(
+            (
+                self._soil,
+                int(way / (_DEPTH if pressed else self._turn)),
+                wheel.name,
+                reading.load.value,
+                reading.sinkage.value,
+                math.nan if pull is None else pull.value,
+                math.nan if slip is None else slip.value,
+                math.nan if speed is None else abs(speed),
+                reading.sinkage.standard_deviation,
+                math.nan if pull is None else pull.standard_deviation,
+                reading.pass_number or 0,
+            )
+        )
+        if len(self._readings) >= _BLOCK:
+            self._reduce(self._soil, self._readings[-1][1] - 1)
 
-    def _next_soil(self) -> None:
-        """Begin another soil; the stretches where it was not yet noticed belong to neither."""
-        last = max((key.stretch for key in self._rows if key.soil == self._soil), default=None)
-        old = [key for key in self._rows if key[:2] == (self._soil, last)]
-        for key in old:
-            del self._rows[key]
-        self.unsteady += len(old) + len(self._open)
-        self._open.clear()
-        self._soil += 1
+    _COLUMNS = ("soil", "stretch", "wheel", "load", "sinkage", "drawbar_pull", "slip", "speed",
+                "sinkage_std", "drawbar_pull_std", "passes")  # fmt: skip
 
-    def _close(self, keys: Sequence[_Key]) -> None:
-        """End these stretches."""
-        for key in keys:
-            row = _median(self._open.pop(key), self._wheels[key.wheel])
-            if row is None:
-                self.unsteady += 1
-            else:
-                self._rows[key] = row
+    def _reduce(self, soil: int, stretch: int) -> None:
+        """Reduce what lies before a stretch of a soil to a row for each wheel and stretch."""
+        table = pd.DataFrame(self._readings, columns=list(self._COLUMNS))
+        ended = (table["soil"] < soil) | (table["stretch"] < stretch)
+        self._readings = list(table[~ended].itertuples(index=False, name=None))
+        if ended.any():
+            self._done.append(_medians(table[ended], [*self._wheels]))
 
-    def finish(self) -> None:
-        """Close the last stretches: nothing more will come."""
-        self._close(list(self._open))
+    def table(self) -> pd.DataFrame:
+        """Return the rows; nothing more will come."""
+        self._reduce(self._soil + 1, 0)
+        if not self._done:
+            return pd.DataFrame()
+        rows = pd.concat(self._done)
+        # The last stretches before a change of soil: some wheels were on the new one already.
+        last = rows.groupby("soil")["stretch"].transform("max")
+        before_change = (rows["soil"] < self._soil) & (rows["stretch"] >= last - 1)
+        wheels = [self._wheels[name] for name in rows["wheel"]]
+        for name in ("diameter", "width", "contact"):
+            rows[name] = [getattr(wheel, name) for wheel in wheels]
+        pressed = rows["contact"] == PRESSED
+        steady = pressed | ((rows["count"] >= _FEWEST_READINGS) & rows["steady"])
+        good = steady & ~before_change & (rows["sinkage"] <= rows["diameter"] / 2)
+        self.unsteady = int((~good).sum())
+        rows = rows[good]
+        if 2 * rows["passes"].notna().sum() > len(rows):
+            rows = rows[rows["passes"].notna()]
+        else:
+            rows = rows.drop(columns="passes")
+        return self._named(rows)
 
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def table(self) -> list[dict[str, str | float | None]]:
-        """Return the rows by column; None for a blank cell."""
-        rows = self._rows
-        known = {key: row for key, row in rows.items() if not math.isnan(row.passes)}
-        with_passes = 2 * len(known) > len(rows)
-        table = []
-        for key, row in sorted((known if with_passes else rows).items()):
-            wheel = self._wheels[key.wheel]
-            cells: dict[str, str | float | None] = {
-                "load [N]": row.load,
-                "diameter [m]": wheel.diameter,
-                "width [m]": wheel.width,
-                "sinkage [m]": row.sinkage,
-                "sinkage_std [m]": row.sinkage_std,
+    def _named(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """The columns as a table of measurements calls them."""
+        names = {"load": "load [N]", "diameter": "diameter [m]", "width": "width [m]",
+                 "sinkage": "sinkage [m]", "sinkage_std": "sinkage_std [m]"}  # fmt: skip
+        if self._pulls:
+            names |= {
+                "drawbar_pull": "drawbar_pull [N]",
+                "drawbar_pull_std": "drawbar_pull_std [N]",
             }
-            if self._pulls:
-                cells |= {"drawbar_pull [N]": row.pull, "drawbar_pull_std [N]": row.pull_std}
-            cells |= {"slip": row.slip, "speed [m/s]": row.speed}
-            if with_passes:
-                cells["pass_number"] = int(row.passes)
-            cells |= {
-                "contact": wheel.contact,
-                "soil": f"soil {key.soil}",
-                "run": f"{key.soil}.{key.stretch}",
-                "wheel": wheel.name,
-            }
-            table.append(plain(cells))
-        return table
+        names |= {"slip": "slip", "speed": "speed [m/s]"}
+        if "passes" in rows:
+            rows, names = rows.astype({"passes": int}), names | {"passes": "pass_number"}
+        soil, stretch = rows["soil"].astype(str), rows["stretch"].astype(str)
+        rows = rows.assign(run=soil + "." + stretch, soil="soil " + soil)
+        names |= {name: name for name in ("contact", "soil", "run", "wheel")}
+        return rows[list(names)].rename(columns=names)
 
 
-def _median(readings: Sequence[_Row], wheel: Wheel) -> _Row | None:
-    """Return the medians of a stretch, and how well they are known; None where it is not steady."""
-    pressed = wheel.contact == PRESSED
-    if not pressed and len(readings) < _FEWEST_READINGS:
-        return None
-    quartiles = np.percentile(np.array(readings), [25.0, 50.0, 75.0], axis=0)
-    low, middle, high = (_Row(*values) for values in quartiles.tolist())
-    steady = pressed or not (
-        high.slip - low.slip > _STEADY_SLIP
-        or high.load - low.load > _STEADY_SHARE * middle.load
-        or high.speed - low.speed > _STEADY_SHARE * middle.speed
+def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
+    """The medians of each stretch and wheel, how well they are known, and whether it is steady."""
+    keys = ["soil", "stretch", "wheel"]
+    table = table.assign(wheel=pd.Categorical(table["wheel"], order))
+    groups = table.groupby(keys, observed=True)
+    values = [name for name in table if name not in keys]
+    low, middle, high = (groups[values].quantile(share) for share in (0.25, 0.5, 0.75))
+    rows, count = middle.copy(), groups.size()
+    for name in ("sinkage", "drawbar_pull"):
+        # What they scatter, and what their sensor declares for each: the larger one counts.
+        at = pd.MultiIndex.from_frame(table[keys])
+        off = (table[name] - middle[name].reindex(at).to_numpy()).abs()
+        scatter = 1.4826 * off.groupby([table[key] for key in keys], observed=True).median()
+        rows[f"{name}_std"] = np.maximum(scatter, middle[f"{name}_std"]) / np.sqrt(count)
+    same = (high["passes"] == low["passes"]) & (low["passes"] > 0)
+    rows["passes"] = high["passes"].where(same)
+    rows["steady"] = ~(
+        (high["slip"] - low["slip"] > _STEADY_SLIP)
+        | (high["load"] - low["load"] > _STEADY_SHARE * middle["load"])
+        | (high["speed"] - low["speed"] > _STEADY_SHARE * middle["speed"])
     )
-    if middle.sinkage > wheel.diameter / 2 or not steady:
-        return None
-    passes = np.nan_to_num([reading.passes for reading in readings])
-    fewest, most = np.percentile(passes, [25.0, 75.0]).tolist()
-    return middle._replace(
-        sinkage_std=_deviation([reading.sinkage for reading in readings], middle.sinkage_std),
-        pull_std=_deviation([reading.pull for reading in readings], middle.pull_std),
-        passes=most if most == fewest > 0 else math.nan,
-    )
-
-
-def _deviation(values: Sequence[float], declared: float) -> float:
-    """Standard deviation of a median of readings.
-
-    What they scatter, and what their sensor declares for each: the larger one counts.
-    """
-    scatter = 1.4826 * float(np.median(np.abs(np.array(values) - np.median(values))))
-    return max(scatter, declared) / math.sqrt(len(values))
+    return rows.assign(count=count).reset_index()

@@ -103,12 +103,10 @@ def test_only_wanted_topics(tmp_path):
 def test_single_storage_file_and_folder_without_metadata(tmp_path, storage):
     bag = write_example(tmp_path / "drive", storage)
     inside = next(f for f in bag.iterdir() if f.suffix in (".mcap", ".db3"))
-    (bag / "metadata.yaml").unlink()
-    with pytest.raises(BagError, match=r"metadata\.yaml.*reindex") as caught:
-        BagReader(bag)
-    assert str(inside) in str(caught.value)
     with BagReader(inside) as reader:
         assert len(list(reader.messages())) == 100
+    (bag / "metadata.yaml").unlink()
+    assert len(salvaged(bag)[0]) == 100
 
 
 def test_what_is_no_bag_is_named(tmp_path):
@@ -262,8 +260,6 @@ def test_compressed_bags_are_read(tmp_path, storage, how):
     bag = write_example(tmp_path / "drive")
     packed = compressed_copy(bag, tmp_path / "packed", storage, how)
     assert names_and_times(packed) == names_and_times(bag)
-    if how == "file":
-        assert names_and_times(next(packed.glob("*.zstd"))) == names_and_times(bag)
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
@@ -281,8 +277,8 @@ def test_a_bag_of_ros1_becomes_one_of_ros2(tmp_path):
     old = ros1_copy(bag, tmp_path / "old.bag")
     with BagReader(old) as reader, BagWriter(tmp_path / "new") as writer:
         for raw in reader.raw_messages():
-            channel, convert = reader.as_channel(raw.topic, raw.type)
-            writer.write_bytes(channel, raw.log_time, convert(raw.data))
+            channel = reader.channel(raw.topic, raw.type)
+            writer.copy(channel, raw.log_time, raw.data)
     with BagReader(bag) as one, BagReader(tmp_path / "new") as other:
         for a, b in zip(one.raw_messages(), other.raw_messages(), strict=True):
             assert (a.topic, a.type, a.log_time, bytes(a.data)) == (*b[:3], bytes(b.data))
@@ -291,7 +287,7 @@ def test_a_bag_of_ros1_becomes_one_of_ros2(tmp_path):
 def salvaged(bag: Path) -> tuple[list[tuple[str, int]], str]:
     """What a damaged bag gives, and how it says that it is damaged."""
     good = []
-    with BagReader(bag, salvage=True) as reader, pytest.raises(BagError) as caught:
+    with BagReader(bag) as reader, pytest.raises(BagError) as caught:
         good.extend((m.topic, m.log_time) for m in Collected(reader.messages(), good))
     assert caught.value.messages_read == len(good)
     return good, str(caught.value)
@@ -309,9 +305,9 @@ class Collected:
         return iter(())
 
 
-@pytest.mark.parametrize("how", ["", "storage", "file", "message"])
+@pytest.mark.parametrize("how", ["", "storage", "message"])
 def test_truncated_mcap_gives_what_it_holds(tmp_path, how):
-    count = 8000 if how == "storage" else 4000  # more than one chunk
+    count = 40_000 if how == "storage" else 4000  # several chunks
     bag = write_example(tmp_path / "drive", count=count)
     if how:
         bag = compressed_copy(bag, tmp_path / "packed", "mcap", how)
@@ -338,8 +334,8 @@ def test_truncated_sqlite3_names_what_saves_its_messages(tmp_path, share):
     file = next(bag.glob("*.db3"))
     os.truncate(file, int(file.stat().st_size * share))
     with (
-        pytest.raises(BagError, match=r"malformed; `sqlite3 drive\.db3 \.recover"),
-        BagReader(bag, salvage=True),
+        pytest.raises(BagError, match=r"malformed.*; `sqlite3 drive\.db3 \.recover"),
+        BagReader(bag),
     ):
         pass
 
@@ -352,7 +348,7 @@ def test_a_bag_of_ros1_is_read_whole_or_says_how_to_mend_it(tmp_path, compressio
     os.truncate(old, int(old.stat().st_size * 0.9))
     with (
         pytest.raises(BagError, match=r"old\.bag: cannot be read .*rosbag reindex"),
-        BagReader(old, salvage=True),
+        BagReader(old),
     ):
         pass
 
@@ -363,17 +359,17 @@ def test_a_split_bag_lacks_a_file(tmp_path):
     (split / "split_1.mcap").unlink()
     good, text = salvaged(split)
     assert 60 <= len(good) <= 70
-    assert "file split_1.mcap is missing" in text
+    assert "files are missing: ['split_1.mcap']" in text
 
 
 def test_garbage_is_refused_with_salvage_too(tmp_path):
-    for suffix in (".mcap", ".db3", ".bag", ".mcap.zstd"):
+    for suffix in (".mcap", ".db3", ".bag"):
         for content in (b"", b"garbage " * 30):
             wrong = tmp_path / f"wrong{suffix}"
             wrong.write_bytes(content)
             with (
                 pytest.raises(BagError, match=f"wrong{suffix}.*cannot be read"),
-                BagReader(wrong, salvage=True),
+                BagReader(wrong),
             ):
                 pass
 
@@ -381,10 +377,10 @@ def test_garbage_is_refused_with_salvage_too(tmp_path):
 def test_a_topic_of_a_foreign_type_is_copied_with_its_definition(tmp_path):
     bag = write_foreign(tmp_path / "foreign", write_example(tmp_path / "drive"))
     with BagReader(bag) as reader, BagWriter(tmp_path / "copy") as writer:
-        assert reader.as_channel("/vendor/nobody", "vendor_msgs/msg/Nobody") is None
+        assert reader.channel("/vendor/nobody", "vendor_msgs/msg/Nobody") is None
         for raw in reader.raw_messages({"/vendor/odd"}):
-            channel, convert = reader.as_channel(raw.topic, raw.type)
-            writer.write_bytes(channel, raw.log_time, convert(raw.data))
+            channel = reader.channel(raw.topic, raw.type)
+            writer.copy(channel, raw.log_time, raw.data)
     with BagReader(tmp_path / "copy") as reader:
         assert [m.message.x for m in reader.messages()] == [10.0 * i for i in range(10)]
 
@@ -413,14 +409,14 @@ def test_damage_anywhere_is_a_bag_error_and_never_another(tmp_path, kind):
         file.write_bytes(content)
         read, errors = [], []
         try:
-            with BagReader(bag, salvage=True) as reader:
+            with BagReader(bag) as reader:
                 read.extend(reader.messages())
         except BagError as error:
             errors.append(error)
         assert all(e.messages_read == len(read) and e.path == bag for e in errors)
 
 
-def test_what_a_killed_recorder_left_in_its_log_is_read(tmp_path):
+def test_what_a_killed_recorder_left_in_its_log_is_said(tmp_path):
     import sqlite3
 
     bag = write_example(tmp_path / "drive", "sqlite3")
@@ -437,5 +433,6 @@ def test_what_a_killed_recorder_left_in_its_log_is_read(tmp_path):
     shutil.copytree(bag, killed)  # as it is on the disk, with its log, while the recorder runs
     database.close()
     (killed / "metadata.yaml").unlink()
-    good, _ = salvaged(killed)
-    assert good == whole + [(name, time + 10 * SECOND) for name, time in whole[-10:]]
+    good, text = salvaged(killed)
+    assert good == whole
+    assert "a log beside it, whose messages are not read" in text

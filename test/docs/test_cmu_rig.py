@@ -12,10 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
-from test_trial import START, write_forces
 
+from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.measurements.wheels import read_measurements
+
+START = 1_700_000_000 * 10**9
 
 LAG = 5 * 3600.0
 
@@ -29,6 +31,22 @@ def rig(repository: Path) -> ModuleType:
     sys.modules["cmu_rig"] = module
     spec.loader.exec_module(module)
     return module
+
+
+def write_forces(path: Path, times: np.ndarray, force: np.ndarray) -> None:
+    stamp, header = message_type("builtin_interfaces/msg/Time"), message_type("std_msgs/msg/Header")
+    vector, wrench = (
+        message_type("geometry_msgs/msg/Vector3"),
+        message_type("geometry_msgs/msg/Wrench"),
+    )
+    kind = "geometry_msgs/msg/WrenchStamped"
+    with BagWriter(path) as writer:
+        for time, z in zip((START + (times * 1e9).astype(int)).tolist(), force, strict=True):
+            message = message_type(kind)(
+                header=header(stamp=stamp(sec=time // 10**9, nanosec=time % 10**9), frame_id="ft"),
+                wrench=wrench(force=vector(x=1.0, y=2.0, z=float(z)), torque=vector(x=0, y=0, z=0)),
+            )
+            writer.write("/force", kind, time, message)
 
 
 def write_trial(folder: Path, name: str, columns: int, zero: float = 7.0) -> None:

@@ -57,7 +57,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         [*PREDICT, "--json", "m.yaml"],
         ["effects", "--effects", "own.py", "--json", "own.py"],
         ["benchmark", ".", "--law", "own.py", "-o", "own.py"],
-        ["convert-trial", "b", "--zero", "z", "--log", "d.csv", "-o", "new", "--json", "d.csv"],
         ["replay", "bag", "--config", "m.yaml", "-o", "out", "--json", "m.yaml"],
     ],
 )

@@ -236,17 +236,7 @@ def test_the_joint_and_the_base_frame_are_those_of_parameters() -> None:
                 joint("back", "tyre", "a"),
             ),
             {"lateral_position", "longitudinal_position", "joint_sign"},
-            "above link 'tyre' are more than 100 joints, or they are a circle",
-        ),
-        (
-            robot(
-                link("base_link"),
-                link("l200", f"<collision>{LYING}</collision>"),
-                *(joint(f"j{i}", f"l{i}", f"l{i + 1}") for i in range(199)),
-                joint("front_joint", "l199", "l200"),
-            ),
-            {"lateral_position", "longitudinal_position", "joint_sign"},
-            "above link 'l200' are more than 100 joints",
+            "the joints above link 'a' are a circle",
         ),
         (
             robot(
@@ -295,16 +285,7 @@ def test_a_steered_wheel_is_said() -> None:
         ("<robot>\x00</robot>", "it is no XML"),
         ("<robot>\ud800</robot>", "it is no XML"),
         ("<sdf/>", "its outermost element is 'sdf', expected 'robot'"),
-        ("<!DOCTYPE robot><robot/>", "it has a DOCTYPE"),
-        (
-            '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><robot><link name="&b;"/></robot>',
-            "it has a DOCTYPE",
-        ),
-        ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "it has a DOCTYPE"),
         ("<robot>&b;</robot>", "it is no XML: undefined entity"),
-        ("<robot>" + "<a>" * 100_001, "more than 100000 elements"),
-        ("<robot>" + "<a/>" * 100_001 + "</robot>", "more than 100000 elements"),
-        (f"<robot>{' ' * 10_000_000}</robot>", "10000015 characters, expected at most 10000000"),
         (
             one_wheel().replace("</robot>", joint("front_joint", "a", "b") + "</robot>"),
             "two joints",
@@ -420,7 +401,6 @@ def test_replay_follows_a_remap_of_the_description(bag, given, tmp_path) -> None
     [
         (None, "no robot description: /robot_description is not in the bag"),
         ("<robot/>", "there is no joint 'front_left_joint'"),
-        ("<!DOCTYPE robot><robot/>", "robot description /robot_description: it has a DOCTYPE"),
     ],
 )
 def test_replay_without_a_usable_description_says_so(bag, given, tmp_path, text, words) -> None:

@@ -14,21 +14,21 @@ import pytest
 from benchmarks.field_drives import make_drive
 from benchmarks.field_worlds import WORLDS
 from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.onboard.events import DriveEvents
 from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.statements import statements
-from smallwheel_ros.replay.result import DriveSummary
 
 
-def replayed(world: str) -> tuple[Onboard, DriveSummary, list[Any]]:
+def replayed(world: str) -> tuple[Onboard, DriveEvents, list[Any]]:
     """The first half of a drive, as a replay takes it."""
     drive = make_drive(WORLDS[world], 1)
     settings = settings_from(drive.parameters)
     onboard = Onboard(settings.onboard)
     feed = Feed(onboard, settings)
     topics = {topic.name: topic for topic in feed.topics}
-    summary, newest = DriveSummary(onboard, drive.messages[0][0]), {}
+    summary, newest = DriveEvents(onboard, drive.messages[0][0]), {}
     for _, topic, message in drive.messages[: len(drive.messages) // 2]:
         for result in topics[topic].handle(message, None) if topic in topics else ():
             summary.add(result)

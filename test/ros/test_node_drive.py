@@ -19,9 +19,8 @@ from bag_kinds import beginning
 from click.testing import CliRunner
 from readings import Given as Onboard
 
-from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
-from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.ros import NodeProcess
@@ -190,7 +189,7 @@ def message_count(bag: Path) -> int:
 
 
 def test_a_node_that_dies_is_one_clear_message(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.play import DriveThroughError, drive_through
+    from smallwheel_ros.ros.play import PlayError, drive_through
 
     bad = tmp_path / "bad.yaml"
     bad.write_text(
@@ -198,7 +197,7 @@ def test_a_node_that_dies_is_one_clear_message(bag: Path, tmp_path: Path) -> Non
     )
     with (
         NodeProcess([bad], tmp_path / "node.log") as node,
-        pytest.raises(DriveThroughError, match=r"has died: exit code 2; .*a\.diameter is 0\.0"),
+        pytest.raises(PlayError, match=r"has died: exit code 2; .*a\.diameter is 0\.0"),
     ):
         drive_through(bag, alive=node.death)
 
@@ -233,8 +232,6 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
     )
     node = Node("listener")
     try:
-        assert process.stderr is not None
-        assert "waiting for listeners, at most 120 s" in process.stderr.readline()
 
         def count(name: str) -> Callable[[Any], None]:
             return lambda _: received.update([name])
@@ -262,46 +259,9 @@ def test_play_publishes_everything(bag: Path, ros_domain: int) -> None:
         node.destroy_node()
         rclpy.try_shutdown()
     assert process.returncode == 0, err
-    assert "nobody listens" not in err
-    assert "not confirmed" not in err
     assert f"{total} messages published" in out
     assert dict(received) == expected
     assert clocks == ticks
-
-
-def test_player_waits_for_some_listener_and_names_what_nobody_hears(
-    bag: Path, ros_domain: int
-) -> None:
-    from nav_msgs.msg import Odometry
-    from rclpy.node import Node
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from sensor_msgs.msg import JointState
-
-    from smallwheel_ros.ros.play import Player
-
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    with Player("player", bag) as player:
-        listener = Node("listener")
-        try:
-            player.wait_for_listeners(0.0)
-            assert player.unheard() == list(player.topics)
-            assert player.nobody_listens() == "nobody listens to any topic: played all the same"
-            # One topic is heard, one is asked for with more than is offered.
-            listener.create_subscription(JointState, "/joint_states", lambda _: None, latched)
-            odometry = listener.create_subscription(Odometry, "/odom", lambda _: None, 10)
-            player.wait_for_listeners(600.0)
-            assert set(player.topics) - set(player.unheard()) == {"/odom"}
-            said = player.nobody_listens()
-            assert "quality of service, and not heard: /joint_states; nobody listens to /" in said
-            assert "/odom" not in said
-            # A listener that leaves hears no more.
-            listener.destroy_subscription(odometry)
-            deadline = time.monotonic() + 60.0
-            while "/odom" not in player.unheard():
-                assert time.monotonic() < deadline
-                player.spin(0.05)
-        finally:
-            listener.destroy_node()
 
 
 def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,19 +271,17 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
     from smallwheel_ros.demo import demo
 
     monkeypatch.setattr(demo, "DriveSettings", partial(DriveSettings, speed=1.0))
-    monkeypatch.setattr(demo, "_BARE_SECONDS", 12.0)
     folder = tmp_path / "demo"
     done = CliRunner().invoke(
         main, ["demo", "-o", str(folder), "--distance", "2", "--seed", "3", "--rate", "16"]
     )
     assert done.exit_code == 0, (done.output, done.exception)
-    pictures = ("drive.png", "cost.png", "known.png")
-    for name in (*pictures, "mobility.csv", "soil.csv", "mobility_bare.csv"):
+    pictures = ("drive.png", "cost.png")
+    for name in (*pictures, "mobility.csv", "soil.csv"):
         assert str(folder / name) in done.stdout
     for name in pictures:
         assert (folder / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert "stuck on the slope at" in done.stdout
-    assert "the node does not know: k, n, m" in done.stdout
     table = pd.read_csv(folder / "mobility.csv")
     assert sorted(table["wheel"].unique()) == [
         "front_left",
@@ -333,35 +291,5 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
     ]
     assert f"{len(table)} estimates, 0 sinkages without answer" in done.stdout
     assert (table["status"] == 0).sum() > 100
-    bare = pd.read_csv(folder / "mobility_bare.csv")
-    assert bare["sinkage_measured"].isna().all()
-    known = "drawbar_pull_standard_deviation"
-    early = table[table["time"] <= bare["time"].max()]
-    assert bare[known].median() > early[known].median()
     soil = pd.read_csv(folder / "soil.csv")
     assert np.all(np.isfinite(soil[["k", "n", "m", "k_standard_deviation"]]))
-
-
-def test_play_leaves_out_a_topic_that_ros_2_cannot_have(bag: Path, tmp_path: Path) -> None:
-    """ROS 1 takes names that ROS 2 does not, such as /camera/1/image."""
-    from smallwheel_ros.ros.play import Player
-
-    with BagReader(bag) as reader, BagWriter(tmp_path / "odd") as writer:
-        for raw in reader.raw_messages({"/odom", "/imu"}):
-            writer.write_raw(raw.topic.replace("/imu", "/1/imu"), *raw[1:])
-    with Player("player", tmp_path / "odd") as player:
-        assert list(player.topics) == ["/odom"]
-        assert player.skipped == {"/1/imu": "ROS 2 allows no topic of that name"}
-
-
-def test_play_refuses_what_cannot_be_played(bag: Path, tmp_path: Path) -> None:
-    from smallwheel_ros.ros.play import Player, PlayError
-
-    old = tmp_path / "old.bag"
-    old.write_bytes(b"")
-    with pytest.raises(SmallwheelError, match="does not exist"):
-        Player("player", tmp_path / "nothing")
-    with pytest.raises(SmallwheelError, match="cannot be read"):
-        Player("player", old)
-    with pytest.raises(PlayError, match=r"start is 1000 s, expected at most \d+"):
-        Player("player", bag, start=1000.0, loop=True)

@@ -29,7 +29,7 @@ def test_it_says_slip_and_grip_and_that_sinkage_is_unknown(
                 writer.write_raw(*raw)
     config, log = repository / "config" / "without_soil_sensors.yaml", tmp_path / "node.log"
     with NodeProcess([config], log, {"use_sim_time": "true"}) as node:
-        found = drive_through(tmp_path / "drive", rate=4.0, by_sinkage=False, alive=node.death)
+        found = drive_through(tmp_path / "drive", rate=4.0, alive=node.death)
         assert node.death() is None
     assert "Traceback" not in log.read_text()
     assert "nothing of the soil's law (no sinkage is measured)" in log.read_text()

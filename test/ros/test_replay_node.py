@@ -4,12 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +12,7 @@ import numpy as np
 import pytest
 from drawbar_drives import with_pulls
 
-from smallwheel_ros.bags import BagMessage, BagReader, BagWriter
+from smallwheel_ros.bags import BagMessage, BagReader
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.ros import NodeProcess
@@ -129,55 +124,6 @@ def test_a_bag_of_ros1_is_played_into_the_node(
     assert len(recording.mobility) == len(expected) > 100
     for row, other in zip(recording.mobility, expected, strict=True):
         assert_same(row, other)
-
-
-def test_play_loops_from_its_start_with_its_clock_until_ctrl_c(short: Path, tmp_path: Path) -> None:
-    import rclpy
-    from rclpy.node import Node
-    from rclpy.qos import QoSProfile
-    from rosgraph_msgs.msg import Clock
-    from smallwheel_ros.msg import SoilEstimate
-
-    start = next(iter(messages_of(short, None))).log_time
-    with BagWriter(tmp_path / "short") as writer, BagReader(short) as reader:
-        writer.add("/latched", "smallwheel_ros/msg/SoilEstimate", keeps_last=True)
-        for raw in reader.raw_messages():
-            if raw.log_time < start + 4 * SECOND:
-                writer.write_raw(*raw)
-    clocks: list[float] = []
-    rclpy.init(args=[])
-    command = [sys.executable, "-m", "smallwheel_ros.cli", "play", str(tmp_path / "short")]
-    process = subprocess.Popen(
-        [*command, "--rate", "4", "--start", "2", "--loop"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    node = Node("listener")
-    try:
-        node.create_subscription(
-            Clock,
-            "/clock",
-            lambda m: clocks.append((m.clock.sec * SECOND + m.clock.nanosec - start) / SECOND),
-            QoSProfile(depth=5000),
-        )
-        node.create_subscription(SoilEstimate, "/latched", lambda _: None, 1)
-        end = time.monotonic() + 60.0
-        while time.monotonic() < end and sum(a > b for a, b in pairwise(clocks)) < 2:
-            rclpy.spin_once(node, timeout_sec=0.05)
-            assert process.poll() is None, process.communicate()
-        offered = node.get_publishers_info_by_topic("/latched")[0].qos_profile
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=120)
-    finally:
-        process.kill()
-        node.destroy_node()
-        rclpy.try_shutdown()
-    assert sum(a > b for a, b in pairwise(clocks)) >= 2  # it went back twice
-    assert 2.0 <= min(clocks) < 2.2
-    assert 3.8 < max(clocks) <= 4.0
-    assert offered.durability.name == "TRANSIENT_LOCAL"
-    assert "Traceback" not in errors
 
 
 def test_what_replay_writes_is_read_by_ros_itself(

@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read bags: rosbag2 (mcap, sqlite3) and ROS 1, and of an mcap that was cut off what it holds.
+
+rosbags reads what is whole. An mcap that it refuses (no end, since the power failed; topics that are not
+of ROS beside ours) is read by the package mcap, record by record, to where it breaks.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO, Literal, NamedTuple
+
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.rosbag2.metadata import parse_qos
+from rosbags.typesys.store import Typestore
+
+from smallwheel_ros.bags.types import DefinitionError, Definitions
+from smallwheel_ros.common.errors import SmallwheelError, reason
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+Storage = Literal["mcap", "sqlite3"]
+Key = tuple[str, str]  # topic and type
+# How a message begins that was compressed by itself; CDR begins otherwise.
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_KINDS = (".mcap", ".db3", ".bag")
+_FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+_MEND = {
+    ".mcap": "try `mcap recover`, or record it again",
+    ".db3": "`sqlite3 {name} .recover | sqlite3 saved.db3` saves the messages that are left",
+    ".bag": "try `rosbag reindex`, or record it again",
+}
+
+
+class BagError(SmallwheelError):
+    """A bag cannot be read or written; the message names the file and what to do.
+
+    path: the bag. messages_read: how many messages came out before the error.
+    """
+
+    def __init__(self, path: Path, text: str, *, messages_read: int = 0) -> None:
+        super().__init__(f"bag {path}: {text}")
+        self.path = path
+        self.messages_read = messages_read
+
+
+class RawMessage(NamedTuple):
+    """One message still serialised, CDR in rosbag2, ROS 1 format in a ``.bag``."""
+
+    topic: str
+    type: str
+    log_time: int
+    data: bytes
+
+
+class BagMessage(NamedTuple):
+    """One message: `log_time` is when it was recorded (ns since the epoch), not its header."""
+
+    topic: str
+    type: str
+    log_time: int
+    message: Any
+
+
+class BagTopic(NamedTuple):
+    """One topic of a bag. readable: whether the definition of its type is in the bag, or known here."""
+
+    name: str
+    type: str
+    message_count: int
+    readable: bool
+
+
+class BagReader:
+    """An open bag; use it in a `with` statement.
+
+    path: a rosbag2 folder, one ``.mcap`` or ``.db3`` file, or a ROS 1 ``.bag`` file. Of a bag that is
+    damaged, was not closed, or lacks metadata or a file, what can be read is read.
+
+    Attributes
+    ----------
+    topics
+        What is in the bag, by name; a topic with two types is there twice.
+    message_count
+        Number of messages in the bag.
+    start_time, end_time
+        Log times of the first and the last message (ns), None when the bag is empty.
+    storage
+        In which a bag is to be written that is read like this one.
+    damage
+        What is wrong with the bag as far as it has been read, in words; empty where nothing is.
+
+    Raises
+    ------
+    BagError
+        If there is no bag at `path`, or nothing in it can be read.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._files = _storage_files(self.path)
+        kinds = {file.suffix for file in self._files}
+        self.storage: Storage = "sqlite3" if ".db3" in kinds else "mcap"
+        self._definitions = Definitions(ros2=".bag" not in kinds)
+        self._problems: list[str] = []
+
+    def __enter__(self) -> BagReader:
+        with ExitStack() as stack:
+            self._parts = list(self._opened(stack))
+            self._stack = stack.pop_all()
+        self._connections: dict[Key, Connection] = {}
+        counts: Counter[Key] = Counter()
+        for connection in (c for part in self._parts for c in part.connections):
+            key = connection.topic, connection.msgtype
+            self._connections.setdefault(key, connection)
+            counts[key] += connection.msgcount
+        self.message_count = counts.total()
+        if not self._parts or (self._problems and not self.message_count):
+            self._stack.close()
+            why = self.damage or "it has no storage file"
+            mend = "; ".join(dict.fromkeys(_mend(file) for file in self._files))
+            raise BagError(self.path, f"cannot be read ({why}); {mend}")
+        self.topics = tuple(
+            BagTopic(*key, counts[key], self._definitions.is_known(self._connections[key]))
+            for key in sorted(self._connections)
+        )
+        filled = [part for part in self._parts if any(c.msgcount for c in part.connections)]
+        self.start_time = min((part.start_time for part in filled), default=None)
+        # rosbags gives the first instant after the last message.
+        self.end_time = max((part.end_time - 1 for part in filled), default=None)
+        return self
+
+    def _opened(self, stack: ExitStack) -> Iterator[Any]:
+        """Open all of the bag, or each of its files that can be opened."""
+        if self.path.is_dir():
+            try:
+                yield stack.enter_context(Ros2Reader(self.path))
+                return
+            except Exception as error:  # damaged files make rosbags raise almost anything
+                self._problems.append(reason(error).replace(f"{self.path}/", ""))
+        for file in self._files:
+            if file.with_name(f"{file.name}-wal").exists():
+                words = f"{file.name} has a log beside it, whose messages are not read: `sqlite3"
+                self._problems.append(f"{words} {file.name} 'PRAGMA wal_checkpoint'` puts them in")
+            try:
+                if file.suffix == ".bag":
+                    yield stack.enter_context(Ros1Reader(file))
+                    continue
+                yield stack.enter_context(Ros2Reader(file))
+            except Exception as error:
+                try:
+                    if file.suffix != ".mcap":
+                        raise
+                    part = _Mcap(file)
+                    yield part
+                    self._problems += filter(None, [part.problem])
+                except Exception:
+                    self._problems.append(f"{file.name} is not readable: {reason(error)}")
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def damage(self) -> str:
+        """What is wrong with the bag as far as it has been read, empty where nothing is."""
+        return "; ".join(self._problems)
+
+    def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
+        """Return what makes a message of bytes, with at least the fields that its type has here.
+
+        Raises DefinitionError where the bag defines the type otherwise; it is then part of the bag's
+        `damage`.
+        """
+        try:
+            return self._definitions.decoder(self._connections[topic, kind], as_here=True)
+        except DefinitionError as error:
+            text = f"type {kind}: {error}"
+            if text not in self._problems:
+                self._problems.append(text)
+            raise
+
+    def channel(self, topic: str, kind: str) -> CopiedTopic | None:
+        """Return how a bag of ROS 2 is to hold a topic; None where nobody knows its type."""
+        connection = self._connections[topic, kind]
+        try:
+            name, store, convert = self._definitions.in_ros2(connection)
+        except DefinitionError:
+            return None
+        qos = getattr(connection.ext, "offered_qos_profiles", ())
+        return CopiedTopic(topic, name, store, tuple(qos), convert)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Give messages in the order of their log times; arrays in them are read-only.
+
+        topics: only these; None means all whose definition is known. Raises BagError if a wanted topic's
+        definition is unknown, or, after the readable messages, where the bag is damaged.
+        """
+        decoders: dict[Key, Callable[[bytes], Any]] = {}
+        for key, connection in self._wanted(topics).items():
+            try:
+                decoders[key] = self._definitions.decoder(connection)
+            except DefinitionError as error:
+                if topics is not None:
+                    text = f"topic {key[0]} has type {key[1]}: {error}"
+                    raise BagError(self.path, text) from error
+        for read, (topic, kind, time, data) in enumerate(self._stream(decoders)):
+            try:
+                message = decoders[topic, kind](data)
+            except Exception as error:  # damaged bytes make rosbags raise as it likes
+                raise self._damaged(reason(error), read, time) from error
+            yield BagMessage(topic, kind, time, message)
+
+    def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """Give messages without deserialising them; otherwise like `messages`."""
+        return self._stream(self._wanted(topics))
+
+    def _wanted(self, topics: Collection[str] | None) -> dict[Key, Connection]:
+        return {k: c for k, c in self._connections.items() if topics is None or k[0] in topics}
+
+    def _stream(self, wanted: Collection[Key]) -> Iterator[RawMessage]:
+        read, last = 0, None
+        for part in self._parts:
+            chosen = [c for c in part.connections if (c.topic, c.msgtype) in wanted]
+            source = part.messages(chosen) if chosen else iter(())  # to rosbags none are all
+            while True:
+                try:
+                    connection, time, data = next(source)
+                    if data[:4] == _ZSTD:
+                        data = zstd.decompress(data)
+                except StopIteration:
+                    break
+                except Exception as error:  # damaged bytes make rosbags raise as it likes
+                    self._problems.append(f"damaged after {read} messages: {reason(error)}")
+                    break
+                read, last = read + 1, time
+                yield RawMessage(connection.topic, connection.msgtype, time, bytes(data))
+        if self.damage:
+            raise self._damaged(self.damage, read, last)
+
+    def _damaged(self, why: str, read: int, last: int | None) -> BagError:
+        until = f", the last at {last / 1e9:.3f} s" if last is not None else ""
+        text = f"damaged: {read} messages could be read{until} ({why})"
+        return BagError(self.path, text, messages_read=read)
+
+
+class CopiedTopic(NamedTuple):
+    """A topic as a bag of ROS 2 is to hold it: its type, the store that knows it, QoS, its bytes."""
+
+    topic: str
+    type: str
+    store: Typestore
+    qos: tuple[Any, ...]
+    convert: Callable[[bytes], bytes | memoryview]
+
+
+class _Mcap:
+    """An mcap file that rosbags refuses, in the order of recording, to where it breaks.
+
+    problem: where that is, in words; empty where the file is whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self.problem = path, ""
+        self._found: dict[int, Connection] = {}  # by mcap's number of a channel
+        counts: Counter[int] = Counter()
+        self.start_time, self.end_time = 1 << 63, 0
+        for number, time, _ in self._read():
+            counts[number] += 1
+            self.start_time = min(self.start_time, time)
+            self.end_time = max(self.end_time, time + 1)
+        self._found = {n: c._replace(msgcount=counts[n]) for n, c in self._found.items()}
+
+    @property
+    def connections(self) -> list[Connection]:
+        return list(self._found.values())
+
+    def messages(
+        self, connections: Collection[Connection] = ()
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        wanted = {connection.id for connection in connections}
+        for number, time, data in self._read():
+            if number in wanted:
+                yield self._found[number], time, data
+
+    def _read(self) -> Iterator[tuple[int, int, bytes]]:
+        """Channel, log time (ns) and data of each message; channels are noted as they come."""
+        schemas: dict[int, Schema] = {}
+        with self._path.open("rb") as file:
+            try:
+                for record in _records(file):
+                    if isinstance(record, Message):
+                        yield record.channel_id, record.log_time, record.data
+                    elif isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        schema = schemas.get(record.schema_id)
+                        self._found.setdefault(record.id, _connection(record, schema, self))
+            except Exception as error:  # where it breaks bytes can mean anything
+                at = f"it ends, or is damaged, at byte {file.tell()}"
+                self.problem = f"{self._path.name}: {at} ({reason(error)})"
+
+
+def _records(file: BinaryIO) -> Iterator[McapRecord]:
+    """Records of an mcap file; of a last chunk that is not compressed also those before it breaks off."""
+    place = 0
+    try:
+        for record in StreamReader(file).records:
+            yield record
+            place = file.tell()
+    except EndOfFile:
+        file.seek(place)
+        if file.read(9)[:1] != bytes([Opcode.CHUNK]):
+            raise
+        file.read(28)  # times, size, checksum
+        compression = file.read(int.from_bytes(file.read(4), "little"))
+        file.read(8)
+        if compression:
+            raise
+        yield from StreamReader(file, skip_magic=True).records
+
+
+def _connection(channel: Channel, schema: Schema | None, owner: object) -> Connection:
+    """A topic of an mcap file as rosbags has it."""
+    name, encoding, text = ("", "", b"")
+    if schema is not None:
+        name, encoding, text = schema.name, schema.encoding, schema.data
+    of_ros = channel.message_encoding == "cdr" and encoding in _FORMATS
+    definition = MessageDefinition(
+        _FORMATS.get(encoding, MessageDefinitionFormat.NONE), text.decode() if of_ros else ""
+    )
+    try:
+        qos = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+    except Exception:  # the messages are worth having without it
+        qos = []
+    extension = ConnectionExtRosbag2(channel.message_encoding, qos)
+    return Connection(channel.id, channel.topic, name, definition, "", 0, extension, owner)
+
+
+def storage_kind(path: Path) -> str | None:
+    """Format of a storage file by its name: .mcap, .db3 or .bag; None for anything else."""
+    return path.suffix if path.suffix in _KINDS else None
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Return a bag's storage files in order. Raises BagError unless there can be a bag at `path`."""
+    if not path.exists():
+        raise BagError(path, "does not exist; give a rosbag2 folder, or a .mcap, .db3 or .bag file")
+    if not path.is_dir():
+        if storage_kind(path) is None:
+            text = f"the suffix {path.suffix!r} is not that of a bag (.mcap, .db3 or .bag)"
+            raise BagError(path, text)
+        return [path]
+    found = [file for file in path.iterdir() if storage_kind(file)]
+    if not found and not (path / "metadata.yaml").exists():
+        text = "the folder has no metadata.yaml and no .mcap, .db3 or .bag file: this is not a bag"
+        raise BagError(path, text)
+    return sorted(found, key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[str, int]]:
+    """Order of names in which drive_10 comes after drive_9."""
+    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d*)", path.name)]
+
+
+def _mend(file: Path) -> str:
+    """What to do about a file that cannot be read."""
+    return _MEND[file.suffix].format(name=file.name)

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Write rosbag2 bags, whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+
+from smallwheel_ros.bags.reader import BagError, CopiedTopic, Storage
+from smallwheel_ros.bags.types import typestore
+from smallwheel_ros.common.errors import reason
+
+STORAGES: tuple[Storage, ...] = ("mcap", "sqlite3")
+Message = SimpleNamespace  # has a type's fields, as rosbags needs it
+_SECOND = 10**9  # ns
+_NEVER = QosTime(2147483647, 4294967295)
+# Of a topic whose last message is given to those who come late.
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _NEVER,
+    _NEVER,
+    QosLiveliness.AUTOMATIC,
+    _NEVER,
+    False,
+)
+
+
+def header(stamp: int, frame: str) -> Message:
+    """Return the header of a message. stamp: ns since the epoch."""
+    time = Message(sec=stamp // _SECOND, nanosec=stamp % _SECOND)
+    return Message(stamp=time, frame_id=frame)
+
+
+class BagWriter:
+    """Write a rosbag2 bag; use it in a `with` statement.
+
+    The bag appears at `path` only when the `with` block ends without an error; until then it is
+    in a hidden folder beside it, which is removed when something goes wrong.
+
+    Parameters
+    ----------
+    path
+        Folder to make; it must not exist.
+    storage
+        ``"mcap"`` or ``"sqlite3"``.
+
+    Raises
+    ------
+    BagError
+        If `path` exists, its parent folder does not, or writing fails.
+    """
+
+    def __init__(self, path: Path | str, *, storage: Storage = "mcap") -> None:
+        self.path = Path(path)
+        self.storage = storage
+        if storage not in STORAGES:
+            raise BagError(self.path, f"storage {storage!r} is unknown: mcap or sqlite3")
+        check_new_bag(self.path)
+        self.message_count = 0
+        self._connections: dict[tuple[str, str], Connection] = {}
+
+    def __enter__(self) -> BagWriter:
+        with self._failing():
+            # The file in the bag is named after its folder: the folder has its final name already.
+            prefix = f".{self.path.name}-"
+            self._workplace = Path(tempfile.mkdtemp(prefix=prefix, dir=self.path.parent))
+            plugin = StoragePlugin[self.storage.upper()]
+            made = self._workplace / self.path.name
+            self._writer = RosbagsWriter(made, version=9, storage_plugin=plugin)
+            self._writer.open()
+        return self
+
+    @contextlib.contextmanager
+    def _failing(self) -> Any:
+        """Raise BagError where the bag cannot be written."""
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            raise BagError(self.path, f"cannot be written ({reason(error)})") from error
+
+    def write(self, topic: str, kind: str, log_time: int, message: Any) -> None:
+        """Write a message of ROS 2 Jazzy or of this package.
+
+        topic, kind: such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``. log_time: of recording, ns since
+        the epoch. message: made with `message_type`, or any object with the type's fields.
+        """
+        self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
+
+    def write_raw(self, topic: str, kind: str, log_time: int, data: bytes | memoryview) -> None:
+        """Write a message that is serialised (CDR) already, of a type that `message_type` knows."""
+        connection = self._connections.get((topic, kind)) or self.add(topic, kind)
+        self._write(connection, log_time, data)
+
+    def copy(self, topic: CopiedTopic, log_time: int, data: bytes) -> None:
+        """Write a message of another bag; a topic is `BagReader.channel`'s."""
+        converted = topic.convert(data)
+        connection = self._connections.get(topic[:2]) or self._add(topic)
+        self._write(connection, log_time, converted)
+
+    def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Connection:
+        """Make a topic of a type that `message_type` knows before its first message comes.
+
+        keeps_last: whoever plays the bag gives its last message to those who listen later.
+        """
+        if kind not in typestore().fielddefs:
+            raise BagError(self.path, f"topic {topic}: the definition of {kind} is not known here")
+        qos = (_LATCHED,) if keeps_last else ()
+        return self._add(CopiedTopic(topic, kind, typestore(), qos, bytes))
+
+    def _add(self, topic: CopiedTopic) -> Connection:
+        with self._failing():
+            connection = self._writer.add_connection(
+                *topic[:2], typestore=topic.store, offered_qos_profiles=topic.qos
+            )
+        self._connections[topic[:2]] = connection
+        return connection
+
+    def _write(self, connection: Connection, log_time: int, data: bytes | memoryview) -> None:
+        try:
+            self._writer.write(connection, log_time, data)
+        except (OSError, sqlite3.Error) as error:
+            raise BagError(self.path, f"cannot be written ({reason(error)})") from error
+        self.message_count += 1
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            with self._failing():
+                if kind is None:
+                    self._writer.close()
+                    check_new_bag(self.path)
+                    (self._workplace / self.path.name).rename(self.path)
+                else:
+                    with contextlib.suppress(Exception):
+                        self._writer.abort()
+        finally:
+            shutil.rmtree(self._workplace, ignore_errors=True)
+
+
+def check_new_bag(path: Path) -> None:
+    """Raise `BagError` unless a bag can be made at `path`."""
+    if path.exists():
+        raise BagError(path, "exists already; nothing was changed: remove it or give another name")
+    if not path.parent.is_dir():
+        raise BagError(path, f"the folder {path.parent} does not exist: make it first")

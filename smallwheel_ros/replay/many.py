@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many bags: each in a process of its own, on this machine or on a Dask cluster; then all in one table."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from smallwheel_ros.common.stop import Stop
+from smallwheel_ros.common.tables import text_table
+from smallwheel_ros.costmap.grid import HERE, HIGHEST, UNKNOWN, Grid, read_map, union, write_map
+from smallwheel_ros.replay.result import FILES, MEASUREMENTS, files_in, is_done, read_summary
+from smallwheel_ros.replay.spec import ReplayError, ReplaySpec
+
+_LOOK = 0.2  # s between two looks whether somebody asked to stop
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one bag, as replays.json has it.
+
+    state: ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``. error: in
+    words, empty where there is none. done_before: by an earlier command. summary: as in replay.json,
+    None where there is none.
+    """
+
+    bag: str
+    folder: str
+    state: str
+    error: str = ""
+    done_before: bool = False
+    summary: dict[str, Any] | None = None
+
+    @property
+    def name(self) -> str:
+        """The bag's name, which its folder has."""
+        return Path(self.folder).name
+
+
+def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
+    """Return one replay for each bag, each into a folder of its own in `like`'s.
+
+    Raises ReplayError if two bags have one name.
+    """
+    named: dict[str, ReplaySpec] = {}
+    for spec in (replace(like, bag=bag) for bag in bags):
+        if spec.name in named:
+            raise ReplayError(
+                f"bags {named[spec.name].bag} and {spec.bag} have one name, {spec.name}: replay them"
+                " into different folders"
+            )
+        named[spec.name] = spec
+    return [replace(spec, folder=like.folder / name) for name, spec in named.items()]
+
+
+def replay_all(
+    specs: Sequence[ReplaySpec], stop: Stop, *, jobs: int = 1, scheduler: str | None = None
+) -> Iterator[Outcome]:
+    """Replay bag by bag; outcomes as they come. What is done already is not done again.
+
+    stop: those at work end with what they have when somebody asks for it, and no further one begins.
+    jobs: processes at a time. scheduler: address of a Dask cluster, which gets one bag a task. The
+    workers need this package, and the bags, the parameter file and the output folder under the same
+    paths as here. Raises ReplayError if dask.distributed is not installed, or nobody answers there.
+    """
+    left = []
+    for spec in specs:
+        if is_done(spec):
+            yield outcome_of(spec, before=True)
+        else:
+            left.append(spec)
+    with ThreadPoolExecutor(jobs) if scheduler is None else _cluster(scheduler) as workers:
+        # Of a cluster nobody here can ask a worker to stop.
+        asked = [stop] if scheduler is None else []
+        futures = {workers.submit(_in_a_process, spec, *asked): spec for spec in left}
+        for future in as_completed(futures):
+            try:
+                error = future.result()
+            except Exception as failure:  # a worker of a cluster died, or has not this package
+                error = f"{type(failure).__name__}: {failure}"
+            yield outcome_of(futures[future], error)
+
+
+def _in_a_process(spec: ReplaySpec, stop: Stop | None = None) -> str:
+    """Replay one bag in a process of its own; return what went wrong, in words."""
+    if stop is not None and stop.asked:
+        return ""
+    command = [sys.executable, "-m", "smallwheel_ros", "replay", str(spec.bag)]
+    command += ["--config", str(spec.config), "-o", str(spec.folder), "--copy", spec.copy]
+    command += ["--clock" if spec.clock else "--no-clock"]
+    command += [] if spec.rate is None else ["--rate", str(spec.rate)]
+    command += [word for a, b in spec.remaps.items() for word in ("--remap", f"{a}:={b}")]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    asked = False
+    while True:
+        try:
+            _, said = process.communicate(timeout=_LOOK)
+            break
+        except subprocess.TimeoutExpired:
+            if stop is not None and stop.asked and not asked:
+                process.terminate()  # it puts away what it has
+                asked = True
+    if asked or process.returncode in (0, 1):
+        return ""
+    died = f"the process that replayed it died (signal {-process.returncode})"
+    lines = said.strip().splitlines() or [died]
+    return died if process.returncode < 0 else lines[-1].removeprefix("Error: ")
+
+
+def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Outcome:
+    """What became of a bag, as its folder says; error: what went wrong instead."""
+    bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
+    if error:
+        return Outcome(bag, folder, "failed", error)
+    if found.get("state") == "interrupted" or is_done(spec):
+        return Outcome(bag, folder, found["state"], found["ended"], before, found)
+    return Outcome(bag, folder, "not_begun")
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster. Raises ReplayError."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ReplayError(
+            "option --scheduler needs dask.distributed: pip install 'smallwheel_ros[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=5)
+    except (OSError, ValueError) as error:
+        raise ReplayError(f"no Dask scheduler answers at {address}: {error}") from error
+    with client:
+        # Not pure: the same bag may be replayed again by a later command.
+        yield client.get_executor(pure=False, retries=1)
+
+
+# --- All bags together
+
+
+def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Put estimates and measurements of all bags into one table each; return the files' names.
+
+    Estimates get a column `bag`; runs and soils of the measurements begin with the bag's name,
+    since no two drives share them. Of the measurements' columns those stay that all bags have: not
+    every drive tells the pass number.
+    """
+    target, measured = folder / FILES["estimates_csv"], []
+    for i, outcome in enumerate(outcomes):
+        place = Path(outcome.folder)
+        for block in pd.read_csv(place / FILES["estimates_csv"], chunksize=100_000, dtype=str):
+            block.insert(0, "bag", outcome.name)
+            block.to_csv(target, index=False, mode="a" if i else "w", header=i == 0)
+        if (place / MEASUREMENTS).exists():
+            rows = pd.read_csv(place / MEASUREMENTS, dtype=str)
+            named = {name: f"{outcome.name} " + rows[name] for name in ("soil", "run")}
+            measured.append(rows.assign(**named))
+    (folder / MEASUREMENTS).unlink(missing_ok=True)
+    if measured:
+        pd.concat(measured, join="inner").to_csv(folder / MEASUREMENTS, index=False)
+    merged = ("estimates_csv", "measurements")
+    return {what: name for what, name in files_in(folder).items() if what in merged}
+
+
+def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Lay the cost maps of all bags into one, the newest on top; return the files' names.
+
+    Where any of them has 100 it stays: a robot was stuck there. Raises ReplayError, CostMapError,
+    OutputError if there is no map, if they are not in one frame, or if one cannot be read or written.
+    """
+    found: dict[str, Grid] = {}  # by the bag's path, the newest last
+    for outcome in sorted(outcomes, key=lambda one: float((one.summary or {})["start"])):
+        path = Path(outcome.folder) / FILES["cost_map"]
+        if path.exists():
+            found[outcome.bag] = read_map(path)
+    if not found:
+        raise ReplayError("option --map: no bag has a cost map: nobody says where the wheels were")
+    frames = {grid.frame: bag for bag, grid in found.items()}
+    if len(frames) > 1:
+        words = ", ".join(f"{frame} ({bag})" for frame, bag in frames.items())
+        raise ReplayError(f"option --map: expected maps in one frame, found {words}")
+    stuck = [
+        replace(grid, cells=np.where(grid.cells == HIGHEST, grid.cells, UNKNOWN).astype(np.int8))
+        for grid in found.values()
+    ]
+    layers = [(grid, HERE) for grid in (*found.values(), *stuck)]
+    write_map(folder / FILES["cost_map"], union(next(iter(frames)), layers))
+    return {what: FILES[what] for what in ("cost_map", "cost_map_image")}
+
+
+def many_text(outcomes: Sequence[Outcome]) -> str:
+    """Say what became of each bag, a line for each."""
+    rows = []
+    for outcome in outcomes:
+        state = outcome.state.replace("_", " ") + (" (before)" if outcome.done_before else "")
+        row, summary = [outcome.name, state, "-", "-", "-", "-"], outcome.summary
+        if summary is not None:
+            soil = summary["soil"]
+            pressure, deviation = (soil["reference_pressure"][n] / 1e3 for n in ("value", "std"))
+            row[2:4] = [f"{summary['travel']:.1f}", str(summary["estimates"])]
+            row[4:] = [str(soil["changes"]), f"{pressure:.3g} +- {deviation:.2g}"]
+        rows.append(row)
+    header = ["bag", "", "way [m]", "estimates", "soil changes", "reference pressure [kPa]"]
+    lines = [text_table(header, rows)]
+    lines += [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
+    return "\n".join(lines)
