@@ -102,7 +102,7 @@ class Recorded(NamedTuple):
     sinkage: np.ndarray
 
 
-def _recorded(bag: Path, zero: Path, log: Path, trial: Press) -> Recorded:
+def recorded(bag: Path, zero: Path, log: Path, trial: Press) -> Recorded:
     """Read the force's z component less the unloaded sensor's mean, and the log of the axis.
 
     The log has a line for each instant: X, Vx, rim speed, slip angle, Z (mm, up), clock, unix time (s).
@@ -147,7 +147,7 @@ def _forces(path: Path) -> tuple[int, np.ndarray, np.ndarray]:
 def _pressed(folder: Path, trial: Press) -> pd.DataFrame:
     start = folder / trial.folder / f"force-displacement_{trial.name}"
     bag, zero, log = (_there(Path(f"{start}{end}")) for end in (".bag", "_zero.bag", ".txt"))
-    found = _recorded(bag, zero, log, trial)
+    found = recorded(bag, zero, log, trial)
     time = found.load_time - found.load_time[0]
     # At either end the log may have a sample less: its own end is held.
     z = np.interp(time, found.sinkage_time - found.load_time[0], found.sinkage) + 1e-3 * trial.depth

@@ -260,9 +260,12 @@ class Replayed(Result):
             }
             for name, unit in _UNITS.items()
         }
-        if alarm:
-            missing = {"effect": alarm.effect, "rivals": list(alarm.rivals)}
-            found["missing_effect"] = missing | {"follows": alarm.follows, "text": alarm.message}
+        found["missing_effect"] = alarm and {
+            "effect": alarm.effect,
+            "rivals": list(alarm.rivals),
+            "follows": alarm.follows,
+            "text": alarm.message,
+        }
         return found | {
             "reference_sinkage": soil.reference_sinkage,
             "reference_diameter": soil.reference_diameter,
