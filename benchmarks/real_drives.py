@@ -3,11 +3,11 @@
 
     python benchmarks/real_drives.py FOLDER [-o OUT]
 
-FOLDER holds bags, parameter files and truths: the bag `warthog_sand1` goes with `warthog.yaml`, the file whose
-name it begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
-`stamp [s]`, `side` (left, right), `rim_speed [m/s]` and `ground_speed [m/s]`, means over half a second or more.
+FOLDER holds bags, parameter files and truths: the bag `warthog_sand1` goes with `warthog.yaml`, the file that
+its name begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
+`stamp [s]`, `side` (left, right), `rim_speed [m/s]` and `ground_speed [m/s]`, means over 0.5 s or more.
 
-Moving is a wheel whose rim turns at more than 0.15 m/s, by the joint states of the bag. Steady is an instant
+Moving is a wheel whose rim turns at more than 0.15 m/s, by the bag's joint states. Steady is an instant
 from 1 s before to 1 s after which the rim's speed stays within a tenth of its own: in starts and stops,
 poses that come late would count as the program's errors. Accusations are what a sensor is said to have wrong.
 """

@@ -1,35 +1,54 @@
 # SPDX-License-Identifier: Apache-2.0
 """A rover's parameters out of a bag, and the command `smallwheel init`, which writes them into a file.
 
-Which topic is what, and what the bag's robot description says.
+Which topic is what, which joint turns which wheel and how, and what a robot description says.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import click
+import numpy as np
 
 from smallwheel_ros.bags import BagError, BagReader
 from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets, write_bytes
 from smallwheel_ros.common.parameter import Value
+from smallwheel_ros.init.recorded import (
+    JointSpeeds,
+    Speed,
+    is_of_wheels,
+    is_upright,
+    joint_speeds,
+    signs_of,
+    speed_of,
+    unlike_wheels,
+)
 from smallwheel_ros.init.rover import (
     FILL_IN,
+    PLACES,
     InitError,
     Rover,
     best_match,
+    description_in,
     joint_values,
     only_or_best_match,
     rover_of_description,
     rover_of_wheels,
     wheel_joints,
     wheels_named_by,
+    words_of,
 )
-from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, fill_silent
+from smallwheel_ros.onboard.robot_description import (
+    DESCRIPTION_TYPE,
+    RobotDescriptionError,
+    fill_silent,
+)
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 SINKAGE = "smallwheel_ros/msg/WheelSinkage"
@@ -38,12 +57,17 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINTS = "sensor_msgs/msg/JointState"
 TWIST = "geometry_msgs/msg/TwistStamped"
 IMU = "sensor_msgs/msg/Imu"
+_NO_WHEEL = ("steer", "steering", "arm", "caster", "pan", "tilt", "camera")  # joints that are none
 
 
-def rover_of_bag(path: Path) -> Rover:
-    """The rover of a recorded drive. Raises BagError, InitError where there is nothing of a wheel."""
+def rover_of_bag(path: Path, urdf: Path | None = None) -> Rover:
+    """The rover of a recorded drive. urdf: a robot description, in place of the bag's.
+
+    Raises BagError, InitError where there is nothing of a wheel, or the description cannot be used.
+    """
+    text = None if urdf is None else description_in(urdf)
     with BagReader(path) as reader:
-        return _Finder(reader).rover()
+        return _Finder(reader).rover(urdf, text)
 
 
 class _Finder:
@@ -58,20 +82,37 @@ class _Finder:
             if topic.message_count and topic.readable:
                 self._topics[topic.type].append(topic.name)
 
-    def rover(self) -> Rover:
-        """What the bag tells."""
-        joints_topic = self._one("joint_states", JOINTS)
-        self._one("odom", ODOMETRY)
-        joints = [] if joints_topic is None else joint_names(self._reader, joints_topic)
-        description = self._description()
+    def rover(self, urdf: Path | None, description: str | None) -> Rover:
+        """What the bag tells, and a robot description beside it."""
+        topic = self._joint_states()
+        joints = JointSpeeds(np.empty(0), [], np.empty((0, 0)))
+        if topic is not None:
+            joints = joint_speeds(self._reader, topic)
+        if description is None:
+            description = self._description()
+        else:
+            self._notes.append(f"sizes and places of wheels from {urdf}")
         values = self._wheels(joints, description)
+        turned = {
+            w: str(values.get(f"{w}.joint", f"{w}_joint")) for w in as_names(values["wheels"])
+        }
+        rims = [joint for joint in turned.values() if joint in joints.names]
+        speed = self._odometry(joints, rims)
         if description is not None:
-            filled = fill_silent(description, values)
+            try:
+                filled = fill_silent(description, values)
+            except RobotDescriptionError as error:
+                if urdf is not None:
+                    raise InitError(f"{urdf}: {error}") from None
+                raise
             values |= filled.values
             self._notes += filled.lacking
+        if speed is not None:
+            self._turn_axes(values, turned, signs_of(joints, speed, rims))
         # What may help, and only people know: whether the wheels make it, how it is mounted.
-        measured = [topic for topic in self._topics[TWIST] if "cmd" not in topic]
-        offers = {"imu_topic": self._topics[IMU], "velocity_topic": measured}
+        offers = {"velocity_topic": [topic for topic in self._topics[TWIST] if "cmd" not in topic]}
+        if not self._imu(values):
+            offers["imu_topic"] = self._topics[IMU]
         return Rover(
             str(self._reader.path),
             values,
@@ -81,33 +122,112 @@ class _Finder:
             offers={name: topics[0] for name, topics in offers.items() if topics},
         )
 
-    def _one(self, name: str, kind: str) -> str | None:
-        """The topic of an input that there is once; it is remapped where it has another name."""
-        topics = self._topics[kind]
-        if f"/{name}" in topics:
-            return f"/{name}"
-        found = only_or_best_match(name, topics)
+    def _joint_states(self) -> str | None:
+        """The topic of joint states: that of the usual name, the only one, or the most alike."""
+        topics = self._topics[JOINTS]
+        if "/joint_states" in topics:
+            return "/joint_states"
+        found = only_or_best_match("joint_states", topics)
         if found is not None:
-            self._remaps[name] = found
-            note = f"assumed: {found} is {name}, the only one like it of its type"
+            self._remaps["joint_states"] = found
+            note = f"assumed: {found} is joint_states, the only one like it of its type"
         elif topics:
-            note = f"which of {', '.join(topics)} is {name} is not clear: say --remap {name}:=TOPIC"
+            names = ", ".join(topics)
+            note = f"which of {names} is joint_states is not clear: say --remap joint_states:=TOPIC"
         else:
-            note = f"no topic of type {kind}: without {name} there is no slip and no thrust"
+            note = f"no topic of type {JOINTS}: without joint_states there is no slip and no thrust"
         self._notes.append(note)
         return found
 
-    def _wheels(self, joints: list[str], description: str | None) -> dict[str, Value]:
-        """Wheels by the topics of loads and sinkages, or by the joints of the description."""
+    def _odometry(self, joints: JointSpeeds, rims: list[str]) -> Speed | None:
+        """Choose the odometry, and say why; of several one that the wheels have no part in goes first."""
+        topics = self._topics[ODOMETRY]
+        if not topics:
+            self._notes.append(
+                f"no topic of type {ODOMETRY}: without odom there is no slip and no thrust"
+            )
+            return None
+        speeds = {topic: speed_of(self._reader, topic) for topic in topics}
+        shares = {topic: unlike_wheels(joints, speed, rims) for topic, speed in speeds.items()}
+        own = [topic for topic, share in shares.items() if not is_of_wheels(share)]
+        fit = own or topics
+        alike = "/odom" if "/odom" in fit else only_or_best_match("odom", fit)
+        chosen = alike or max(fit, key=lambda topic: len(speeds[topic].times))
+        said = [] if chosen == "/odom" else [f"assumed: {chosen} is odom"]
+        if len(topics) > 1:
+            said += [
+                f"{topic} is made of the wheels, which show no slip by it"
+                for topic in topics
+                if topic not in own and own
+            ]
+            others = [topic for topic in fit if topic != chosen]
+            how = "by its name" if alike else "since it has the most messages"
+            said += [f"chosen before {', '.join(others)} {how}"] if others else []
+        elif said:
+            said[0] += ", the only one like it of its type"
+        if not own:
+            said.append(
+                f"{'it' if said else chosen} is made of the wheels, by which they show no slip: give an"
+                " odometry that they have no part in (camera, lidar, GNSS), if there is one"
+            )
+        if speeds[chosen].by_pose:
+            said.append(f"{chosen} has no speed (its twist is 0 throughout)")
+        if chosen != "/odom":
+            self._remaps["odom"] = chosen
+        if said:
+            self._notes.append("; ".join(said))
+        return speeds[chosen]
+
+    def _turn_axes(
+        self, values: dict[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
+    ) -> None:
+        """Put down the signs of joints that the drive shows."""
+        mirrored = []
+        for wheel, joint in turned.items():
+            sign, name = signs.get(joint), f"{wheel}.joint_sign"
+            if sign is not None and sign != values.get(name, 1):
+                values[name] = sign
+                mirrored.append(wheel)
+        if mirrored:
+            self._notes.append(
+                f"joint_sign of {', '.join(mirrored)} by the drive: the joints turned so when it went ahead"
+            )
+
+    def _imu(self, values: dict[str, Value]) -> bool:
+        """Take the imu of a vehicle without load sensors, where gravity is along its z axis."""
+        topics = self._topics[IMU]
+        if not topics or values.get("load.source") != "static":
+            return False  # with load sensors it is offered, and people decide
+        found = only_or_best_match("imu", topics) or topics[0]
+        if not is_upright(self._reader, found):
+            self._notes.append(
+                f"{found} is not used: gravity is not along its z axis; publish it in base_link's axes"
+            )
+            return False
+        values["imu_topic"] = found
+        self._notes.append(
+            f"{found} is the imu, z up as gravity shows; if its x axis does not look ahead, write imu_yaw"
+        )
+        return True
+
+    def _wheels(self, joints: JointSpeeds, description: str | None) -> dict[str, Value]:
+        """Wheels by the topics of loads and sinkages, the joints of the description, or those that turn."""
         loads, sinkages = (wheels_named_by(self._topics[kind]) for kind in (WRENCH, SINKAGE))
         ranges = {} if sinkages else wheels_named_by(self._topics[RANGE])
         depths = sinkages or ranges
         turned = {} if description is None else wheel_joints(description)
+        if not (loads or depths or turned):
+            turned = wheels_named_by(turning_wheels(joints))
         wheels = list(loads or depths or turned)
         if not wheels:
+            there = (
+                f"its joints are {', '.join(joints.names)}" if joints.names else "it has no joint"
+            )
             raise InitError(
                 f"{self._reader.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}),"
-                " and no robot description with wheels: `smallwheel init --wheels N` makes a file to fill in"
+                f" no robot description with wheels, and no joint that turns like a wheel ({there}):"
+                " `smallwheel init BAG --urdf FILE` takes a robot description from beside the bag, and"
+                " `smallwheel init --wheels N` makes a file to fill in"
             )
         values: dict[str, Value] = {"wheels": wheels}
         for wheel in wheels:
@@ -117,18 +237,21 @@ class _Finder:
             depth = depths.get(wheel) or best_match(wheel, "sinkage", depths.values())
             if depth is None:
                 values[f"{wheel}.sinkage_topic"] = ""
-                self._notes.append(f"no topic of the sinkage of {wheel}: it is only predicted")
             elif ranges or depth != f"/{wheel}/sinkage":
                 values[f"{wheel}.sinkage_topic"] = depth
             if ranges:
                 values[f"{wheel}.sinkage_source"] = "Range"
-            joint = turned.get(wheel) or best_match(wheel, "joint", joints)
+            joint = turned.get(wheel) or best_match(wheel, "joint", joints.names)
             if joint is not None:
                 values |= joint_values({wheel: joint})
-            elif joints:
+            elif joints.names:
                 self._notes.append(
-                    f"which joint turns {wheel} is not clear: there is {', '.join(joints)}"
+                    f"which joint turns {wheel} is not clear: there is {', '.join(joints.names)}"
                 )
+        blind = [w for w in wheels if values.get(f"{w}.sinkage_topic") == ""]
+        if blind:
+            of = "the wheels" if len(blind) == len(wheels) else ", ".join(blind)
+            self._notes.append(f"no topic of the sinkage of {of}: it is only predicted")
         if not loads:
             values["load.source"] = "static"
             self._notes.append(f"no topic of type {WRENCH}: the mass is split over the wheels")
@@ -146,9 +269,17 @@ class _Finder:
         return str(message.data)
 
 
-def joint_names(reader: BagReader, topic: str) -> list[str]:
-    """Return the joints in the first message of a topic of JointState."""
-    return [str(name) for name in getattr(_first(reader, topic), "name", [])]
+def turning_wheels(joints: JointSpeeds) -> list[str]:
+    """Joints that turn and are named like wheels, or by the places of wheels; none where it is not clear."""
+    turning = [name for name in joints.turning() if not words_of(name) & {*_NO_WHEEL}]
+    named = [name for name in turning if "wheel" in name.lower()]
+    placed = [name for name in turning if words_of(name) & {*PLACES}]
+    return named or placed
+
+
+def as_names(wheels: Value) -> list[str]:
+    """The names of the wheels."""
+    return cast("list[str]", wheels)
 
 
 def _first(reader: BagReader, topic: str) -> Any | None:
@@ -166,7 +297,7 @@ _PATH = click.Path(path_type=Path)
 @click.command()
 @click.argument("source", required=False, type=_PATH, metavar="[BAG|URDF]")
 @click.option("--urdf", type=_PATH, metavar="FILE",
-              help="A robot description: sizes, places and joints.")  # fmt: skip
+              help="A robot description: sizes, places and joints; alone, or beside a BAG.")  # fmt: skip
 @click.option("--wheels", type=int, metavar="N", help="Without either: so many wheels.")
 @click.option("-o", "--output", required=True, type=_PATH, metavar="ROVER.yaml",
               help="Parameter file to write.")  # fmt: skip
@@ -182,20 +313,21 @@ def init(
 ) -> None:
     """Write a parameter file for the node and for `smallwheel replay`.
 
-    From a recorded drive: wheels by their topics, joints, and sizes where the bag has the robot's
-    description. What nobody can find out is marked FILL_IN. Nothing that is there is replaced.
+    From a recorded drive: wheels by their topics or joints, the signs of these, the odometry, and sizes and
+    places where the bag has the robot's description, or --urdf is given beside it. What only you can know
+    is marked FILL_IN. Nothing that is there is replaced.
     """
     if source is not None and source.suffix.lower() in (".urdf", ".xml"):
         if urdf is not None:
             raise click.UsageError("two robot descriptions: give one")
         source, urdf = None, source
-    if [source, urdf, wheels].count(None) != 2:
-        raise click.UsageError("give one of: a BAG, a URDF (--urdf FILE), or --wheels N")
+    if (source is None and urdf is None) == (wheels is None):
+        raise click.UsageError("give a BAG, a URDF (--urdf FILE), both, or --wheels N alone")
     check_targets([output, json_file], [source, urdf])
     if output.exists() and not force:
         raise InitError(f"{output}: is there already: give another name, or --force to replace it")
     if source is not None:
-        rover = rover_of_bag(source)
+        rover = rover_of_bag(source, urdf)
     elif urdf is not None:
         rover = rover_of_description(urdf)
     else:
@@ -204,3 +336,6 @@ def init(
     tell(rover.to_dict(), rover.text(), json_file, [output])
     if rover.missing and json_file != "-":
         click.echo(f"look for {FILL_IN} in {output}")
+    if source is not None and rover.remaps and json_file != "-":
+        remaps = " ".join(f"--remap {name}:={topic}" for name, topic in rover.remaps.items())
+        click.echo(f"then: smallwheel replay {source} --config {output} {remaps} -o out")

@@ -28,7 +28,7 @@ from smallwheel_ros.onboard.settings import PARAMETERS, parameters_for
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20
 _MOST_BYTES = 1 << 24  # of a robot description
-_SIZE = ("diameter", "width")
+_NEEDED = ("diameter", "width", "lateral_position", "longitudinal_position")
 
 
 class InitError(SmallwheelError):
@@ -61,10 +61,10 @@ class Rover:
     def missing(self) -> list[str]:
         """Full names of what must be filled in."""
         known = self.values
-        needed = [f"{wheel}.{name}" for wheel in self.wheels for name in _SIZE]
+        needed = [f"{wheel}.{name}" for wheel in self.wheels for name in _NEEDED]
         ranged = [w for w in self.wheels if known.get(f"{w}.sinkage_source") == "Range"]
         needed += [f"{wheel}.range_height" for wheel in ranged]
-        needed += ["load.mass"] if known.get("load.source") == "static" else []
+        needed += ["vehicle.mass", "load.mass"] if known.get("load.source") == "static" else []
         return [name for name in needed if name not in known]
 
     def text(self) -> str:
@@ -141,14 +141,7 @@ def rover_of_wheels(count: int) -> Rover:
 
 def rover_of_description(path: Path) -> Rover:
     """The wheels of a robot description. Raises InitError."""
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InitError(f"{path}: more than {_MOST_BYTES >> 20} MiB, expected a URDF")
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise InitError(f"{path}: cannot be read: it is no text in UTF-8") from None
-    except OSError as error:
-        raise InitError(f"{path}: cannot be read: {reason(error)}") from None
+    text = description_in(path)
     try:
         joints = wheel_joints(text)
         if not joints:
@@ -161,6 +154,19 @@ def rover_of_description(path: Path) -> Rover:
     except RobotDescriptionError as error:
         raise InitError(f"{path}: {error}") from None
     return Rover(str(path), values | filled.values, notes=filled.lacking, described=True)
+
+
+def description_in(path: Path) -> str:
+    """The text of a file with a robot description. Raises InitError."""
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InitError(f"{path}: more than {_MOST_BYTES >> 20} MiB, expected a URDF")
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise InitError(f"{path}: cannot be read: it is no text in UTF-8") from None
+    except OSError as error:
+        raise InitError(f"{path}: cannot be read: {reason(error)}") from None
+    return text
 
 
 def wheel_joints(description: str) -> dict[str, str]:
@@ -245,6 +251,8 @@ def _left_out_lines(rover: Rover) -> list[str]:
     """The lines of a parameter file, below `ros__parameters:`; ## begins what only explains."""
     lines = ["", '    ## To use a line that is left out, take the "# " before it away.']
     for name, one in _LEFT_OUT.items():
+        if name in rover.values or name in rover.missing:
+            continue
         offer = rover.offers.get(name)
         why = one.found if offer else one.why
         if not why or (rover.described and name == "robot_description_topic"):
@@ -268,7 +276,7 @@ _SHORT = {
     "ml": ("middle", "left"), "mr": ("middle", "right"), "back": ("rear",), "hind": ("rear",),
     "mid": ("middle",), "centre": ("middle",), "center": ("middle",),
 }  # fmt: skip
-_PLACES = ("front", "middle", "rear", "left", "right")  # in the order in which a name has them
+PLACES = ("front", "middle", "rear", "left", "right")  # in the order in which a name has them
 _OF = {
     1: ("wheel",),
     2: ("left", "right"),
@@ -310,7 +318,7 @@ def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
 def _likeness(wheel: str, kind: str, name: str) -> float:
     """How much a topic's or joint's name looks like that of a wheel's input; 0 to 1."""
     wanted, there = words_of(wheel), words_of(name)
-    places, others = wanted & {*_PLACES}, there & {*_PLACES}
+    places, others = wanted & {*PLACES}, there & {*PLACES}
     if others - places and places - others:
         return 0.0  # the place of another wheel
     share = len(wanted & there) / max(len(wanted), 1)
@@ -324,7 +332,7 @@ def wheels_named_by(names: Sequence[str]) -> dict[str, str]:
     A wheel is called by its place where the names tell it, else by the words that tell them apart.
     """
     words = {name: words_of(name) for name in names}
-    found = {name: "_".join(p for p in _PLACES if p in words[name]) for name in names}
+    found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}
     if not all(found.values()) or len({*found.values()}) < len(names):
         common = set.intersection(*words.values()) if len(names) > 1 else {*words[names[0]]}
         found = {name: "_".join(sorted(words[name] - common)) for name in names}
@@ -339,4 +347,4 @@ def wheels_named_by(names: Sequence[str]) -> dict[str, str]:
 def _order(wheel: str) -> tuple[int, ...]:
     """Front before rear, left before right."""
     words = wheel.split("_")
-    return tuple(_PLACES.index(word) if word in _PLACES else len(_PLACES) for word in words)
+    return tuple(PLACES.index(word) if word in PLACES else len(PLACES) for word in words)

@@ -96,6 +96,11 @@ class Feed:
             topics.append(Topic(settings.imu_topic, kind, onboard, {IMU: ""}, self._slope))
         self.topics = tuple(topics)
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names in the newest joint states."""
+        return self._joints
+
     def _of_wheel(self, wheel: str) -> list[Topic]:
         """Topics of a wheel; what of it comes by joint states is noted."""
         onboard, settings, inputs = self.onboard, self.settings, self.settings.inputs[wheel]

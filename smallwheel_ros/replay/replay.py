@@ -42,6 +42,7 @@ from smallwheel_ros.replay.tables import EstimatesTable, SteadyStretches, deviat
 
 Progress = Callable[[int, int], object]
 Report = Callable[[Replayed, Path], object]  # writes a page of what is in the folder of that path
+JOINTS = "sensor_msgs/msg/JointState"
 _STEP = 256  # messages between two looks at signals, problems and progress
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
@@ -257,10 +258,11 @@ class _Drive:
 
     def _seen_inputs(self) -> tuple[Any, ...]:
         """The inputs, those that never came marked as lacking."""
-        received = self._onboard.received
+        received, joints = self._onboard.received, self._feed.joints
+        there = f"never in a message, which has {', '.join(joints)}" if joints else ""
         return tuple(
             item
             if item.lacking or received[item.stream]
-            else replace(item, lacking="never in a message")
+            else replace(item, lacking=(item.type == JOINTS and there) or "never in a message")
             for item in self._inputs
         )

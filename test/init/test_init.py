@@ -9,6 +9,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from click.testing import CliRunner, Result
@@ -126,7 +128,7 @@ def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_
     said = run("init", bag, "-o", tmp_path / "rover.yaml", "--json", tmp_path / "found.json").stdout
     assert "to be filled in: front_left.diameter, front_left.width" in said
     text = (tmp_path / "rover.yaml").read_text()
-    assert text.count(FILL_IN) == 8 + 1  # and where it is explained
+    assert text.count(FILL_IN) == 16 + 1  # and where it is explained
     assert json.loads((tmp_path / "found.json").read_text())["missing"][0] == "front_left.diameter"
     refused = run("replay", bag, "-o", tmp_path / "out", code=2).stderr
     assert "does not tell front_left.diameter" in refused
@@ -176,9 +178,8 @@ def test_so_many_wheels(count: int, tmp_path: Path) -> None:
     values = section["ros__parameters"]
     assert values["wheels"] == usual_names(count)
     assert len({*values["wheels"]}) == count
-    assert all(
-        values[wheel] == {"diameter": FILL_IN, "width": FILL_IN} for wheel in values["wheels"]
-    )
+    needed = ("diameter", "width", "lateral_position", "longitudinal_position")
+    assert all(values[wheel] == dict.fromkeys(needed, FILL_IN) for wheel in values["wheels"])
 
 
 @pytest.mark.parametrize(
@@ -199,8 +200,8 @@ def test_wheels_are_called_by_what_tells_them_apart(names: list[str], wheels: li
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "give one of: a BAG, a URDF (--urdf FILE), or --wheels N"),
-        (["--wheels", "4", "drive"], "give one of"),
+        ([], "give a BAG, a URDF (--urdf FILE), both, or --wheels N"),
+        (["--wheels", "4", "drive"], "both, or --wheels N alone"),
         (["--wheels", "0"], "0 wheels, expected 1 to 20"),
         (["--wheels", "99"], "99 wheels, expected 1 to 20"),
         (["nowhere"], "nowhere"),
@@ -225,13 +226,151 @@ def test_a_bad_question_is_answered_in_words(
     assert FILL_IN in Path("taken.yaml").read_text()
 
 
+# --- What real robots record: no load, no sinkage
+
+
+SIGNS = {"left_front": -1.0, "left_rear": -1.0, "right_front": 1.0, "right_rear": 1.0}
+
+
+def plain_drive(target: Path, odometries: Mapping[str, float], up: float = 1.0) -> Path:
+    """Joint states, an imu and odometries of 30 s: by topic, the share of slip that it sees.
+
+    The left axes are mirrored, the wheels have a radius of 0.15 m, and one joint steers.
+    """
+    time_type = message_type("builtin_interfaces/msg/Time")
+    header, vector = message_type("std_msgs/msg/Header"), message_type("geometry_msgs/msg/Vector3")
+    joints, imu, odometry = (
+        message_type(kind)
+        for kind in ("sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry")
+    )
+    kinds = ("Pose", "PoseWithCovariance", "Twist", "TwistWithCovariance", "Point", "Quaternion")
+    pose, with_pose, twist, with_twist, point, turned = (
+        message_type(f"geometry_msgs/msg/{kind}") for kind in kinds
+    )
+    still, nothing, upright = (
+        vector(x=0.0, y=0.0, z=0.0),
+        np.zeros(36),
+        turned(x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    with BagWriter(target) as writer:
+        x = dict.fromkeys(odometries, 0.0)
+        for i in range(600):
+            at = (1_700_000_000 * 20 + i) * 50_000_000
+            head = header(stamp=time_type(sec=at // 10**9, nanosec=at % 10**9), frame_id="odom")
+            rim = 0.6 + 0.3 * np.sin(0.1 * i)
+            names = ["steering_joint", *(f"{name}_wheel" for name in SIGNS)]
+            rates = np.array([0.1, *(sign * rim / 0.15 for sign in SIGNS.values())])
+            states = joints(head, names, np.empty(0), rates, np.empty(0))
+            writer.write("/joint_states", "sensor_msgs/msg/JointState", at, states)
+            felt = vector(x=0.0, y=0.0, z=9.81 * up)
+            none = np.array([-1.0, *np.zeros(8)])
+            message = imu(head, upright, none, still, none, felt, none)
+            writer.write("/imu/data", "sensor_msgs/msg/Imu", at, message)
+            for topic, slip in odometries.items():
+                speed = rim * (1.0 - slip * (1.0 + np.sin(0.37 * i)))
+                x[topic] += 0.05 * speed
+                place = with_pose(pose(point(x=x[topic], y=0.0, z=0.0), upright), nothing)
+                moves = with_twist(twist(vector(x=speed, y=0.0, z=0.0), still), nothing)
+                told = odometry(head, "base_link", place, moves)
+                writer.write(topic, "nav_msgs/msg/Odometry", at, told)
+    return target
+
+
+def filled_in(text: str) -> str:
+    """The file with a number in each place that has to be filled in."""
+    for name, number in (("diameter", 0.3), ("width", 0.1), ("mass", 40.0)):
+        text = text.replace(f"{name}: {FILL_IN}", f"{name}: {number}")
+    return text.replace(f": {FILL_IN}", ": 0.2")
+
+
+def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/wheel/odom": 0.0, "/lidar/pose": 0.1})
+    config = tmp_path / "rover.yaml"
+    said = run("init", bag, "-o", config).stdout
+    assert "assumed: /lidar/pose is odom; /wheel/odom is made of the wheels" in said
+    assert "joint_sign of front_left, rear_left by the drive" in said
+    assert f"then: smallwheel replay {bag} --config {config} --remap odom:=/lidar/pose" in said
+    text = config.read_text()
+    assert text.count(f"mass: {FILL_IN}") == 2
+    assert text.count(f"lateral_position: {FILL_IN}") == 4
+    assert "in turns it travels slower or faster" in text  # what they are for
+    config.write_text(filled_in(text))
+    values = found(config)
+    assert values["wheels"] == list(PLACES)
+    assert values["front_left.joint"] == "left_front_wheel"
+    assert values["front_left.joint_sign"] == -1
+    assert "front_right.joint_sign" not in values
+    assert values["imu_topic"] == "/imu/data"
+    remap = ("--remap", "odom:=/lidar/pose")
+    run("replay", bag, "--config", config, *remap, "-o", tmp_path / "out")
+    rows = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    assert rows["slip"].notna().mean() > 0.9
+    assert rows["slip"].mean() == pytest.approx(0.1, abs=0.03)
+
+
+def test_an_imu_that_is_not_upright_is_said(tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1}, up=-1.0)
+    said = run("init", bag, "-o", tmp_path / "rover.yaml").stdout
+    assert "/imu/data is not used: gravity is not along its z axis" in said
+    assert "imu_topic" not in found_in(filled_in((tmp_path / "rover.yaml").read_text()))
+
+
+def test_a_description_beside_the_bag(tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.0})
+    names = {"front_left": "left_front", "front_right": "right_front",
+             "rear_left": "left_rear", "rear_right": "right_rear"}  # fmt: skip
+    text = description("{}_wheel")
+    for ours, theirs in names.items():
+        text = text.replace(f"'{ours}_wheel'", f"'{theirs}_wheel'")
+    (tmp_path / "rover.urdf").write_text(text)
+    said = run("init", bag, "--urdf", tmp_path / "rover.urdf", "-o", tmp_path / "r.yaml").stdout
+    assert "to be filled in: vehicle.mass, load.mass" in said
+    assert "/odom is made of the wheels" in said
+    values = found_in(filled_in((tmp_path / "r.yaml").read_text()))
+    assert values["rear_right.lateral_position"] == -0.28
+    assert values["rear_left.joint_sign"] == -1  # by the drive, whatever the description says
+
+
+def test_a_wrong_joint_is_answered_with_those_that_are_there(tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1})
+    config = tmp_path / "rover.yaml"
+    run("init", bag, "-o", config)
+    config.write_text(filled_in(config.read_text()).replace("joint: left_rear_wheel", "joint: rl"))
+    said = run("replay", bag, "--config", config, "-o", tmp_path / "out").stdout
+    assert "joint rl): never in a message, which has steering_joint, left_front_wheel" in said
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["husky_snow", "pathfinder_flat", "warthog_grass", "warthog_grass_pose_only", "warthog_sand1"],
+)
+def test_a_real_drive_needs_sizes_places_and_mass(
+    name: str, shared_data: Path, tmp_path: Path
+) -> None:
+    bag, config = shared_data / "real_drives" / name, tmp_path / "rover.yaml"
+    if not bag.exists():
+        pytest.skip(f"no recorded drive {bag}")
+    said = run("init", bag, "-o", config).stdout
+    config.write_text(filled_in(config.read_text()))
+    remap = re.findall(r"--remap (\S+)", said.splitlines()[-1])
+    options = [word for one in remap for word in ("--remap", one)]
+    result = run(
+        "replay", bag, "--config", config, *options, "--copy", "none", "-o", tmp_path / "out"
+    )
+    assert "never in a message" not in result.stdout
+    known = pd.read_csv(tmp_path / "out" / "estimates.csv", usecols=["slip"])["slip"].notna()
+    assert known.sum() > 100
+    signs = [value for key, value in found(config).items() if key.endswith("joint_sign")]
+    assert signs == ([-1, -1] if name == "pathfinder_flat" else [])
+
+
 def test_a_bag_without_wheels_says_what_it_looked_for(bag: Path, tmp_path: Path) -> None:
     gone = dict.fromkeys(f"/{wheel}/{what}" for wheel in PLACES for what in ("load", "sinkage"))
-    refused = run(
-        "init", rewritten(bag, tmp_path / "drive", gone), "-o", tmp_path / "r.yaml", code=2
-    )
+    other = rewritten(bag, tmp_path / "drive", gone | {"/joint_states": None})
+    refused = run("init", other, "-o", tmp_path / "r.yaml", code=2)
     assert "no topic of a wheel's load (geometry_msgs/msg/WrenchStamped)" in refused.stderr
-    assert "smallwheel init --wheels N" in refused.stderr
+    assert "no joint that turns like a wheel (it has no joint)" in refused.stderr
+    assert "smallwheel init BAG --urdf FILE" in refused.stderr
 
 
 # --- What is left out

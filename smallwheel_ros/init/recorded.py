@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a drive's numbers tell: which joints turn and how, what odometry is made of, how an imu is mounted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.bags import BagError, BagReader
+
+Array = NDArray[np.float64]
+_MOST = 50_000  # messages of a topic that are looked at: minutes of driving tell all of this
+_TURNS = 0.05  # rad/s: slower is the noise of a joint that stands
+_DRIVES = 0.3  # of the root mean square of the speed: slower is standing, or turning on the spot
+_CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, from which its sign is clear
+# What no combination of rims explains of an odometry's speed, as a share. One that is made of them leaves
+# rounding and the way between two messages; cameras, lidars and GNSS leave several hundredths.
+_OF_WHEELS = 0.01
+_LEAST = 50  # instants of driving, under which nothing is said
+_BASE = 1.0  # s between two places whose difference is a speed
+_UPRIGHT = 0.8  # of the felt force along z: within 37 degrees
+
+
+class JointSpeeds(NamedTuple):
+    """times: s. names: of the first message. speeds: rad/s, (instants, joints), NaN where not told."""
+
+    times: Array
+    names: list[str]
+    speeds: Array
+
+    def turning(self) -> list[str]:
+        """Joints that turn at some time."""
+        with np.errstate(invalid="ignore"):
+            moved = (abs(self.speeds) > _TURNS).any(axis=0)
+        return [name for name, moves in zip(self.names, moved, strict=True) if moves]
+
+
+class Speed(NamedTuple):
+    """A vehicle's speed ahead by an odometry. times: s. values: m/s. by_pose: its twist is 0 throughout."""
+
+    times: Array
+    values: Array
+    by_pose: bool
+
+
+def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
+    """Speeds of all joints of a topic of JointState."""
+    names: list[str] = []
+    times, rows = [], []
+    for states in _first(reader, topic):
+        for name in states.name:
+            if str(name) not in names:
+                names.append(str(name))
+        if len(states.velocity) == len(states.name):
+            times.append(_seconds(states.header.stamp))
+            rows.append(dict(zip(map(str, states.name), states.velocity, strict=True)))
+    speeds = np.array([[row.get(name, math.nan) for name in names] for row in rows], dtype=float)
+    return JointSpeeds(np.array(times), names, speeds.reshape(len(times), len(names)))
+
+
+def speed_of(reader: BagReader, topic: str) -> Speed:
+    """Speed by a topic of Odometry: its twist, or, where that is 0 throughout, differences of its places."""
+    rows = []
+    for odometry in _first(reader, topic):
+        place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
+        yaw = math.atan2(
+            2.0 * (turn.w * turn.z + turn.x * turn.y),
+            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
+        )
+        twist = odometry.twist.twist.linear.x
+        rows.append((_seconds(odometry.header.stamp), twist, place.x, place.y, yaw))
+    table = np.array(rows, dtype=float).reshape(-1, 5)
+    table = table[np.isfinite(table).all(axis=1)]
+    table = table[np.unique(table[:, 0], return_index=True)[1]]
+    times, twist = table[:, 0], table[:, 1]
+    if twist.any() or len(times) < 2:
+        return Speed(times, twist, by_pose=False)
+    before, after = times - _BASE / 2.0, times + _BASE / 2.0
+    moved = [np.interp(after, times, c) - np.interp(before, times, c) for c in table[:, 2:4].T]
+    span = np.clip(after, times[0], times[-1]) - np.clip(before, times[0], times[-1])
+    ahead = moved[0] * np.cos(table[:, 4]) + moved[1] * np.sin(table[:, 4])
+    return Speed(times, ahead / np.maximum(span, 1e-9), by_pose=True)
+
+
+def _first(reader: BagReader, topic: str) -> Iterator[Any]:
+    """The first messages of a topic, to where the bag is damaged."""
+    with suppress(BagError):
+        for message in islice(reader.messages({topic}), _MOST):
+            yield message.message
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
+
+
+def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Array, Array]:
+    """Instants at which the vehicle drives: joint speeds of these wheels, and its own speed."""
+    places = [joints.names.index(name) for name in wheels]
+    turned = joints.speeds[:, places]
+    if len(speed.times) < 2 or not len(joints.times):
+        return turned[:0], np.empty(0)
+    inside = (joints.times >= speed.times[0]) & (joints.times <= speed.times[-1])
+    inside &= np.isfinite(turned).all(axis=1)
+    values = np.interp(joints.times, speed.times, speed.values)
+    usual = math.sqrt(float(np.mean(values[inside] ** 2))) if inside.any() else 0.0
+    drives = inside & (abs(values) > _DRIVES * usual)
+    return turned[drives], values[drives]
+
+
+def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, int]:
+    """By joint, 1 or -1: whether it turns forward when the vehicle drives forward, where that is clear."""
+    found = {}
+    for name in wheels:
+        turned, values = _together(joints, speed, [name])
+        length = float(np.linalg.norm(turned) * np.linalg.norm(values))
+        if len(values) < _LEAST or length == 0.0:
+            continue
+        cosine = float(turned[:, 0] @ values) / length
+        if abs(cosine) > _CLEAR:
+            found[name] = 1 if cosine > 0.0 else -1
+    return found
+
+
+def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float | None:
+    """The share of an odometry's speed that no mixture of the rims explains; None: too short a drive."""
+    if not wheels:
+        return None
+    turned, values = _together(joints, speed, wheels)
+    if len(values) < _LEAST:
+        return None
+    fitted = turned @ np.linalg.lstsq(turned, values, rcond=None)[0]
+    return float(np.linalg.norm(values - fitted) / np.linalg.norm(values))
+
+
+def is_of_wheels(share: float | None) -> bool:
+    """Whether an odometry with that share is made of the wheels."""
+    return share is not None and share < _OF_WHEELS
+
+
+def is_upright(reader: BagReader, topic: str) -> bool | None:
+    """Whether the z axis of an imu looks up; None where it feels no gravity, or has no messages."""
+    felt = [m.linear_acceleration for m in _first(reader, topic)]
+    table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)
+    table = table[np.isfinite(table).all(axis=1)]
+    if not len(table):
+        return None
+    mean = table.mean(axis=0)
+    strength = float(np.linalg.norm(mean))
+    if not 8.0 < strength < 12.0:  # m/s^2: it is not gravity, or in other units
+        return None
+    return bool(mean[2] > _UPRIGHT * strength)
