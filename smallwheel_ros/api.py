@@ -482,6 +482,7 @@ def replay(
     clock: bool = True,
     copy: Copy = "all",
     rate: float | None = None,
+    soil_file: str | PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Replayed:
     """Give a recorded drive to the estimator that the node runs.
@@ -504,6 +505,8 @@ def replay(
     rate
         Estimates a second (Hz) of each wheel at most, in place of the parameter ``mobility.rate``; 0: one for
         each measured sinkage.
+    soil_file
+        A saved soil to go on from, if it is there; the soil is saved there at the end, as the node does.
     progress
         Told how many of how many messages are done.
 
@@ -527,6 +530,7 @@ def replay(
         clock,
         copy,
         rate,
+        soil_file=None if soil_file is None else Path(soil_file),
     )
     if config is None:
         spec = with_assumed_config(spec)

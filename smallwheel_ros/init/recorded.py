@@ -37,8 +37,8 @@ class JointSpeeds(NamedTuple):
     def turning(self) -> list[str]:
         """Joints that turn at some time."""
         with np.errstate(invalid="ignore"):
-            moved = (abs(self.speeds) > _TURNS).any(axis=0)
-        return [name for name, moves in zip(self.names, moved, strict=True) if moves]
+            moved = np.flatnonzero((abs(self.speeds) > _TURNS).any(axis=0))
+        return [self.names[i] for i in moved]
 
 
 class Speed(NamedTuple):

@@ -62,6 +62,8 @@ _MANY = "replays.json"
               help="Bags at a time.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
               help="Of a Dask cluster to do it on, one bag a task: tcp://host:8786.")  # fmt: skip
+@click.option("--soil-file", type=_PATH, metavar="FILE",
+              help="Go on from the soil saved there, if there is one, and save it at the end.")  # fmt: skip
 @click.option("--map", "one_map", is_flag=True,
               help="Lay the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
 @JSON
@@ -76,6 +78,7 @@ def replay(
     rate: float | None,
     jobs: int,
     scheduler: str | None,
+    soil_file: Path | None,
     one_map: bool,
     json_file: str | None,
 ) -> None:
@@ -87,20 +90,27 @@ def replay(
     each. What is done already is not done again: after an interruption give the same command once
     more.
 
-    Exit code 1: a bag ended early, failed, or was interrupted; what there was is written.
+    Exit code 1: a bag ended early, failed, or was interrupted; what there was is written. 2: nothing could
+    be estimated.
     """
-    check_targets([json_file], [*bags, config])
+    check_targets([json_file, soil_file], [*bags, config])
     remapped = read_remaps(remaps)
     if only_topics:
         for bag in bags:
             _topics(bag, json_file)
         return
+    if soil_file is not None and (len(bags) > 1 or scheduler is not None or one_map):
+        raise click.UsageError(
+            "--soil-file is for one bag: each has to begin where the last one ended"
+        )
     if output is None:
         raise click.UsageError("give -o FOLDER (or --topics)")
     if scheduler is not None:  # workers may stand elsewhere in the tree of folders
         bags, output = tuple(bag.absolute() for bag in bags), output.absolute()
         config = config and config.absolute()
-    like = ReplaySpec(bags[0], config or Path(), output, remapped, clock, copy, rate)
+    like = ReplaySpec(
+        bags[0], config or Path(), output, remapped, clock, copy, rate, soil_file=soil_file
+    )
     if config is None:
         like = with_assumed_config(like)
     for note in check_parameters(like):
@@ -139,6 +149,14 @@ def _one(spec: ReplaySpec, json_file: str | None) -> None:
         result = replay_bag(spec, progress=progress, report=save_page)
     written = [spec.folder / name for name in (*files_in(spec.folder).values(), SUMMARY)]
     show(result, json_file, written, f"{result}\n")
+    if result.estimates.knows_nothing:
+        missing = "".join(f"\n  {item}" for item in result.inputs if item.lacking)
+        click.echo(
+            "nothing could be estimated: no row has slip, margin or a measured sinkage."
+            + (f" Missing:{missing}" if missing else " See what was not used."),
+            err=True,
+        )
+        raise SystemExit(2)
     if result.state != "complete":
         click.echo(f"{result.state.replace('_', ' ')}: {result.ended}", err=True)
         raise SystemExit(1)

@@ -21,6 +21,7 @@ from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
+from smallwheel_ros.onboard.soil_file import SoilFile
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.result import (
     BAG,
@@ -78,6 +79,8 @@ def replay(
             result.measurements = len(measured)
             if result.measurements:
                 measured.to_csv(folder / MEASUREMENTS, index=False)
+            if result.state != "interrupted" and (saved := drive.save_soil()):
+                result.notes.append(saved)
             drive.write_map(folder / FILES["cost_map"])
             report(result, folder)
             write_json(str(folder / SUMMARY), result.to_dict(folder))
@@ -92,13 +95,17 @@ class _Drive:
         self._settings, self._notes = read_settings(spec, reader)
         if not reader.message_count or reader.start_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
-        if self._settings.soil_file:
-            self._notes.append("soil_file is not read: a replay begins with the configured soil")
+        if self._settings.soil_file and spec.soil_file is None:
+            self._notes.append(
+                "soil.file is the node's, and not read: give --soil-file to go on from it"
+            )
         self.start = self._time = reader.start_time  # log times, of the message that is worked on
         onboard = self._settings.onboard
         self._onboard = Onboard(onboard)
         self._feed = Feed(self._onboard, self._settings)
         self._ground = GroundMapper(CostMap(self._settings.cost, onboard.wheels))
+        self._soil_file = SoilFile(str(spec.soil_file or ""))
+        self._go_on()
         self._happened = DriveEvents(self._onboard, self.start)
         self._stretches = SteadyStretches(onboard.wheels, bool(onboard.with_drawbar_pull))
         self._last_stamp = 0
@@ -106,6 +113,21 @@ class _Drive:
         self._soil_state: tuple[Any, ...] = ()
         self._clock: int | None = None
         self._read_topics(spec)
+
+    def _go_on(self) -> None:
+        """Go on from a saved soil and map. Raises ReplayError where there is one that cannot be used."""
+        restored = self._soil_file.restore(self._onboard)
+        if self._soil_file.problem:
+            raise ReplayError(f"{self._soil_file.problem}; give another file with --soil-file")
+        remembered = self._soil_file.restore_map(self._ground.map)
+        self._notes += [text for text in (restored, remembered) if text]
+
+    def save_soil(self) -> str:
+        """Save the soil where the spec says; return in words what came of it, empty where it says nothing."""
+        if self._spec.soil_file is None:
+            return ""
+        saved, words = self._soil_file.save(self._onboard, self._ground.map)
+        return f"soil saved: {words}" if saved else words
 
     def _read_topics(self, spec: ReplaySpec) -> None:
         """Find out which topic is which input, and what is copied."""

@@ -110,22 +110,28 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
         blocks.append(Callout(text, [extent, *summary["missing"]], "warning"))
         return blocks
     soil, events = summary["soil"], summary["events"]
-    lines = [
-        extent,
-        "Pressure at "
-        f"{1e3 * soil['reference_sinkage']:g} mm sinkage under a wheel of"
-        f" {1e3 * soil['reference_diameter']:g} mm, at the end: "
-        f"{number(1e-3 * soil['reference_pressure']['value'])} ±"
-        f" {number(1e-3 * soil['reference_pressure']['std'], 2)} kPa.",
-    ]
-    if soil["status"]:
+    sunk = any(wheel["used_for_soil"] for wheel in summary["wheels"].values())
+    lines = (
+        [extent]
+        if not sunk
+        else [
+            extent,
+            "Pressure at "
+            f"{1e3 * soil['reference_sinkage']:g} mm sinkage under a wheel of"
+            f" {1e3 * soil['reference_diameter']:g} mm, at the end: "
+            f"{number(1e-3 * soil['reference_pressure']['value'])} ±"
+            f" {number(1e-3 * soil['reference_pressure']['std'], 2)} kPa.",
+        ]
+    )
+    if soil["status"] and sunk:
         lines.append(f"Not known: {'; '.join(soil['status'])}.")
+    lines += _mobility(summary)
     digging = sum(event["kind"] == "digging_in" for event in events)
     headline = f"The soil changed {_times(soil['changes'])}"
     headline += f", and a wheel began to dig in {_times(digging)}." if digging else "."
     if soil["changes"] == 0 and not digging:
         headline = "One soil throughout, and no wheel dug itself in."
-    if not any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+    if not sunk:
         warned = sum(event["kind"] == "stuck" for event in events)
         headline = f"No sinkage was used: the soil's law is unknown. Getting stuck: warned {_times(warned)}."
     blocks.append(Callout(headline, lines, "warning" if digging else "result"))
@@ -141,6 +147,28 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
         Callout("Inputs that the bag lacks", summary["missing"], "warning"),
     ]
     return [block for block in blocks if block.items]
+
+
+def _mobility(summary: dict[str, Any]) -> list[str]:
+    """Slip, margin and risk, as far as they are known."""
+    told, measured = summary["mobility"], summary["strength"]["measured_by"]
+    slip, margin, risk = told["slip"], told["margin"], told["risk"]
+    lines = ["Slip: not known."]
+    if slip["median"] is not None:
+        lines = [
+            f"Slip: known in {slip['known']:.0%} of the estimates, half under {number(slip['median'], 2)},"
+            f" 95 % under {number(slip['quantile_95'], 2)}."
+        ]
+    if margin["median"] is not None:
+        by = f"by {', '.join(measured)}" if measured else "of the configured strength, not measured"
+        std = "" if margin["std"] is None else f" ± {number(margin['std'], 2)}"
+        lines.append(
+            f"Margin, pull over load at the reference slip: {number(margin['median'], 2)}{std},"
+            f" {by}."
+        )
+    if risk["highest"] is not None:
+        lines.append(f"Risk of getting stuck: at most {number(risk['highest'], 2)}.")
+    return lines
 
 
 def _sentences(texts: Sequence[str]) -> list[str]:
@@ -201,6 +229,8 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
     soil = summary["soil"]
     if summary["estimates"] == 0:
         return []
+    if not any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+        return [Text("No sinkage was used: k, n and m are as they were before the drive.")]
     rows = []
     for name in ("reference_pressure", "effective_modulus", "k", "n", "m"):
         found = soil[name]
@@ -265,17 +295,19 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
 
 
 def _caveats(summary: dict[str, Any]) -> Block:
-    rows = summary["measurements"]["rows"]
-    lines = [
-        "Where no drawbar pull is measured, cohesion, friction angle and shear displacement are as "
-        "configured: drawbar pull and margin are as good as those.",
-        "A filter can hide a missing physical effect by bending k, n and m.",
-    ]
-    if rows:
-        lines[1] += (
-            f" The {rows} steady stretches in measurements.csv are for that question: "
-            "`smallwheel diagnose measurements.csv`."
+    rows, lines = summary["measurements"]["rows"], []
+    if not summary["strength"]["measured_by"]:
+        lines.append(
+            "Nothing measured the strength: cohesion, friction angle and shear displacement are as "
+            "configured, and drawbar pull and margin are as good as those."
         )
+    if any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
+        lines.append("A filter can hide a missing physical effect by bending k, n and m.")
+        if rows:
+            lines[-1] += (
+                f" The {rows} steady stretches in measurements.csv are for that question: "
+                "`smallwheel diagnose measurements.csv`."
+            )
     return Text(items=lines)
 
 

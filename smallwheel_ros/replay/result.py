@@ -220,6 +220,11 @@ class Replayed(Result):
                 for name, counts in self._wheels().items()
             },
             "soil": self._soil(),
+            "mobility": self.estimates.told(),
+            "strength": {
+                "measured_by": sorted(self.onboard.strength.sources),
+                "status": list(self.onboard.strength.status),
+            },
             "sensors": list(self.onboard.findings),
             "filter": self.onboard.concern,
             "events": [event._asdict() for event in happened.events[:_MOST_EVENTS]],

@@ -52,7 +52,8 @@ class ReplaySpec:
     then the bag's. clock: judge stamps by the times of recording (or the bag's /clock), as the node does
     with use_sim_time; otherwise they are only compared with each other. copy: which of the bag's topics
     go into the new bag beside the estimates. rate: Hz, in place of the parameter mobility.rate; None: as
-    that is. notes: what is to be said of it beforehand.
+    that is. notes: what is to be said of it beforehand. soil_file: a soil that is gone on from where there
+    is one, and saved at the end.
     """
 
     bag: Path
@@ -63,6 +64,7 @@ class ReplaySpec:
     copy: Copy = "all"
     rate: float | None = None
     notes: tuple[str, ...] = ()
+    soil_file: Path | None = None
 
     @property
     def name(self) -> str:
@@ -87,7 +89,13 @@ class ReplaySpec:
             with file.open("rb") as stream:
                 digest.update(stream.read(_HASHED))
         digest.update(self.config.read_bytes())
-        options: Any = (sorted(self.remaps.items()), self.clock, self.copy, self.rate)
+        options: Any = (
+            sorted(self.remaps.items()),
+            self.clock,
+            self.copy,
+            self.rate,
+            self.soil_file,
+        )
         digest.update(repr(options).encode())
         return digest.hexdigest()
 

@@ -36,6 +36,8 @@ from smallwheel_ros.replay.spec import ReplayError
 _FIRST = ("stamp", "time", "wheel", "x", "y", "speed", "travel", "status", "status_text")
 _BLOCK = 20_000  # rows that are kept before they are written, or reduced to stretches
 COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
+MARGIN = "mobility_margin"
+_MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation", "risk_of_getting_stuck")
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
@@ -69,7 +71,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
 
     stem: path without suffix. start: the bag's first log time, ns. counts: by wheel, how many estimates
     there were and had what, and the `squares` of measured minus predicted sinkage, m^2. statuses: how
-    many estimates had which.
+    many estimates had which. mobility: slip, margin and risk of every estimate, block by block.
     """
 
     def __init__(self, stem: Path, start: int) -> None:
@@ -81,6 +83,35 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         self._begun = False
         self.counts: dict[str, Counter[str]] = {}
         self.statuses: Counter[str] = Counter()
+        self.mobility: list[pd.DataFrame] = []
+
+    @property
+    def knows_nothing(self) -> bool:
+        """Whether no estimate has slip, margin or a measured sinkage."""
+        sunk = any(counts["with_sinkage"] for counts in self.counts.values())
+        return not sunk and not any(
+            b[["slip", MARGIN]].notna().any(axis=None) for b in self.mobility
+        )
+
+    def told(self) -> dict[str, dict[str, float | None]]:
+        """Slip, margin and risk over the drive: the share of estimates that know it, and figures of those.
+
+        Of slip the median and what 95 % are under; of the margin the median and the median of its
+        standard deviations; of the risk of getting stuck the median and the highest. None: not known.
+        """
+        rows = pd.concat(self.mobility) if self.mobility else pd.DataFrame(columns=list(_MOBILITY))
+        slip, margin, spread, risk = (rows[name].dropna().astype(float) for name in _MOBILITY)
+        figures = {
+            "slip": (slip, {"median": slip.median(), "quantile_95": slip.quantile(0.95)}),
+            "margin": (margin, {"median": margin.median(), "std": spread.median()}),
+            "risk": (risk, {"median": risk.median(), "highest": risk.max()}),
+        }
+        told: dict[str, dict[str, float | None]] = {}
+        for name, (values, found) in figures.items():
+            told[name] = {"known": len(values) / max(len(rows), 1)}
+            for key, value in found.items():
+                told[name][key] = float(value) if math.isfinite(value) else None
+        return told
 
     def add(self, result: Result, mobility: dict[str, Any], soil: dict[str, Any]) -> None:
         """Take an estimate; soil: the same object as long as the soil is believed the same."""
@@ -162,6 +193,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
             known = self.counts.setdefault(str(wheel), Counter())
             known.update({str(name): value for name, value in sums.items()})
         self.statuses.update(block["status"])
+        self.mobility.append(block[list(_MOBILITY)].astype(float))
 
 
 def is_used(table: pd.DataFrame) -> pd.Series[bool]:

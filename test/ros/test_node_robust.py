@@ -240,7 +240,7 @@ def test_no_saved_soil_stops_the_start(
     """What the node does then is in test_node_saved_soil.py."""
     from smallwheel_ros.onboard.onboard import Onboard
     from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-    from smallwheel_ros.ros.session import SoilFile
+    from smallwheel_ros.onboard.soil_file import SoilFile
 
     file = tmp_path / "soil.json"
     if content is None:

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A replay goes on from a saved soil and saves it, and says when it knows nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import smallwheel_ros as sw
+from smallwheel_ros.bags import BagReader, BagWriter
+from smallwheel_ros.cli import main
+from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("drive") / "drive"
+    write_drive_bag(simulate_drive(DriveSettings(seed=3, distance=4.0)), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def config(repository: Path) -> Path:
+    return repository / "config" / "four_wheels.yaml"
+
+
+def run(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(main, ["replay", *map(str, arguments)])
+    assert result.exit_code == code, (result.output, result.exception)
+    return result
+
+
+def test_a_soil_is_gone_on_from_and_saved(drive: Path, config: Path, tmp_path: Path) -> None:
+    soil = tmp_path / "yesterday.soil"
+    options = ("--config", config, "--soil-file", soil, "--copy", "none")
+    first = run(drive, *options, "-o", tmp_path / "a").stdout
+    assert f"Soil saved: {soil}" in first or f"soil saved: {soil}" in first
+    saved = soil.read_bytes()
+    second = sw.replay(drive, config, tmp_path / "b", copy="none", soil_file=soil)
+    assert any(f"soil restored from {soil}" in note for note in second.notes)
+    one = json.loads((tmp_path / "a" / "replay.json").read_text())["soil"]["reference_pressure"]
+    two = second.to_dict()["soil"]["reference_pressure"]
+    assert two["std"] < one["std"]  # it knew more at its beginning
+    assert soil.read_bytes() != saved
+
+
+def test_a_file_that_is_no_soil_is_left_alone(drive: Path, config: Path, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    options = ("--config", config, "--soil-file", tmp_path / "notes.txt")
+    said = run(drive, *options, "-o", tmp_path / "out", code=2).stderr
+    assert "notes.txt" in said
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "out" / "replay.json").exists()
+
+
+def test_one_soil_file_is_for_one_bag(drive: Path, config: Path, tmp_path: Path) -> None:
+    options = ("--config", config, "--soil-file", tmp_path / "s", "-o", tmp_path / "out")
+    assert "for one bag" in run(drive, drive, *options, code=2).stderr
+
+
+def without_soil_sensors(
+    drive: Path, config: Path, folder: Path, *left_out: str
+) -> tuple[Path, Path]:
+    """The drive without loads, sinkages and some topics, and parameters for it."""
+    with BagReader(drive) as reader, BagWriter(folder / "plain") as writer:
+        for name, kind, time, message in reader.messages():
+            if not name.endswith(("/load", "/sinkage")) and name not in left_out:
+                writer.write(name, kind, time, message)
+    lines = ["/**:", "  ros__parameters:", "    wheels: [front_left, front_right, rear_left, rear_right]",
+             "    load: {source: static, mass: 24.0}"]  # fmt: skip
+    for name in ("front_left", "front_right", "rear_left", "rear_right"):
+        lines.append(f"    {name}: {{diameter: 0.25, width: 0.1, sinkage_topic: ''}}")
+    (folder / "plain.yaml").write_text("\n".join(lines))
+    return folder / "plain", folder / "plain.yaml"
+
+
+def test_slip_and_margin_are_said_and_of_the_law_one_line(
+    drive: Path, config: Path, tmp_path: Path
+) -> None:
+    bag, plain = without_soil_sensors(drive, config, tmp_path)
+    said = run(bag, "--config", plain, "--copy", "none", "-o", tmp_path / "out").stdout
+    assert "Slip: known in" in said
+    assert "of the configured strength, not measured" in said
+    assert "k, n and m are as they were before the drive" in said
+    assert "Pressure at" not in said
+    assert "Under the law" not in said
+    found = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert found["strength"]["measured_by"] == []
+    assert (
+        0.0 < found["mobility"]["slip"]["median"] < found["mobility"]["slip"]["quantile_95"] <= 1.0
+    )
+
+
+def test_nothing_estimated_is_exit_code_2(drive: Path, config: Path, tmp_path: Path) -> None:
+    bag, plain = without_soil_sensors(drive, config, tmp_path, "/joint_states", "/odom")
+    said = run(bag, "--config", plain, "-o", tmp_path / "out", code=2)
+    assert (
+        "nothing could be estimated: no row has slip, margin or a measured sinkage" in said.stderr
+    )
+    assert "/odom (nav_msgs/msg/Odometry): not in the bag" in said.stderr
