@@ -17,7 +17,7 @@ from smallwheel_ros.costmap.grid import wide, write_map
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.events import DriveEvents
 from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
@@ -97,7 +97,9 @@ class _Drive:
         onboard = self._settings.onboard
         self._onboard = Onboard(onboard)
         self._feed = Feed(self._onboard, self._settings)
-        self._ground = GroundMapper(CostMap(self._settings.cost, onboard.wheels))
+        self._ground = GroundMapper(
+            CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
+        )
         self._happened = DriveEvents(self._onboard, self.start)
         self._stretches = SteadyStretches(onboard.wheels, bool(onboard.with_drawbar_pull))
         self._last_stamp = 0

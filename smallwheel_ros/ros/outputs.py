@@ -26,9 +26,9 @@ from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 from smallwheel_ros.onboard.feed import Feed, angles_of
-from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS, overridable
 
 OUTPUTS = {
@@ -147,7 +147,8 @@ class CostPublisher:
     """Keeps the cost map of a vehicle (`map`), and publishes it.
 
     received, published: how many grids of terrain classes have come, and how many of costs were sent.
-    report: takes what is wrong with a grid that cannot be used.
+    report: takes what is wrong with a grid that cannot be used. prior: the vehicle's margin on any ground, as
+    it is believed before driving.
     """
 
     def __init__(
@@ -156,6 +157,7 @@ class CostPublisher:
         wheels: Sequence[Wheel],
         publisher: LifecyclePublisher,
         report: Report,
+        prior: Quantity | None = None,
     ) -> None:
         self._publisher = publisher
         self._report = report
@@ -168,7 +170,7 @@ class CostPublisher:
         self._corrected = False
         self.received = 0
         self.published = 0
-        self.map = CostMap(settings, wheels)
+        self.map = CostMap(settings, wheels, prior)
         self._ground = GroundMapper(self.map)
 
     def add(self, result: Result, frame: str) -> None:
@@ -274,7 +276,8 @@ class Outputs:
                 how = {"event_callbacks": NO_PUBLISHER_EVENTS, **overridable(profile)}
                 self._publishers.append(node.create_lifecycle_publisher(kind, topic, **how))
             self._mobility, self._soil, self._markers, cost = self._publishers
-            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report)
+            prior = margin_before_driving(settings.onboard)
+            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report, prior)
         except Exception:
             self.destroy()
             raise
