@@ -93,6 +93,8 @@ class _Drive:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
         if self._settings.soil_file:
             self._notes.append("soil_file is not read: a replay begins with the configured soil")
+        if self._settings.onboard.unknown_positions:
+            self._notes.append(self._settings.onboard.unknown_positions)
         self.start = self._time = reader.start_time  # log times, of the message that is worked on
         onboard = self._settings.onboard
         self._onboard = Onboard(onboard)

@@ -265,8 +265,10 @@ class TestSettings:
             "bananas": True,
             "use_sim_time": True,
             "qos_overrides./odom.subscription.depth": 5,
+            "qos_overrides./odom.subscription.history": "keep_last",
         }
-        found = unknown_parameters(values, ["front"])
+        gone, *found = unknown_parameters(values, ["front"])
+        assert "qos_overrides.* are not used any more" in gone
         assert len(found) == 3
         assert "front.widht is unknown and not used: did you mean 'front.width'?" in found[0]
         assert "did you mean 'timing.reorder_time'?" in found[1]

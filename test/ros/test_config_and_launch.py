@@ -8,9 +8,11 @@ import importlib.util
 import json
 import re
 import runpy
+import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -187,6 +189,40 @@ class TestLaunch:
             pytest.skip("needs launch_ros")
         module = runpy.run_path(str(repository / "launch" / f"{name}.launch.py"))
         assert module["generate_launch_description"]().entities
+
+
+class _Anything(ModuleType):
+    """A module of launch that has whatever is asked of it."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_, **given: SimpleNamespace(**given)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_parameters_that_are_missing_are_named(
+    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    """N24: launch leaves a file out that is not there, and the node says that it has no wheels."""
+    for name in ("launch", "launch_ros"):
+        for part in ("", ".actions", ".substitutions", ".parameter_descriptions"):
+            monkeypatch.setitem(sys.modules, f"{name}{part}", _Anything(f"{name}{part}"))
+    module = runpy.run_path(str(repository / "launch" / "mobility_estimator.launch.py"))
+    file = tmp_path / "rover.yaml"
+    if there:
+        file.write_text("")
+    given = {"params_file": str(file), "remaps": "", "tf": "/tf", "respawn": "false"}
+    make = module["_node"]
+    make.__globals__["LaunchConfiguration"] = lambda name: SimpleNamespace(
+        perform=lambda _: given.get(name)
+    )
+    if there:
+        (node,) = make(None)
+        assert node.parameters[0] == str(file)
+        return
+    with pytest.raises(
+        FileNotFoundError, match=r"params_file:=.*rover\.yaml: there is no such file"
+    ):
+        make(None)
 
 
 def test_installed_files_are_those_of_the_checkout(repository: Path) -> None:
