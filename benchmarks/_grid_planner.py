@@ -1,14 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A shortest path over 8 neighbours with the costs of Nav2's NavFn, by base_link or by footprint.
+"""A shortest path over 8 neighbours by the rules of Nav2's planners (1.3.13): NavFn, and SmacHybrid.
 
 A cell of the grid becomes one of the costmap as KeepoutFilter has it, 0 to 254, unknown 0 (a costmap that
-does not track unknown space); a step costs its length times 50 + 0.8 of that (navfn.cpp: COST_NEUTRAL,
+does not track unknown space); soil is not inflated, since filters come after inflation.
+
+NavFn goes by base_link: a step costs its length times 50 + 0.8 of the cost (navfn.cpp: COST_NEUTRAL,
 COST_FACTOR), and 253 and more cannot be entered.
+
+SmacHybrid and SmacLattice know the footprint (collision_checker.cpp, inCollision) and look at it only
+where the cost under base_link is at least that of InflationLayer at the circumscribed radius; then no edge of
+it may be on 254. A step costs its length times 0.985 + 2 times the cost under base_link over 252
+(node_hybrid.cpp, getTraversalCost). Turning radius and penalties of turns are left out: they change no cell
+that is looked at.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import product
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,42 +29,47 @@ from smallwheel_ros.costmap.crossed_ground import Outline
 from smallwheel_ros.costmap.grid import Grid, Pose
 
 Array = NDArray[np.float64]
+Planner = Literal["NavFn", "Smac"]
 _STEPS = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]
-_LETHAL = 253.0
+_INSCRIBED, _LETHAL = 253.0, 254.0
+# InflationLayer in nav2_params.yaml: 1/m, m
+_SCALING, _INFLATION = 3.0, 0.7
 
 
 def plan(
     grid: Grid,
     start: tuple[float, float],
     goal: tuple[float, float],
-    outline: Outline | None = None,
+    outline: Outline,
+    planner: Planner,
 ) -> Array | None:
-    """Places (m) of the path, shape (places, 2); None where there is none.
-
-    outline: of a planner that looks at all cells below the vehicle as it heads; None: by base_link.
-    """
+    """Places (m) of the path, shape (places, 2); None where there is none."""
     costs = np.where(grid.cells < 0, 0.0, np.rint(2.54 * grid.cells))
     rows, columns = costs.shape
     numbers = np.arange(rows * columns).reshape(rows, columns)
     found: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
     for up, aside in _STEPS:
-        below = costs if outline is None else _below(costs, grid.resolution, outline, (up, aside))
         r, c = slice(max(-up, 0), rows - max(up, 0)), slice(max(-aside, 0), columns - max(aside, 0))
         to_r, to_c = (
             slice(max(up, 0), rows - max(-up, 0)),
             slice(max(aside, 0), columns - max(-aside, 0)),
         )
-        there = below[to_r, to_c]
-        free = there < _LETHAL
+        there, free = costs[to_r, to_c], costs[to_r, to_c] < _INSCRIBED
+        if planner == "Smac":
+            edges = _under_edges(costs, grid.resolution, outline, (up, aside))[to_r, to_c]
+            free &= (there < possible_collision(outline)) | (edges < _LETHAL)
+            weight = 0.985 + 2.0 * there[free] / 252.0
+        else:
+            weight = 50.0 + 0.8 * there[free]
         found[0].append(numbers[r, c][free])
         found[1].append(numbers[to_r, to_c][free])
-        found[2].append(math.hypot(up, aside) * (50.0 + 0.8 * there[free]))
+        found[2].append(math.hypot(up, aside) * weight)
     edges = [np.concatenate(part) for part in found]
     graph = csr_matrix((edges[2], (edges[0], edges[1])), shape=(rows * columns,) * 2)
     begin, end = (grid.cell(*place) for place in (start, goal))
     assert begin is not None
     assert end is not None
-    if costs[begin] >= _LETHAL:
+    if costs[begin] >= _INSCRIBED:
         return None
     far, before = dijkstra(graph, indices=numbers[begin], return_predecessors=True)
     if not np.isfinite(far[numbers[end]]):
@@ -66,16 +81,30 @@ def plan(
     return np.stack([at_column + 0.5, at_row + 0.5], 1) * grid.resolution + np.array(grid.origin)
 
 
-def _below(costs: Array, side: float, outline: Outline, step: tuple[int, int]) -> Array:
-    """The dearest cell below a vehicle that heads along a step."""
+def possible_collision(outline: Outline) -> float:
+    """Cost from which on SmacHybrid looks at the footprint: InflationLayer's, at the circumscribed radius.
+
+    0 where the inflation does not reach so far: it always looks then (utils.hpp, findCircumscribedCost).
+    """
+    ends = outline.front + outline.radius, outline.radius - outline.rear
+    sides = outline.left, -outline.right
+    around, within = math.hypot(max(ends), max(sides)), min(*ends, *sides)
+    if around > _INFLATION:
+        return 0.0
+    return math.floor(252.0 * math.exp(-_SCALING * (around - within)))
+
+
+def _under_edges(costs: Array, side: float, outline: Outline, step: tuple[int, int]) -> Array:
+    """The dearest cell under the edges of the footprint of a vehicle that heads along a step."""
     pose = Pose(0.0, 0.0, math.atan2(*step))
-    along = np.arange(
-        outline.rear - outline.radius, outline.front + outline.radius + side / 2, side / 2
-    )
-    across = np.arange(outline.right, outline.left + side / 2, side / 2)
-    shifts = {tuple(round(v / side) for v in pose.place(a, b)) for a in along for b in across}
+    rear, front = outline.rear - outline.radius, outline.front + outline.radius
+    along = np.append(np.arange(rear, front, side / 2), front)
+    across = np.append(np.arange(outline.right, outline.left, side / 2), outline.left)
+    edge = [(a, b) for a in along for b in (outline.right, outline.left)]
+    edge += [(a, b) for a in (rear, front) for b in across]
+    shifts = {tuple(round(v / side) for v in pose.place(*place)) for place in edge}
     reach = max(max(abs(v) for v in shift) for shift in shifts)
-    padded, found = np.pad(costs, reach), costs.copy()
+    padded, found = np.pad(costs, reach), np.zeros_like(costs)
     for x, y in shifts:
         part = padded[
             reach + y : reach + y + costs.shape[0], reach + x : reach + x + costs.shape[1]
@@ -84,15 +113,25 @@ def _below(costs: Array, side: float, outline: Outline, step: tuple[int, int]) -
     return found
 
 
-def dear_way(path: Array, grid: Grid, outline: Outline, least: int = 50) -> float:
-    """M of the path on which a wheel's track (the outer edges) is on cells of so much or more."""
+def dear_way(
+    path: Array, grid: Grid, outline: Outline, *, corners: bool = False, least: int = 50
+) -> float:
+    """M of the path on which a wheel's track (beside base_link) is on cells of so much or more.
+
+    corners: of the wheels in front and behind, which swing out in turns. The vehicle looks the way that its
+    path goes over its own length: steps have eight directions only.
+    """
     steps = np.diff(path, axis=0)
     length = np.hypot(*steps.T)
-    heading = np.arctan2(steps[:, 1], steps[:, 0])
+    half = max(1, round(0.5 * outline.length / grid.resolution))
+    number = np.arange(1, len(path))
+    chord = path[np.minimum(number + half, len(path) - 1)] - path[np.maximum(number - half, 0)]
+    axles = (outline.rear, outline.front) if corners else (0.0,)
     on = np.zeros(len(steps), dtype=bool)
-    for left in (outline.left, outline.right):
-        for (x, y), angle, i in zip(path[1:], heading, range(len(steps)), strict=True):
-            cell = grid.cell(*Pose(x, y, angle).place(0.0, 0.9 * left))
+    for i, (x, y), (dx, dy) in zip(range(len(steps)), path[1:], chord, strict=True):
+        pose = Pose(x, y, math.atan2(dy, dx))
+        for ahead, left in product(axles, (outline.left, outline.right)):
+            cell = grid.cell(*pose.place(ahead, 0.9 * left))
             on[i] |= cell is not None and grid.cells[cell] >= least
     return float(length[on].sum())
 

@@ -4,19 +4,23 @@
     python benchmarks/cost_detours.py --drives 20
 
 Simulated drives (truth simulator) that end stuck on slippery ground or a slope, one a seed, and as many
-that do not; their cost maps, and paths over them (`_grid_planner`): from 8 m before the place to 3 m
-behind it, back from there, and along the good drives. `m dear`: way of the outer wheels on cells that the
-map without spread has at 50 and more. Intervals (95 %): bootstrap over drives for means, Clopper-Pearson
-for counts.
+that do not; their cost maps, and paths over them by the rules of Nav2's planners (`_grid_planner`): from 8 m
+before the place to 3 m behind it, back from there, and along the good drives, each end moved along the way
+to where no wheel stands on ground of 50 and more. Costs are spread as the node does it (`cost.spread`) and,
+to show what that is for, not at all. `m dear`: way of the outer wheels, beside base_link, on cells that the
+map without spread has at 50 and more; at the corners: of those in front and behind. Intervals (95 %):
+bootstrap over drives for means, Clopper-Pearson for counts.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -28,13 +32,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
 
 from cost_map import cost_map
 
-from benchmarks._grid_planner import dear_way, near_share, plan
+from benchmarks._grid_planner import Planner, dear_way, near_share, plan
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
+from smallwheel_ros.costmap.grid import Grid, spread
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 _BEFORE, _BEHIND = 8.0, 3.0  # m
+_PLANNERS: tuple[Planner, ...] = ("NavFn", "Smac")
 Found = dict[str, dict[str, float]]
 
 
@@ -51,54 +57,62 @@ def draw(seed: int, picture: Path) -> None:
     """Draw what a planner does that goes by base_link, past where a robot got stuck."""
     made, way = map_of(seed, stuck=True)
     pose, made._pose = made._pose, None
-    made.settings = replace(made.settings, unknown="none")  # a window of one colour shows nothing
     grid = made.grid()
     assert pose is not None
     assert grid is not None
-    path = plan(grid, tuple(way[0]), pose.place(_BEHIND, 0.0))
+    path = plan(grid, tuple(way[0]), pose.place(_BEHIND, 0.0), made.outline, "NavFn")
     draw_cost(grid, picture, way=way, planned=path, title="Stuck there; a path to behind it")
+
+
+def _free(grid: Grid, made: CostMap, places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """At which places no wheel would be on ground of 50 and more, whichever way the vehicle looks."""
+    around = math.hypot(made.outline.length / 2, made.outline.half_width) + grid.resolution
+    dear = spread(grid.cells, around / grid.resolution) >= 50
+    cells = [grid.cell(*place) for place in places]
+    return np.array([cell is not None and not dear[cell] for cell in cells])
 
 
 def one_drive(seed: int, stuck: bool) -> Found:
     """What planners do on the map of one drive: by kind of map and planner, by what is measured."""
     made, way = map_of(seed, stuck)
-    settings, outline = made.settings, made.outline
+    outline, reached = made.outline, made.spread
     pose = made._pose
     assert pose is not None
     found: Found = {}
-    made.settings = replace(settings, spread=0.0)
+    made.spread = 0.0
     raw = made.grid()
     assert raw is not None
     blank = replace(raw, cells=np.full_like(raw.cells, -1))
-    at = int(np.argmin(np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE)))
-    kinds = [
-        ("none", None, None),
-        ("none", 0.0, outline),
-        ("prior", None, None),
-        ("prior", 0.0, outline),
-    ]
-    for unknown, spread, by in kinds:
-        made.settings = replace(settings, spread=spread, unknown=unknown)
+    near = np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE) if stuck else np.hypot(*(way - way[0]).T)
+    ahead = [tuple(pose.place(_BEHIND + more, 0.0)) for more in np.arange(0.0, 5.0, 0.2)]
+    ends = np.array(ahead) if stuck else way[::-1]
+    # What stands on dear ground, or is to, can keep no wheel off it.
+    starts = way[np.argsort(near, kind="stable")]
+    start, behind = (tuple(on[_free(raw, made, on)][0]) for on in (starts, ends))
+    for planner, reach in product(_PLANNERS, (reached, 0.0)):
+        made.spread = reach
         standing = made.grid()
         gone, made._pose = made._pose, None  # the vehicle is elsewhere
         left, made._pose = made.grid(), gone
         assert standing is not None
         assert left is not None
-        name = f"{'footprint' if by else 'base_link'}, unknown {unknown}"
-        behind = pose.place(_BEHIND, 0.0) if stuck else tuple(way[-1])
-        start = tuple(way[at]) if stuck else tuple(way[0])
-        path, straight = plan(left, start, behind, by), plan(blank, start, behind, by)
+        name = f"{planner}, {'as the node spreads' if reach else 'not spread'}"
+        path = plan(left, start, behind, outline, planner)
+        straight = plan(blank, start, behind, outline, planner)
         assert straight is not None
         row = {"plan": float(path is not None)}
         if path is not None:
             row |= {
                 "m dear": dear_way(path, raw, outline),
+                "m dear at the corners": dear_way(path, raw, outline, corners=True),
                 "m dear, no grid": dear_way(straight, raw, outline),
                 "near old track": near_share(path, way),
                 "near old track, no grid": near_share(straight, way),
             }
         if stuck:
-            row["out"] = float(plan(standing, (pose.x, pose.y), tuple(way[at]), by) is not None)
+            row["out"] = float(
+                plan(standing, (pose.x, pose.y), start, outline, planner) is not None
+            )
         found[name] = row
     return found
 

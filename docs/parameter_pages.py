@@ -68,7 +68,7 @@ def reference() -> str:
         "and not used; one that is missing or wrong keeps the node from being configured.",
         "They are read when the node is configured. While it is active none can be set (`ros2 param",
         "set` is refused, and says what to do: deactivate, set, clean up, configure, activate).",
-        "Those marked *At start*, and `qos_overrides.*`, only come from a file or the command line.",
+        "Those marked *At start* only come from a file or the command line.",
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):

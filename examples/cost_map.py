@@ -24,7 +24,7 @@ from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.ros import config_file
@@ -41,7 +41,8 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
     settings = settings_from(read_parameters(config))
     onboard = Onboard(settings.onboard)
     feed = Feed(onboard, settings)
-    mapper = GroundMapper(CostMap(settings.cost, settings.onboard.wheels))
+    prior = margin_before_driving(settings.onboard)
+    mapper = GroundMapper(CostMap(settings.cost, settings.onboard.wheels, prior))
     if classes is not None:
         mapper.map.take_classes(classes)
     topics = {f"/{topic.name.lstrip('/')}": topic for topic in feed.topics}

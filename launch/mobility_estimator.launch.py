@@ -9,6 +9,8 @@ The node configures and activates itself (its parameter autostart).
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -19,7 +21,15 @@ from launch import LaunchContext, LaunchDescription
 
 
 def _node(context: LaunchContext) -> list[Node]:
-    """Make the node; its remaps are as many as there are words in the argument."""
+    """Make the node; its remaps are as many as there are words in the argument.
+
+    Raises FileNotFoundError for parameters that are not there: launch would start the node without any.
+    """
+    parameters = Path(LaunchConfiguration("params_file").perform(context)).expanduser()
+    if not parameters.is_file():
+        raise FileNotFoundError(
+            f"params_file:={parameters}: there is no such file (seen from {Path.cwd()})"
+        )
     remaps = LaunchConfiguration("remaps").perform(context).split()
     tf = LaunchConfiguration("tf").perform(context)
     pairs = [tuple(remap.partition(":=")[::2]) for remap in remaps]
@@ -36,7 +46,7 @@ def _node(context: LaunchContext) -> list[Node]:
             respawn_delay=2.0,
             remappings=pairs,
             parameters=[
-                LaunchConfiguration("params_file"),
+                str(parameters),
                 {
                     "use_sim_time": ParameterValue(
                         LaunchConfiguration("use_sim_time"), value_type=bool

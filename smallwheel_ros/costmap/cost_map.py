@@ -202,12 +202,13 @@ class CostSettings:
     )
     spread: float | None = Parameter(None, "m", 0.0, 10.0).means(
         "Each cell of ~/cost costs what the dearest within this distance does. Without it: from base_link"
-        " to the outermost edge of the wheels, for planners that plan by base_link; 0.0 for planners that"
-        " know the vehicle's footprint."
+        " to the outermost edge of the wheels. It serves every planner: those that know the footprint look"
+        " at the cost under base_link, too (docs/nav2.md)."
     )
     unknown: Literal["prior", "none"] = Parameter("prior").means(
-        "What ground costs that nobody has crossed. prior: what was believed of any ground before"
-        " driving. none: -1, nothing is said of it (docs/nav2.md)."
+        "What ground costs that has a terrain class and has not been crossed, nor has any of its class."
+        " prior: what was believed of any ground before driving. none: -1. Ground that neither a wheel"
+        " nor a class tells of is -1 with both (docs/nav2.md)."
     )
     rules: CostRules = field(default_factory=CostRules)
 
@@ -222,14 +223,15 @@ class CostSettings:
 class CostMap:
     """Costs of ground, from wheels' margins as they come.
 
+    prior: the vehicle's margin as it was believed of any ground before driving, None where not known
+    (`onboard.ground.margin_before_driving`).
+
     Attributes
     ----------
     spread
         How far costs are spread, m.
     changed
         Whether the grid differs from the one given last.
-    prior
-        The vehicle's margin as it was believed of any ground before driving, None where not known.
     frame
         Of positions; empty as long as it is not known.
     class_grid
@@ -238,12 +240,14 @@ class CostMap:
         What was found on earlier drives.
     """
 
-    def __init__(self, settings: CostSettings, wheels: Sequence[Wheel]) -> None:
+    def __init__(
+        self, settings: CostSettings, wheels: Sequence[Wheel], prior: Quantity | None = None
+    ) -> None:
         self.settings = settings
+        self.prior = prior
         self.outline = Outline(wheels)
         self.spread = self.outline.half_width if settings.spread is None else settings.spread
         self.changed = False
-        self.prior: Quantity | None = None
         self.classes = TerrainClasses(settings.rules, settings.resolution)
         self._ground = CrossedGround(settings.size, settings.resolution, self.outline.length)
         self.class_grid: Grid | None = None
@@ -258,7 +262,7 @@ class CostMap:
         """Forget all that wheels have found and what was remembered; the classes' grid stays."""
         self._ground.clear()
         self.classes.clear()
-        self.prior = self._pose = self._held = self.remembered = None
+        self._pose = self._held = self.remembered = None
         self.changed = True
 
     def add(
@@ -357,8 +361,12 @@ class CostMap:
         cells = spread(costs.cells, self.spread / costs.resolution)
         if self.settings.unknown == "prior" and self.prior is not None:
             before = int(self.settings.rules.cost(self.prior.value, self.prior.standard_deviation))
-            unknown = costs.cells == UNKNOWN
-            cells[unknown] = np.maximum(cells[unknown], min(before, _PASSABLE))
+            # Beside what was crossed one side's wheels are on ground that nothing tells of.
+            told = cells != UNKNOWN
+            if self.class_grid is not None:
+                told |= self.class_grid.cells >= 0
+            told &= costs.cells == UNKNOWN
+            cells[told] = np.maximum(cells[told], min(before, _PASSABLE))
         return Grid(costs.frame, costs.resolution, costs.origin, cells)
 
     def _found(self) -> Grid | None:

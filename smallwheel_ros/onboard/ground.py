@@ -11,14 +11,22 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.estimator.reading import SECOND, Reading
+from smallwheel_ros.estimator.soil_estimator import SoilEstimator
+from smallwheel_ros.estimator.traction import GRAVITY, TractionEstimator
+from smallwheel_ros.onboard.mobility import Mobility
 from smallwheel_ros.onboard.result import Result, Status
+from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.onboard.stuck_warning import STALE, mean_margin
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
+# Pa on diameter times width of a wheel: 3.3, 4.2 and 4.9 kPa of a rover of 30 kg, a Warthog and a Husky. From
+# 2 to 8 kPa the margin before driving of these three moves by 0.005 at most, of a deviation of 0.13.
+_USUAL_PRESSURE = 4e3
 # Slip with which nothing is gained any more: the wheel turns five times as far as it gets.
 _SPINS = 0.8
 
@@ -36,6 +44,38 @@ def vehicle_margin(newest: Iterable[Result]) -> Quantity | None:
         and result.reading.load is not None
     ]
     return mean_margin(wheels) if wheels else None
+
+
+def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
+    """Margin of the whole vehicle on any ground, as it is believed before the first message.
+
+    All rolling wheels at their nominal load: as configured where loads are not measured, else an equal share
+    of the weight, or 4 kPa on diameter times width where the mass is not known either. None without a
+    rolling wheel, and where nothing can be predicted of them.
+    """
+    rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
+    share = settings.mass * GRAVITY / len(settings.wheels)
+    nominal = [
+        settings.static_loads.get(wheel.name)
+        or Quantity(share or _USUAL_PRESSURE * wheel.diameter * wheel.width, 0.0)
+        for wheel in rolling
+    ]
+    estimator = SoilEstimator(settings.prior, settings.estimator, settings.effects, settings.wheels)
+    traction = TractionEstimator(settings.strength, settings.wheels, settings.mass)
+    readings = [
+        (Reading(wheel, 0, load, None, None, None, 0.0, 0.0), load)
+        for wheel, load in zip(rolling, nominal, strict=True)
+    ]
+    try:
+        margins = Mobility(settings, estimator, traction).margins(readings)
+    except (SmallwheelError, ArithmeticError, ValueError):
+        return None
+    known = [
+        (load.value, margin)
+        for load, margin in zip(nominal, margins, strict=True)
+        if margin is not None
+    ]
+    return mean_margin(known) if known else None
 
 
 class Spinning:
@@ -86,8 +126,10 @@ class GroundMapper:
     def add(self, result: Result, frame: str) -> None:
         """Take a result; frame is that of the odometry, empty where it is not known.
 
-        Nothing is known where the soil has not been measured yet or the measured sinkage did not
-        fit; a wheel that is sunk to its axle, digs itself in or spins on the spot is stuck there.
+        Every margin counts, with its deviation: before the soil has been measured, and where its sinkage
+        never is, that is what balance and torque tell, or the prior. Nothing is known where the measured
+        sinkage did not fit. A wheel that is sunk to its axle in soil that was measured, digs itself in or
+        spins on the spot is stuck there.
         """
         reading = result.reading
         self._newest[result.wheel] = result
@@ -98,13 +140,11 @@ class GroundMapper:
             for name, other in self._newest.items()
             if other.reading.stamp >= since and name not in result.elsewhere
         )
-        if self.map.prior is None:
-            self.map.prior = margin
         if reading.vehicle is None or reading.heading is None or not frame:
             return
-        measured = result.soil.accepted > 0
-        stuck = result.digging_in or spins or (measured and result.status is Status.SUNK_TO_AXLE)
-        if not measured or result.status is Status.REJECTED:
+        sunk = result.status is Status.SUNK_TO_AXLE and result.soil.accepted > 0
+        stuck = result.digging_in or spins or sunk
+        if result.status is Status.REJECTED:
             margin = None
         pose = Pose(*reading.vehicle, reading.heading)
         slope = result.slope if self.map.settings.slope == "measured" else 0.0

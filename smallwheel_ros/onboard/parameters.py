@@ -36,7 +36,8 @@ NODE_NAME = "mobility_estimator"
 _SECTION = "ros__parameters"
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
-_FOREIGN_PREFIX = "qos_overrides."
+# In files that 0.2.0 dumped.
+_GONE_PREFIX = "qos_overrides."
 
 
 class ParametersError(SmallwheelError):
@@ -103,7 +104,7 @@ def wheel_names(value: object) -> list[str]:
     if problem is not None:
         raise ParametersError(f"{problem}; {example}")
     assert isinstance(value, list)
-    groups = {p.name.split(".")[0] for p in GENERAL} | {"qos_overrides"}
+    groups = {p.name.split(".")[0] for p in GENERAL} | {_GONE_PREFIX.rstrip(".")}
     for i, name in enumerate(value):
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             reason = "expected letters, digits and _, a letter first"
@@ -123,8 +124,13 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
     """Say of each parameter that nobody knows, what might have been meant."""
     known = [p.name for p in parameters_for(wheels)]
     found = []
+    if any(name.startswith(_GONE_PREFIX) for name in values):
+        found.append(
+            f"parameters {_GONE_PREFIX}* are not used any more: topics have the quality of service that"
+            " docs/node.md says"
+        )
     for name in values:
-        if name in (*known, *_FOREIGN) or name.startswith(_FOREIGN_PREFIX):
+        if name in (*known, *_FOREIGN) or name.startswith(_GONE_PREFIX):
             continue
         meant, sign, _ = nearest(name, known).partition("?")
         mend = f": {meant}?" if sign else " (see docs/parameters.md)"

@@ -167,6 +167,24 @@ class OnboardSettings:
         return self.without_soil_sensors and not self.soil_told
 
     @property
+    def unknown_positions(self) -> str:
+        """Which rolling wheels have one place between them, and what that costs, in words; empty: none."""
+        at: dict[tuple[float, float], list[str]] = {}
+        for wheel in self.wheels:
+            if wheel.contact == ROLLING:
+                place = wheel.longitudinal_position, wheel.lateral_position
+                at.setdefault(place, []).append(wheel.name)
+        same = [", ".join(names) for names in at.values() if len(names) > 1]
+        if not same:
+            return ""
+        return (
+            f"positions of wheels are not known ({'; '.join(same)}: all at one place): the cost map has a"
+            " strip as wide as one wheel, slip in turns is that of base_link, passes are not counted, and"
+            " another soil is found only when all wheels are on it; give lateral_position and"
+            " longitudinal_position of each wheel"
+        )
+
+    @property
     def streams(self) -> tuple[str, ...]:
         """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
         wheels, rolling = self.wheels, [w for w in self.wheels if w.contact == ROLLING]

@@ -17,7 +17,7 @@ from smallwheel_ros.costmap.grid import wide, write_map
 from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.events import DriveEvents
 from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
@@ -99,11 +99,15 @@ class _Drive:
             self._notes.append(
                 "soil.file is the node's, and not read: give --soil-file to go on from it"
             )
+        if self._settings.onboard.unknown_positions:
+            self._notes.append(self._settings.onboard.unknown_positions)
         self.start = self._time = reader.start_time  # log times, of the message that is worked on
         onboard = self._settings.onboard
         self._onboard = Onboard(onboard)
         self._feed = Feed(self._onboard, self._settings)
-        self._ground = GroundMapper(CostMap(self._settings.cost, onboard.wheels))
+        self._ground = GroundMapper(
+            CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
+        )
         self._soil_file = SoilFile(str(spec.soil_file or ""))
         self._go_on()
         self._happened = DriveEvents(self._onboard, self.start)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from smallwheel_ros.costmap.cost_map import CostRules
+from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.replay.tables import is_used
@@ -28,10 +28,10 @@ _MAP = (
 _CAPTION = (
     "The path is in the frame of the odometry. Drawbar margin: drawbar pull over load at the reference "
     "slip, of all wheels together; it is the tangent of the slope that could be climbed beyond the "
-    "present one. Under 0 the wheels do not carry the vehicle on level ground. Cost: the risk, in per "
-    "cent, that the margin is under the one required, as the node's cost map has it. The reference "
-    "pressure is what the drive determines first; k is the pressure at one metre of sinkage, far from "
-    "what small wheels do. Where something is not known there is a gap."
+    "present one. Under 0 the wheels do not carry the vehicle on level ground. Cost: that of the ground "
+    "there in cost_map.yaml, after the drive: the risk of getting stuck, in per cent, slope included. The "
+    "reference pressure is what the drive determines first; k is the pressure at one metre of sinkage, "
+    "far from what small wheels do. Where something is not known there is a gap."
 )
 _BAND = 1.96  # standard deviations: 95 %
 _STEPS = 400  # of the way
@@ -42,7 +42,7 @@ _BANDS = ("sinkage_predicted", "drawbar_pull", "mobility_margin")
 _USED = {"time", "wheel", "x", "y", "status", "load", "sinkage_measured", "slip", *_BANDS}
 _USED |= {f"{name}_standard_deviation" for name in _BANDS}
 
-_MARGIN, _MARGIN_STD = "mobility_margin", "mobility_margin_standard_deviation"
+_MARGIN = "mobility_margin"
 _SOIL = (
     ("soil_reference_pressure", "reference pressure [kPa]", 1e-3, True),
     ("soil_k", "k [Pa/m^(n+m)]", 1.0, True),
@@ -57,7 +57,7 @@ _SOIL = (
 def replay_page(result: Replayed, folder: Path | None = None) -> Page:
     """All of a replay. folder: where its table is; the spec's where it is not given."""
     summary = result.to_dict(folder)
-    return _page(summary, _drive(result, summary, folder or result.spec.folder))
+    return _page(summary, _drive(summary, folder or result.spec.folder))
 
 
 def save_page(result: Replayed, folder: Path) -> None:
@@ -179,18 +179,21 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _drive(result: Replayed, summary: dict[str, Any], folder: Path) -> list[Block]:
+def _drive(summary: dict[str, Any], folder: Path) -> list[Block]:
     """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
     counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
     every = max(1, math.ceil(max(counts) / min(_MOST_POINTS, _MOST_OF_ALL // len(counts))))
     courses = read_courses(folder / FILES["estimates_csv"], every)
     if not courses:
         return []
+    path = folder / FILES["cost_map"]
+    ground = read_map(path) if path.exists() else None
+    for course in courses.values():
+        course["cost"] = _costs(ground, course)
     rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
-    rules = result.settings.cost.rules
     data = {
-        "wheels": [_wheel_data(name, course, rules) for name, course in courses.items()],
-        "way": _way(rows, rules),
+        "wheels": [_wheel_data(name, course) for name, course in courses.items()],
+        "way": _way(rows),
         "soil": _soil_data(rows),
         "events": summary["events"],
     }
@@ -325,10 +328,10 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     """
     rows = pd.read_csv(table, usecols=_needed)
     rows["used"] = is_used(rows)
-    return {str(wheel): course.iloc[::every] for wheel, course in rows.groupby("wheel")}
+    return {str(wheel): course.iloc[::every].copy() for wheel, course in rows.groupby("wheel")}
 
 
-def _wheel_data(name: str, course: pd.DataFrame, rules: CostRules) -> dict[str, Any]:
+def _wheel_data(name: str, course: pd.DataFrame) -> dict[str, Any]:
     rows = with_gaps(course.sort_values("time", kind="stable"))
     measured, used = 1e3 * rows["sinkage_measured"], rows["used"].eq(True)
     return {
@@ -339,7 +342,7 @@ def _wheel_data(name: str, course: pd.DataFrame, rules: CostRules) -> dict[str, 
         "sinkage": _with_band(rows, "sinkage_predicted", 1e3),
         "pull": _with_band(rows, "drawbar_pull", 1.0),
         "slip": rows["slip"],
-        "cost": _cost(rules, rows[_MARGIN], rows[_MARGIN_STD]),
+        "cost": rows["cost"],
     }
 
 
@@ -359,18 +362,24 @@ def with_gaps(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([rows, blank]).sort_values("time", kind="stable")
 
 
-def _cost(
-    rules: CostRules, margin: pd.Series[float], deviation: pd.Series[float]
-) -> NDArray[np.float64]:
-    """Cost of each margin, NaN where it is not known."""
-    cost = rules.cost(margin.to_numpy(), deviation.to_numpy())
-    return np.where(margin.notna() & deviation.notna(), cost, np.nan)
+def _costs(ground: Grid | None, rows: pd.DataFrame) -> NDArray[np.float64]:
+    """What the map has where the vehicle was, NaN where that is nothing."""
+    costs = np.full(len(rows), np.nan)
+    if ground is None:
+        return costs
+    x, y = rows["x"].to_numpy(dtype=float), rows["y"].to_numpy(dtype=float)
+    for i in np.flatnonzero(np.isfinite(x + y)):
+        cell = ground.cell(float(x[i]), float(y[i]))
+        if cell is not None and ground.cells[cell] >= 0:
+            costs[i] = ground.cells[cell]
+    return costs
 
 
-def _way(rows: pd.DataFrame, rules: CostRules) -> dict[str, Any] | None:
+def _way(rows: pd.DataFrame) -> dict[str, Any] | None:
     """The way in steps of time, a gap where one is empty; None without odometry.
 
-    Sinkage is the mean over the wheels; margin and cost are of the vehicle, wheels weighted by load.
+    Sinkage is the mean over the wheels; the margin is the vehicle's, wheels weighted by load; cost is the
+    dearest of the step.
     """
     rows = rows.dropna(subset=["x", "y"])
     if len(rows) < 2:
@@ -380,14 +389,13 @@ def _way(rows: pd.DataFrame, rules: CostRules) -> dict[str, Any] | None:
     step = (_STEPS * since / span).astype(int).clip(upper=_STEPS - 1)
     deep = rows["sinkage_measured"].fillna(rows["sinkage_predicted"])
     way = rows[["time", "x", "y"]].assign(sinkage=1e3 * deep).groupby(step).mean()
-    loaded = rows.dropna(subset=["load", _MARGIN, _MARGIN_STD])
-    weighted = loaded[[_MARGIN, _MARGIN_STD]].mul(loaded["load"], axis=0)
-    sums = weighted.assign(load=loaded["load"]).groupby(step).sum().reindex(range(_STEPS))
-    margin, spread = sums[_MARGIN] / sums["load"], sums[_MARGIN_STD] / sums["load"]
+    loaded = rows.dropna(subset=["load", _MARGIN])
+    weighted = pd.DataFrame({"load": loaded["load"], "pull": loaded["load"] * loaded[_MARGIN]})
+    sums = weighted.groupby(step).sum().reindex(range(_STEPS))
     return {
         **way.reindex(range(_STEPS)),
-        "margin": 100.0 * margin,
-        "cost": _cost(rules, margin, spread),
+        "margin": 100.0 * sums["pull"] / sums["load"],
+        "cost": rows["cost"].groupby(step).max().reindex(range(_STEPS)),
     }
 
 

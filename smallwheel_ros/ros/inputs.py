@@ -12,7 +12,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from smallwheel_ros.estimator.reading import SECOND
@@ -22,7 +22,12 @@ from smallwheel_ros.onboard.problems import Problem
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class
-from smallwheel_ros.ros.parameters import INPUT, LATCHED, NO_SUBSCRIPTION_EVENTS, overridable
+from smallwheel_ros.ros.parameters import (
+    INPUT,
+    LATCHED,
+    NO_SUBSCRIPTION_EVENTS,
+    STATIC_TRANSFORMS,
+)
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -76,28 +81,39 @@ class Inputs:
         take: Callable[[Topic, Any], None],
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
+        take_static: Callable[[Any], None],
     ) -> None:
         """Subscribe to the topics. Where that fails, to none.
 
-        take, take_classes, take_transforms: called with a topic and its message, with a grid of terrain
-        classes, and with what comes by /tf and tf where tf2_msgs is installed.
+        take, take_classes, take_transforms, take_static: called with a topic and its message, with a grid of
+        terrain classes, and with what comes by /tf and tf, and by /tf_static and tf_static, where tf2_msgs is
+        installed.
         """
 
-        def subscribe(kind: Any, topic: str, to: Callable[[Any], None], **how: Any) -> None:
-            how = {"event_callbacks": NO_SUBSCRIPTION_EVENTS, **(how or overridable(INPUT))}
-            self._subscriptions.append(self._node.create_subscription(kind, topic, to, **how))
+        def subscribe(
+            kind: Any, topic: str, to: Callable[[Any], None], profile: QoSProfile = INPUT
+        ) -> None:
+            self._subscriptions.append(
+                self._node.create_subscription(
+                    kind, topic, to, profile, event_callbacks=NO_SUBSCRIPTION_EVENTS
+                )
+            )
 
         try:
             for topic in self._topics:
                 subscribe(message_class(topic.type), topic.name, partial(take, topic))
             # A classifier's grids come as they are made, a map server's was there before us.
-            kept = overridable(LATCHED, "latched")
             subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes)
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, **kept)
+            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, LATCHED)
             if TFMessage is not None:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
                 for name in {self._node.resolve_topic_name(name) for name in ("/tf", "tf")}:
                     subscribe(TFMessage, name, take_transforms)
+                # A map -> odom that never changes is said once, maybe before the node was there.
+                for name in {
+                    self._node.resolve_topic_name(name) for name in ("/tf_static", "tf_static")
+                }:
+                    subscribe(TFMessage, name, take_static, STATIC_TRANSFORMS)
         except Exception:
             self.stop()
             raise
@@ -257,13 +273,23 @@ def estimates(onboard: Onboard) -> str:
     by = " and ".join(way for way, there in ways.items() if there)
     strength = f" and its strength by {by}" if by else "; its strength stays as configured"
     found = [f"estimates {law}{strength}"]
-    what = "sinkage, resistance, thrust and drawbar pull of"
+    deep, pulls = ["sinkage", "resistance"], ["thrust", "drawbar pull"]
+    lacking = []
+    if settings.law_unknown:
+        deep, pulls = [], [*pulls, "margin"]
+        lacking.append("no sinkage, resistance: nothing measures sinkage, and no soil is named")
+    elif settings.without_soil_sensors:
+        lacking.append("sinkage, resistance: as in the soil that is named")
     if settings.velocity == "none":
-        what = "sinkage and resistance (no slip, thrust, pull: odometry comes from the wheels) of"
+        pulls = [name for name in pulls if name == "margin"]
+        lacking.append("no slip, thrust, pull: odometry comes from the wheels")
+    *some, last = [*deep, *pulls]
+    what = f"{', '.join(some)} and {last}" if some else last
+    what += f" ({'; '.join(lacking)}) of" if lacking else " of"
     rolling = [wheel.name for wheel in settings.wheels if wheel.contact == ROLLING]
     pressed = [wheel.name for wheel in settings.wheels if wheel.contact != ROLLING]
     if rolling:
         found.append(f"{what} {', '.join(rolling)}")
-    if pressed:
+    if pressed and not settings.law_unknown:
         found.append(f"sinkage of {', '.join(pressed)}")
     return "; ".join(found)

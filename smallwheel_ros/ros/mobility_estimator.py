@@ -102,7 +102,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         """Read the parameters, and make everything but the subscriptions."""
         try:
             settings = self._table.read()
-            session = Session(self, settings, self._table.overrides(), self._wall)
+            session = Session(self, settings, self._wall)
         except ParametersError as error:
             why = [str(error), self.description.waiting, *self.description.lacking]
             self.problem = f"cannot be configured: {'; '.join(filter(None, why))}"
@@ -212,7 +212,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             found = [status("inputs", OK, "not active: it waits for a lifecycle manager")]
         else:
             found = self._session.diagnostics()
-            unknown += self._session.unused
         if unknown:
             found.append(status("parameters", WARN, "; ".join(unknown)))
         doubled = namesakes(self)

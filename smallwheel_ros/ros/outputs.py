@@ -26,10 +26,10 @@ from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_
 from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 from smallwheel_ros.onboard.feed import Feed, angles_of
-from smallwheel_ros.onboard.ground import GroundMapper
+from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
 from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
-from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS, overridable
+from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {
     "~/mobility": (MobilityEstimate, ESTIMATE),
@@ -80,6 +80,13 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
     # An array of the right type is taken as it is; anything else is looked at cell by cell.
     message.data = array("b", grid.cells.tobytes())
     return message
+
+
+def _pose_of(transform: Any) -> Pose:
+    """Place and heading of a geometry_msgs/Transform; the heading is NaN where it has no rotation."""
+    by, turn = transform.translation, transform.rotation
+    yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
+    return Pose(by.x, by.y, math.nan if yaw is None else yaw)
 
 
 # --- Markers
@@ -147,7 +154,8 @@ class CostPublisher:
     """Keeps the cost map of a vehicle (`map`), and publishes it.
 
     received, published: how many grids of terrain classes have come, and how many of costs were sent.
-    report: takes what is wrong with a grid that cannot be used.
+    report: takes what is wrong with a grid that cannot be used. prior: the vehicle's margin on any ground, as
+    it is believed before driving.
     """
 
     def __init__(
@@ -156,6 +164,7 @@ class CostPublisher:
         wheels: Sequence[Wheel],
         publisher: LifecyclePublisher,
         report: Report,
+        prior: Quantity | None = None,
     ) -> None:
         self._publisher = publisher
         self._report = report
@@ -166,15 +175,19 @@ class CostPublisher:
         # Of that grid, where tf had it when it was sent.
         self._corner: tuple[float, float] | None = None
         self._corrected = False
+        # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
+        self._static: dict[str, tuple[str, Pose]] = {}
         self.received = 0
         self.published = 0
-        self.map = CostMap(settings, wheels)
+        self.map = CostMap(settings, wheels, prior)
         self._ground = GroundMapper(self.map)
 
     def add(self, result: Result, frame: str) -> None:
         """Take a result of the estimate; frame is that of the odometry."""
         self._stamp = max(self._stamp, result.reading.stamp)
         self._ground.add(result, frame)
+        if self.map.frame in self._static:
+            self.map.place_frame(*self._static.pop(self.map.frame))
 
     def on_classes(self, message: Any) -> None:
         """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
@@ -198,13 +211,19 @@ class CostPublisher:
             frame = found.child_frame_id
             if frame not in (self.map.frame, of_grid):
                 continue
-            by, turn = found.transform.translation, found.transform.rotation
-            yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
-            pose = Pose(by.x, by.y, yaw or 0.0)
-            if frame == self.map.frame != "" and yaw is not None and math.isfinite(sum(pose)):
+            pose = _pose_of(found.transform)
+            if frame == self.map.frame != "" and math.isfinite(sum(pose)):
                 self.map.place_frame(found.header.frame_id, pose)
             if frame == of_grid:
                 self._look_at_corner(pose)
+
+    def on_static_transforms(self, message: Any) -> None:
+        """Take transforms that are said once: of frames that are not known yet, they are kept."""
+        for found in message.transforms:
+            pose = _pose_of(found.transform)
+            if math.isfinite(sum(pose)):
+                self._static[found.child_frame_id] = found.header.frame_id, pose
+        self.on_transforms(message)
 
     def _look_at_corner(self, pose: Pose) -> None:
         """See whether the far corner of the grid that was sent has moved in the frame above it."""
@@ -271,10 +290,14 @@ class Outputs:
         self._soil_waits: Result | None = None
         try:
             for topic, (kind, profile) in OUTPUTS.items():
-                how = {"event_callbacks": NO_PUBLISHER_EVENTS, **overridable(profile)}
-                self._publishers.append(node.create_lifecycle_publisher(kind, topic, **how))
+                self._publishers.append(
+                    node.create_lifecycle_publisher(
+                        kind, topic, profile, event_callbacks=NO_PUBLISHER_EVENTS
+                    )
+                )
             self._mobility, self._soil, self._markers, cost = self._publishers
-            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report)
+            prior = margin_before_driving(settings.onboard)
+            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report, prior)
         except Exception:
             self.destroy()
             raise

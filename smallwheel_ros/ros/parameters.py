@@ -3,16 +3,14 @@
 
 They are read when the node is configured. While it is active none can be set: what the estimate goes by
 then is what its log says that it was configured with. What nobody gives is taken from the robot's
-description and from tf. Parameters `qos_overrides.*` change the quality of service of a topic.
+description and from tf.
 """
 
 from __future__ import annotations
 
 import textwrap
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -24,14 +22,7 @@ from rcl_interfaces.msg import (
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-)
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from std_msgs.msg import String
 
@@ -102,7 +93,6 @@ class NodeParameters:
         self._is_active, self._filled = is_active, filled
         found = node.get_parameters_by_prefix("")
         given = {name: _plain(parameter.value) for name, parameter in found.items()}
-        self._overrides = [name for name in given if name.startswith(OVERRIDES)]
         self.problems: dict[str, str] = {}
         self._table: dict[str, Parameter] = {}
         try:
@@ -119,10 +109,6 @@ class NodeParameters:
         self._silent = set(silent_parameters(given)) | (set(VELOCITY_SENSOR) - given.keys())
         self._filling = False
         node.add_on_set_parameters_callback(self._judge)
-
-    def overrides(self) -> dict[str, object]:
-        """Return the value of each parameter `qos_overrides.*` that was given at the start."""
-        return {name: _plain(self._node.get_parameter_or(name).value) for name in self._overrides}
 
     def values(self) -> dict[str, object]:
         """Return the value of each known parameter, None where there is none."""
@@ -195,9 +181,6 @@ class NodeParameters:
         """Why a parameter cannot be set to a value now; None: it can."""
         active, parameter = self._is_active(), self._table.get(name)
         if parameter is None:
-            # The first time it is rclpy that declares it, for a topic that is being made.
-            if name.startswith(OVERRIDES) and active and self._node.has_parameter(name):
-                return f"parameter {name} only counts at the start of the node"
             return None
         if value is None:
             return f"parameter {name} cannot be deleted, expected {parameter.expected}"
@@ -367,52 +350,9 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-
-OVERRIDES = "qos_overrides."
-# What users may override: enumerations of ROS, and a number of messages.
-_POLICIES = {
-    name: Parameter(kind="string", choices=tuple(k for k in kind.short_keys() if k != "unknown"))
-    for name, kind in (
-        ("history", HistoryPolicy),
-        ("reliability", ReliabilityPolicy),
-        ("durability", DurabilityPolicy),
-    )
-} | {"depth": Parameter(kind="integer", low=1, high=10_000)}
-
-
-def overridable(profile: QoSProfile, entity: str | None = None) -> dict[str, Any]:
-    """Return arguments for a publisher or subscription whose quality of service users may override.
-
-    entity: tells two of the same topic apart.
-    """
-    kinds = [QoSPolicyKind[name.upper()] for name in _POLICIES]
-    return {
-        "qos_profile": copy(profile),  # rclpy writes the overrides into it
-        "qos_overriding_options": QoSOverridingOptions(kinds, entity_id=entity),
-    }
-
-
-def override_problems(
-    values: Mapping[str, object], listened: Iterable[str], published: Iterable[str]
-) -> tuple[list[str], list[str]]:
-    """Say which parameters `qos_overrides.*` are wrong, and which nobody uses.
-
-    values: of these parameters. listened, published: resolved names of topics.
-    """
-    kinds = [(t, kind) for t in listened for kind in ("subscription", "subscription_latched")]
-    kinds += [(topic, "publisher") for topic in published]
-    known = {f"{OVERRIDES}{topic}.{kind}.{name}" for topic, kind in kinds for name in _POLICIES}
-    wrong, unused = [], []
-    for name, value in values.items():
-        if name not in known:
-            unused.append(
-                f"parameter {name} is not used: expected {OVERRIDES}TOPIC.KIND.POLICY, with the full"
-                " name of a topic of this node, KIND subscription or publisher, and POLICY one of"
-                f" {', '.join(_POLICIES)}"
-            )
-            continue
-        policy = replace(_POLICIES[name.rpartition(".")[2]], name=name)
-        problem = policy.problem(value.lower() if isinstance(value, str) else value)
-        if problem is not None:
-            wrong.append(problem)
-    return wrong, unused
+# Of each publisher of transforms that never change the newest, as tf2 listens.
+STATIC_TRANSFORMS = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -28,7 +28,6 @@ from smallwheel_ros.onboard.statements import Kind, Statement, alarms
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
 from smallwheel_ros.ros.outputs import OUTPUTS, TERRAIN_CLASSES, Outputs
-from smallwheel_ros.ros.parameters import override_problems
 
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
@@ -42,16 +41,13 @@ _OF_ROS = {
 }
 
 
-def _check_topics(node: LifecycleNode, feed: Feed, overrides: Mapping[str, object]) -> list[str]:
-    """Look whether the node can have its topics; return which `qos_overrides.*` nobody uses, in words.
-
-    overrides: values of the parameters `qos_overrides.*` that were given.
+def _check_topics(node: LifecycleNode, feed: Feed) -> None:
+    """Look whether the node can have its topics.
 
     Raises
     ------
     ParametersError
-        If a name is not possible, a topic would carry two types (DDS allows that to no node), or the
-        quality of service is not possible.
+        If a name is not possible, or a topic would carry two types (DDS allows that to no node).
     """
     classes = node.resolve_topic_name(TERRAIN_CLASSES)
     published = {
@@ -72,20 +68,14 @@ def _check_topics(node: LifecycleNode, feed: Feed, overrides: Mapping[str, objec
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
                 " can have no topic of two"
             )
-    heard = [*(node.resolve_topic_name(topic.name) for topic in feed.topics), classes]
-    wrong, unused = override_problems(overrides, heard, published)
-    if wrong:
-        raise ParametersError("; ".join(wrong))
-    return unused
 
 
 class Session:
     """The estimate of a configured node, with its topics; it is made whole or raises.
 
-    overrides: values of the parameters `qos_overrides.*` that were given. wall: a clock that goes on
-    while /clock stands still. unused: a sentence for each of those parameters that nobody uses.
-    warnings: what is to be said once of the configuration. restored: what saved soil and cost map it goes
-    on from, in words; empty where there is none.
+    wall: a clock that goes on while /clock stands still. warnings: what is to be said once of the
+    configuration. restored: what saved soil and cost map it goes on from, in words; empty where there is
+    none.
     velocity_frame: frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
@@ -94,21 +84,15 @@ class Session:
         If the node cannot work with these settings.
     """
 
-    def __init__(
-        self,
-        node: LifecycleNode,
-        settings: NodeSettings,
-        overrides: Mapping[str, object],
-        wall: Clock,
-    ) -> None:
+    def __init__(self, node: LifecycleNode, settings: NodeSettings, wall: Clock) -> None:
         self._node, self._settings, self._wall = node, settings, wall
         self._onboard = Onboard(settings.onboard)
         feed = Feed(self._onboard, settings)
-        self.unused = _check_topics(node, feed, overrides)
+        _check_topics(node, feed)
         self._soil_file = SoilFile(settings.soil_file)
         restored = self._soil_file.restore(self._onboard)
-        problem = filter(None, [self._soil_file.problem])
-        self.warnings = [*self._onboard.undeterminable, *problem, *self.unused]
+        said = self._soil_file.problem, settings.onboard.unknown_positions
+        self.warnings = [*self._onboard.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, feed)
         self._timers: list[Timer] = []
         self.velocity_frame = ""
@@ -135,6 +119,7 @@ class Session:
             self._take,
             partial(self._safely, TERRAIN_CLASSES, self._outputs.cost.on_classes),
             partial(self._safely, "/tf", self._outputs.cost.on_transforms),
+            partial(self._safely, "/tf_static", self._outputs.cost.on_static_transforms),
         )
         self._inputs.say_what_is_expected()
         for name, period, work in (

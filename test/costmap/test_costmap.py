@@ -319,11 +319,12 @@ ROVER = tuple(
 )
 
 
-def made(wheels: tuple[Wheel, ...] = (WHEEL,), **changes: object) -> CostMap:
+def made(
+    wheels: tuple[Wheel, ...] = (WHEEL,), prior: Quantity | None = None, **changes: object
+) -> CostMap:
     """A map that is not spread, unless it is said otherwise."""
-    return CostMap(
-        CostSettings(**{"size": 10.0, "spread": 0.0, "unknown": "none", **changes}), wheels
-    )  # type: ignore[arg-type]
+    settings_ = CostSettings(**{"size": 10.0, "spread": 0.0, "unknown": "none", **changes})  # type: ignore[arg-type]
+    return CostMap(settings_, wheels, prior)
 
 
 def drive(
@@ -508,15 +509,36 @@ class TestVehicle:
             assert at(cost_map, 2.25, 0.0) == 100
 
     @pytest.mark.parametrize(("unknown", "costs"), [("none", -1), ("prior", 30)])
-    def test_what_nobody_has_crossed(self, unknown: str, costs: int) -> None:
-        cost_map = made(ROVER, spread=None, unknown=unknown)
-        cost_map.prior = Quantity(0.0524, 0.1)
+    def test_a_prior_is_for_ground_that_a_class_tells_of_and_no_other(
+        self, unknown: str, costs: int
+    ) -> None:
+        cost_map = made(ROVER, spread=None, unknown=unknown, prior=Quantity(0.0524, 0.1))
         drive(cost_map, 3.0, GOOD, wheels=ROVER)
-        assert at(cost_map, 1.5, 2.0) == costs
+        # Ground that nothing tells of stays unknown, whatever Nav2 makes of that.
+        assert at(cost_map, 1.5, 2.0) == at(cost_map, 4.5, 0.0) == -1
         assert at(cost_map, 1.5, 0.0) == 0
-        # Uncertainty alone is no obstacle, nor is a vehicle that is not fit for what is asked.
-        cost_map.prior = Quantity(-1.0, 0.0)
-        assert at(cost_map, 1.5, 2.0) == (99 if costs > 0 else -1)
+        # Beside the way one side's wheels are on such ground.
+        assert at(cost_map, 1.5, 0.55) == max(costs, 0)
+        terrain = np.full((30, 40), 3, np.int8)
+        terrain[25:], terrain[:5] = 8, -1
+        cost_map.take_classes(Grid("odom", 0.2, (-2.0, -3.0), terrain))
+        drive(cost_map, 1.0, GOOD, start=2.9, wheels=ROVER, travel=3.0)
+        assert 0 <= at(cost_map, 4.5, 0.0) < 5  # of a class that was crossed
+        assert at(cost_map, 1.5, 2.5) == costs  # of one that was not
+        assert at(cost_map, 1.5, -2.5) == -1  # not classified
+
+    def test_an_unfit_vehicle_and_uncertainty_alone_make_no_obstacle(self) -> None:
+        cost_map = made(ROVER, spread=None, unknown="prior", prior=Quantity(-1.0, 0.0))
+        cost_map.take_classes(Grid("odom", 0.2, (-2.0, -3.0), np.zeros((30, 40), np.int8)))
+        cost_map.add(ROVER[0], "odom", Pose(0.0, 0.0, 0.0), 0.0, None)
+        assert at(cost_map, 1.5, 2.0) == 99
+
+    def test_forgetting_the_ground_leaves_what_was_believed_before(self) -> None:
+        cost_map = made(ROVER, spread=None, unknown="prior", prior=Quantity(0.0524, 0.1))
+        drive(cost_map, 3.0, GOOD, wheels=ROVER)
+        cost_map.clear()
+        drive(cost_map, 3.0, GOOD, wheels=ROVER)
+        assert at(cost_map, 1.5, 0.55) == 30
 
     def test_a_class_on_which_it_was_stuck_and_was_not_is_said(self) -> None:
         cost_map = made(ROVER)

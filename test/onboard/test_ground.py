@@ -19,7 +19,12 @@ from smallwheel_ros.estimator.soil_estimator import (
     SoilPrior,
     UpdateResult,
 )
-from smallwheel_ros.onboard.ground import GroundMapper, Spinning, vehicle_margin
+from smallwheel_ros.onboard.ground import (
+    GroundMapper,
+    Spinning,
+    margin_before_driving,
+    vehicle_margin,
+)
 from smallwheel_ros.onboard.mobility import WheelForces
 from smallwheel_ros.onboard.problems import FilterHealth
 from smallwheel_ros.onboard.result import Result, Status
@@ -97,10 +102,18 @@ class TestGroundMapper:
         mapper.add(replace(results[0], reading=reading), "")
         assert mapper.map.grid() is None
 
-    def test_a_soil_that_nobody_has_measured_is_unknown(self, results: list[Result]) -> None:
-        prior = [replace(r, soil=replace(r.soil, accepted=0)) for r in results[:50]]
-        assert self.made(prior).max() == -1
-        sunk = [replace(r, status=Status.SUNK_TO_AXLE, forces=None) for r in prior]
+    def test_a_soil_that_was_never_measured_costs_what_its_margin_says(
+        self, results: list[Result]
+    ) -> None:
+        """U2: without a sinkage sensor there was no map, in silence."""
+        before = [replace(r, soil=replace(r.soil, accepted=0)) for r in results[100:150]]
+        margin = vehicle_margin(before[:1])
+        cells = self.made(before)
+        assert (cells >= 0).sum() > 20
+        costs = CostSettings().rules.cost(margin.value, margin.standard_deviation)
+        assert abs(np.median(cells[cells >= 0]) - costs) <= 5
+        # A prediction alone is no wheel that is stuck.
+        sunk = [replace(r, status=Status.SUNK_TO_AXLE, forces=None) for r in before]
         assert self.made(sunk).max() == -1
 
     def test_what_did_not_fit_is_unknown_and_what_is_stuck_is_lethal(
@@ -134,6 +147,66 @@ class TestGroundMapper:
 
         assert cost(0.0) == 0
         assert cost(0.25) == (84 if steeper else 0)
+
+
+class TestWithoutSensors:
+    """U2: every place that was crossed with a known margin is in the map, whatever is measured."""
+
+    @pytest.mark.parametrize(("sinkage", "loads"), [(False, True), (True, False), (False, False)])
+    def test_the_whole_way_is_in_the_map(self, sinkage: bool, loads: bool) -> None:
+        drive = simulate_drive(DriveSettings(seed=3, distance=6.0))
+        changes: dict[str, object] = {}
+        if not loads:
+            changes |= {"load.source": "static", "load.mass": drive.rover.mass}
+        if not sinkage:
+            changes |= {f"{wheel.name}.sinkage_topic": "" for wheel in drive.rover.wheels}
+        settings = settings_of(drive, **changes)
+        onboard = Onboard(settings)
+        cost_map = CostMap(CostSettings(size=60.0, spread=0.0), settings.wheels)
+        mapper, crossed = GroundMapper(cost_map), []
+        for message in messages_of(drive):
+            for result in message.give(onboard):
+                reading = result.reading
+                if reading.vehicle is None:
+                    continue
+                mapper.add(replace(result, reading=reading._replace(heading=0.0)), "odom")
+                if result.forces is not None and result.forces.margin is not None:
+                    crossed.append(reading.vehicle)
+        grid = cost_map.grid()
+        assert len(crossed) > 100
+        assert math.dist(crossed[0], crossed[-1]) > 5.0
+        known = [grid.cells[grid.cell(*place)] >= 0 for place in crossed]
+        assert all(known), f"{sum(known)} of {len(known)} places are in the map"
+
+
+class TestBeforeDriving:
+    def test_the_prior_is_of_all_wheels_before_any_message(self) -> None:
+        drive = simulate_drive(DriveSettings(seed=3, distance=4.0, wheels="two_sizes"))
+        settings = settings_of(drive)
+        onboard = Onboard(settings)
+        first: dict[str, Result] = {}
+        for message in messages_of(drive):
+            for result in message.give(onboard):
+                if result.soil.accepted == 0:
+                    first.setdefault(result.wheel, result)
+        prior = margin_before_driving(settings)
+        told = vehicle_margin(first.values())
+        assert len(first) == len(settings.wheels)
+        # By the first result alone it was that of one wheel, whichever came first.
+        assert prior.value == pytest.approx(told.value, abs=0.02)
+        assert prior.standard_deviation == pytest.approx(told.standard_deviation, abs=0.02)
+
+    @pytest.mark.parametrize("mass", [0.0, 12.0, 24.0, 48.0])
+    def test_the_load_hardly_matters(self, mass: float) -> None:
+        drive = simulate_drive(DriveSettings(seed=3, distance=4.0))
+        prior = margin_before_driving(replace(settings_of(drive), mass=mass))
+        other = margin_before_driving(replace(settings_of(drive), mass=24.0))
+        assert prior.value == pytest.approx(other.value, abs=0.01)
+
+    def test_a_wheel_that_is_pressed_has_none(self) -> None:
+        wheel = Wheel("a", 0.2, 0.1, "pressed")
+        drive = simulate_drive(DriveSettings(seed=3, distance=4.0))
+        assert margin_before_driving(replace(settings_of(drive), wheels=(wheel,))) is None
 
 
 class TestHealth:

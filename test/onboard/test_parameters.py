@@ -265,12 +265,40 @@ class TestSettings:
             "bananas": True,
             "use_sim_time": True,
             "qos_overrides./odom.subscription.depth": 5,
+            "qos_overrides./odom.subscription.history": "keep_last",
         }
-        found = unknown_parameters(values, ["front"])
+        gone, *found = unknown_parameters(values, ["front"])
+        assert "qos_overrides.* are not used any more" in gone
         assert len(found) == 3
         assert "front.widht is unknown and not used: did you mean 'front.width'?" in found[0]
         assert "did you mean 'timing.reorder_time'?" in found[1]
         assert "bananas is unknown and not used" in found[2]
+
+
+@pytest.mark.parametrize(
+    ("places", "unknown"),
+    [
+        ([None, None], "a, b"),
+        ([(0.0, 0.3), (0.0, -0.3)], ""),
+        ([(0.2, 0.0), (-0.2, 0.0)], ""),
+        ([(0.2, 0.3), (0.2, 0.3)], "a, b"),
+    ],
+)
+def test_positions_that_are_not_known_are_said_with_what_is_lost(
+    places: list[tuple[float, float] | None], unknown: str
+) -> None:
+    values: dict[str, object] = {"wheels": ["a", "b"]}
+    for name, place in zip("ab", places, strict=True):
+        values |= {f"{name}.diameter": 0.2, f"{name}.width": 0.1}
+        if place is not None:
+            values[f"{name}.longitudinal_position"], values[f"{name}.lateral_position"] = place
+    said = settings_from(values).onboard.unknown_positions
+    assert bool(said) == bool(unknown)
+    if unknown:
+        for word in (f"({unknown}: all at one place)", "cost map", "slip in turns", "passes"):
+            assert word in said
+    pressed = settings_from({**values, "a.contact": "pressed", "b.contact": "pressed"})
+    assert pressed.onboard.unknown_positions == ""
 
 
 class TestModelFile:

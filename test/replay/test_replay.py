@@ -279,6 +279,27 @@ def test_the_report_is_one_page_that_needs_nothing_else(usual):
         assert known == pytest.approx(1e3 * rows["sinkage_predicted"].dropna(), rel=1e-3)
 
 
+def test_the_cost_in_the_report_is_that_of_the_map(repository, tmp_path):
+    """U7: the report left out the slope: 0 where the rover gets stuck."""
+    drive = simulate_drive(DriveSettings(seed=2, distance=6.0, finish="slope"))
+    write_drive_bag(drive, tmp_path / "bag")
+    out, rover = tmp_path / "out", repository / "config" / "four_wheels.yaml"
+    smallwheel("replay", tmp_path / "bag", "--config", rover, "-o", out)
+    table, ground = table_of(out), read_map(out / "cost_map.yaml")
+    page = (out / "report.html").read_text()
+    (found,) = json.loads(re.search(r'id="data">(.*?)</script>', page)[1]).values()
+    for wheel in found["wheels"]:
+        rows = table[table["wheel"] == wheel["name"]].set_index("time")
+        shown = [(t, c) for t, c in zip(wheel["time"], wheel["cost"], strict=True) if c is not None]
+        assert len(shown) > 50
+        for time, cost in shown:
+            at = rows.iloc[rows.index.get_indexer([time], method="nearest")[0]]
+            assert cost == ground.cells[ground.cell(at["x"], at["y"])]
+    costs = [cost for cost in found["way"]["cost"] if cost is not None]
+    assert max(costs) == 100  # where it got stuck
+    assert min(costs) < 60
+
+
 def test_a_gap_in_time_stays_a_gap():
     time = [0.0, 0.1, 0.2, 0.3, 4.0, 4.1]
     rows = with_gaps(pd.DataFrame({"time": time, "sinkage_predicted": 0.01}))

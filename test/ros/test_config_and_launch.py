@@ -8,15 +8,21 @@ import importlib.util
 import json
 import re
 import runpy
+import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from smallwheel_ros.bags.types import message_definitions
+from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.crossed_ground import CrossedGround
+from smallwheel_ros.costmap.grid import Grid
 
 NODE = "/mobility_estimator"
 OUTPUTS = {
@@ -27,6 +33,7 @@ OUTPUTS = {
     "/diagnostics": "",
 }
 INPUTS = {"/odom", "/terrain_classes"}
+COSTMAPS = ["nav2_costmaps.yaml", "nav2_costmaps_without_map.yaml"]
 LAUNCH_FILES = ["mobility_estimator", "nav2_cost", "replay", "without_soil_sensors"]
 
 
@@ -48,20 +55,70 @@ class TestNav2:
         }
         assert isinstance(server["base"], float)
         assert isinstance(server["multiplier"], float)
-        costmaps = load(repository / "config" / "nav2_costmaps.yaml")
-        assert set(costmaps) == {"local_costmap", "global_costmap"}
-        for name, above in costmaps.items():
-            parameters = above[name]["ros__parameters"]
-            # Only a window that rolls is recomputed whole (navigation2 #5410).
-            if name == "global_costmap":
-                assert parameters["rolling_window"] is True
-                assert parameters["width"] == parameters["height"] == 60
-            (filter_name,) = parameters["filters"]
-            soil = parameters[filter_name]
-            assert soil["plugin"] == "nav2_costmap_2d::KeepoutFilter"
-            assert soil["enabled"] is True
-            assert soil["filter_info_topic"] == f"/{server['filter_info_topic']}"
-            assert isinstance(soil["transform_tolerance"], float)
+        for file in COSTMAPS:
+            costmaps = load(repository / "config" / file)
+            assert set(costmaps) == {"local_costmap", "global_costmap"}
+            for name, above in costmaps.items():
+                parameters = above[name]["ros__parameters"]
+                if name == "global_costmap":
+                    assert parameters["rolling_window"] is True
+                    # ROS refuses a width that is no integer.
+                    assert type(parameters["width"]) is type(parameters["height"]) is int
+                (filter_name,) = parameters["filters"]
+                soil = parameters[filter_name]
+                assert soil["plugin"] == "nav2_costmap_2d::KeepoutFilter"
+                assert soil["enabled"] is True
+                assert soil["filter_info_topic"] == f"/{server['filter_info_topic']}"
+                assert isinstance(soil["transform_tolerance"], float)
+
+    @pytest.mark.parametrize(
+        ("file", "resolution", "gone", "share"),
+        [
+            # Wherever the robot has gone in the grid's window since.
+            ("nav2_costmaps_without_map.yaml", None, 0.0, 1.0),
+            ("nav2_costmaps_without_map.yaml", None, 8.0, 1.0),
+            # N17: the other file, in silence.
+            ("nav2_costmaps.yaml", 0.05, 0.0, 0.06),
+            ("nav2_costmaps.yaml", 0.1, 0.0, 0.56),
+        ],
+    )
+    def test_what_arrives_without_a_static_layer(
+        self, repository: Path, file: str, resolution: float | None, gone: float, share: float
+    ) -> None:
+        above = load(repository / "config" / file)["global_costmap"]["global_costmap"]
+        parameters = above["ros__parameters"]
+        assert "static_layer" not in parameters.get("plugins", ())
+        side = resolution or parameters["resolution"]
+        settings = CostSettings()
+        ground = CrossedGround(settings.size, settings.resolution)
+        ground.follow(3.21, -4.56)
+        mask = ground.grid("odom")
+        mask.cells[:] = np.random.default_rng(1).integers(0, 101, mask.cells.shape)
+        corner = 3.21 + gone - parameters["width"] / 2, -4.56 - parameters["height"] / 2
+        wanted = under(mask, corner, side, round(parameters["width"] / side))
+        # LayeredCostmap and KeepoutFilter 1.3.13, where no layer touches anything: as many cells are worked
+        # out as the mask has, from the costmap's own corner (KeepoutFilter::updateBounds).
+        costmap = np.full_like(wanted, -1)
+        rows, columns = mask.cells.shape
+        costmap[:rows, :columns] = wanted[:rows, :columns]
+        known = wanted >= 0
+        assert known.mean() > 0.4
+        assert np.mean(costmap[known] == wanted[known]) == pytest.approx(share, abs=0.01)
+
+
+def under(mask: Grid, corner: tuple[float, float], side: float, count: int) -> np.ndarray:
+    """The mask's cells under the middles of a costmap's, -1 where there are none."""
+    middles = side * (np.arange(count) + 0.5)
+    row, column = (
+        np.floor((start + middles - origin) / mask.resolution).astype(int)
+        for start, origin in zip(corner[::-1], mask.origin[::-1], strict=True)
+    )
+    cells = np.pad(mask.cells, 1, constant_values=-1)
+    inside = [
+        np.clip(index + 1, 0, length + 1)
+        for index, length in zip((row, column), mask.cells.shape, strict=True)
+    ]
+    return cells[np.ix_(*inside)]
 
 
 def paths_in(layout: Any) -> Iterator[str]:
@@ -187,6 +244,40 @@ class TestLaunch:
             pytest.skip("needs launch_ros")
         module = runpy.run_path(str(repository / "launch" / f"{name}.launch.py"))
         assert module["generate_launch_description"]().entities
+
+
+class _Anything(ModuleType):
+    """A module of launch that has whatever is asked of it."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_, **given: SimpleNamespace(**given)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_parameters_that_are_missing_are_named(
+    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    """N24: launch leaves a file out that is not there, and the node says that it has no wheels."""
+    for name in ("launch", "launch_ros"):
+        for part in ("", ".actions", ".substitutions", ".parameter_descriptions"):
+            monkeypatch.setitem(sys.modules, f"{name}{part}", _Anything(f"{name}{part}"))
+    module = runpy.run_path(str(repository / "launch" / "mobility_estimator.launch.py"))
+    file = tmp_path / "rover.yaml"
+    if there:
+        file.write_text("")
+    given = {"params_file": str(file), "remaps": "", "tf": "/tf", "respawn": "false"}
+    make = module["_node"]
+    make.__globals__["LaunchConfiguration"] = lambda name: SimpleNamespace(
+        perform=lambda _: given.get(name)
+    )
+    if there:
+        (node,) = make(None)
+        assert node.parameters[0] == str(file)
+        return
+    with pytest.raises(
+        FileNotFoundError, match=r"params_file:=.*rover\.yaml: there is no such file"
+    ):
+        make(None)
 
 
 def test_installed_files_are_those_of_the_checkout(repository: Path) -> None:

@@ -7,11 +7,13 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
 from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.outputs import CostPublisher
 
@@ -82,3 +84,55 @@ def test_nothing_is_sent_before_there_is_a_grid(sent: list[Any]) -> None:
     made.on_transforms(transforms(1.0, 0.0))
     made.publish(1)
     assert not sent
+
+
+def test_a_frame_that_is_told_of_once_and_before_any_odometry_is_placed(
+    publisher: CostPublisher,
+) -> None:
+    """N23: a map -> odom of static_transform_publisher was not heard."""
+    old = Grid("map", 0.5, (10.0, 0.0), np.full((2, 2), 77, np.int8))
+    publisher.map.remember(old)
+    publisher.on_static_transforms(transforms(10.0, 0.0))
+    publisher.map.add(WHEEL, "odom", Pose(0.2, 0.2, 0.0), 0.0, None)
+    assert publisher.map.problem.startswith("the saved cost map is in frame map")
+    result = SimpleNamespace(reading=SimpleNamespace(stamp=5))
+    publisher._ground = SimpleNamespace(add=lambda *_: None)
+    publisher.add(result, "odom")
+    assert publisher.map.problem == ""
+    grid = publisher.map.grid()
+    assert grid.cells[grid.cell(0.7, 0.7)] == 77
+
+
+def test_a_static_frame_that_is_no_pose_is_left_out(publisher: CostPublisher) -> None:
+    publisher.on_static_transforms(transforms(math.nan, 0.0))
+    assert not publisher._static
+
+
+def test_what_is_said_once_of_frames_is_heard_by_whoever_comes_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """tf2_msgs is no package of PyPI: a stand-in for its message, and for the node."""
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+    from smallwheel_ros.ros import inputs
+
+    heard: dict[str, tuple[Any, Any]] = {}
+
+    def subscribe(kind: Any, topic: str, to: Any, profile: Any, **_: Any) -> str:
+        heard[topic] = to, profile
+        return topic
+
+    monkeypatch.setattr(inputs, "TFMessage", object)
+    node = SimpleNamespace(
+        resolve_topic_name=lambda name: name if name.startswith("/") else f"/robot1/{name}",
+        create_subscription=subscribe,
+    )
+    listening = inputs.Inputs(node, SimpleNamespace(onboard=None, topics=[]))
+    listening.listen(print, print, "moving", "static")
+    for topic in ("/tf", "/robot1/tf"):
+        assert heard[topic][0] == "moving"
+        assert heard[topic][1].durability != DurabilityPolicy.TRANSIENT_LOCAL
+        to, profile = heard[f"{topic}_static"]
+        assert to == "static"
+        assert profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        assert profile.reliability == ReliabilityPolicy.RELIABLE

@@ -113,7 +113,6 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
             "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
         ),
         ("model_file", "/dev/zero", "/dev/zero: cannot be read: it is a device or a pipe"),
-        ("qos_overrides./odom.subscription.depth", 0, "depth is 0, expected an integer from 1"),
     ],
 )
 def test_the_same_at_the_start_is_one_message(
@@ -161,17 +160,16 @@ def test_a_configuration_that_fails_leaves_nothing_behind(
 ) -> None:
     from lifecycle_msgs.msg import Transition
 
-    override = "qos_overrides./mobility_estimator/soil.publisher.reliability"
     log = tmp_path / "node.log"
-    with NodeProcess([one_wheel], log, {**MANAGED, override: "bestest"}) as node:
+    with NodeProcess([one_wheel], log, {**MANAGED, "mobility.rate": "-5.0"}) as node:
         assert not peer.transition(Transition.TRANSITION_CONFIGURE)
         assert state(peer) == "unconfigured"
         peer.spin_until(lambda: peer.entry("parameters") is not None, "diagnostics")
-        assert "is 'bestest', expected" in peer.entry("parameters").message
+        assert "mobility.rate is -5.0, expected" in peer.entry("parameters").message
         peer.wait_for_turn()
         assert peer.node.count_publishers("/mobility_estimator/soil") == 0
         assert peer.trigger("save_soil").message == "not configured: there is no soil to save"
-        assert peer.set_parameter(override, "best_effort").successful
+        assert peer.set_parameter("mobility.rate", 10.0).successful
         # A model that is not there: the same, and it can be mended.
         assert peer.set_parameter("model_file", str(tmp_path / "none.yaml")).successful
         assert not peer.transition(Transition.TRANSITION_CONFIGURE)
@@ -183,52 +181,17 @@ def test_a_configuration_that_fails_leaves_nothing_behind(
     assert "Traceback" not in log.read_text()
 
 
-def test_quality_of_service_can_be_overridden(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
-    from rclpy.qos import ReliabilityPolicy
-    from smallwheel_ros.msg import SoilEstimate
+def test_what_was_dumped_says_nothing_of_itself(
+    peer: Peer, one_wheel: Path, tmp_path: Path
+) -> None:
+    """N24: `ros2 param dump` wrote qos_overrides.* that the next start warned of."""
+    from rcl_interfaces.srv import ListParameters
 
-    overrides = {
-        "qos_overrides./front/load.subscription.reliability": "reliable",
-        "qos_overrides./front/load.subscription.depth": "7",
-        "qos_overrides./mobility_estimator/soil.publisher.durability": "volatile",
-        "qos_overrides./elsewhere.subscription.depth": "7",
-    }
-    log = tmp_path / "node.log"
-    with NodeProcess([one_wheel], log, overrides) as node:
+    with NodeProcess([one_wheel], tmp_path / "node.log"):
         peer.wait_for_node()
-
-        def asked(topic: str) -> Any:
-            (info,) = peer.node.get_subscriptions_info_by_topic(topic)
-            return info.qos_profile.reliability
-
-        assert asked("/front/load") == ReliabilityPolicy.RELIABLE
-        assert asked("/front/sinkage") == ReliabilityPolicy.BEST_EFFORT
-        late = peer.latched(SoilEstimate, "soil")
-        said = "/mobility_estimator/soil: incompatible_qos"
-        peer.spin_until(lambda: said in peer.counts(), "a latched subscriber is not served")
-        assert late == []
-        message = peer.entry("parameters").message
-        assert "qos_overrides./elsewhere.subscription.depth is not used" in message
-        answer = peer.set_parameter("qos_overrides./front/load.subscription.reliability", "x")
-        assert not answer.successful
-        assert "only counts at the start" in answer.reason
-        # Configured anew, the node says no more of them than before.
-        assert peer.transition(label="deactivate")
-        assert peer.transition(label="cleanup")
-        assert peer.transition(label="configure")
-        assert peer.transition(label="activate")
-        peer.wait_for_turn()
-        assert peer.entry("parameters").message == message
-        # They hold when a topic is subscribed to anew.
-        assert peer.transition(label="deactivate")
-        assert peer.transition(label="activate")
-        peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "the topic is back")
-        peer.spin_until(
-            lambda: len(peer.node.get_subscriptions_info_by_topic("/front/load")) == 1, "known"
-        )
-        assert asked("/front/load") == ReliabilityPolicy.RELIABLE
-        assert node.death() is None
-    assert "Traceback" not in log.read_text()
+        names = peer.call(ListParameters, "list_parameters", ListParameters.Request()).result.names
+    assert "front.diameter" in names
+    assert not [name for name in names if "qos_overrides" in name]
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,25 @@ def test_each_topic_is_waited_for_in_the_line_of_its_group(
         ),
         ({"a": 0.25}, {"a__sinkage_topic": ""}, "nothing of the soil's law (no sinkage is measured)"),
         ({"a": 0.25, "b": 0.4}, {"b__sinkage_topic": ""}, "estimates n and k D^m of the soil"),
+        # U8: what each status says is unknown is not said to be estimated.
+        (
+            {"a": 0.25},
+            {"a__sinkage_topic": ""},
+            "estimates nothing of the soil's law (no sinkage is measured); its strength stays as configured;"
+            " thrust, drawbar pull and margin (no sinkage, resistance: nothing measures sinkage, and no soil"
+            " is named) of a",
+        ),
+        (
+            {"a": 0.25},
+            {"a__sinkage_topic": "", "odometry_from_wheels": True},
+            "margin (no sinkage, resistance: nothing measures sinkage, and no soil is named; no slip, thrust,"
+            " pull: odometry comes from the wheels) of a",
+        ),
+        (
+            {"a": 0.25},
+            {"a__sinkage_topic": "", "soil__name": "dry_sand"},
+            "drawbar pull (sinkage, resistance: as in the soil that is named) of a",
+        ),
         ({"a": 0.2, "b": 0.4}, {"a__contact": "pressed"}, "drawbar pull of b; sinkage of a"),
     ],
 )  # fmt: skip
