@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speed over ground and what the imu feels, as real robots send them, and how far each is to be believed.
 
-    speed     the twist's;  (x, y)(t) - (x, y)(t - 0.5 s) along the heading, while every twist is exactly 0
-    spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6
+    speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
+              the heading, in the middle of both
+    spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
+              the same of three messages in a row; the larger one
     lag       by how much the turning and the speed follow gyro and rims: largest correlation
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip
     imu       turned over where its z axis looks down
@@ -30,6 +32,7 @@ WINDOW = (
 _DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
 _POSED = 2.0  # m of the pose without a twist: then it is said
 _STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
+_PLACE = 0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
@@ -62,14 +65,15 @@ class Trust:
     of_wheels: Flags
     since: Array
     way: Array
+    mean: Array
 
 
 @dataclass
 class _Sums:
     """Running sums of what is learnt, and what they were at the end of the last piece of way."""
 
-    spread: float = 0.0
-    speeds: float = 0.0
+    spread: list[Array] = field(default_factory=lambda: [np.zeros(2), np.zeros(2)])
+    speed: Array = field(default_factory=lambda: unknown(2))
     way: float = 0.0
     changed: int = NEVER
     changed_way: float = 0.0
@@ -95,7 +99,7 @@ class Ground:
         self._own = Stream(
             "own", 4
         )  # of each message: ns back to its speed's stamp, the speed, yaw rate, new
-        self._trust = Stream("trust", 5)
+        self._trust = Stream("trust", 6)
         self.posed = True
         self._way, self._said = 0.0, False
         self._up = self._looks_down = 0
@@ -121,7 +125,7 @@ class Ground:
 
     def trust(self, instants: Integers) -> Trust:
         """How far the speed is believed at instants up to which has been learnt."""
-        stamps, (variance, lag, of_wheels, since, way) = self._last(instants)
+        stamps, (variance, lag, of_wheels, since, way, mean) = self._last(instants)
         seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
         usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
         return Trust(
@@ -130,6 +134,7 @@ class Ground:
             of_wheels > 0.0,
             np.nan_to_num(since) + seconds,
             np.nan_to_num(way),
+            np.nan_to_num(mean),
         )
 
     def _last(self, instants: Integers) -> tuple[Integers, Array]:
@@ -188,11 +193,15 @@ class Ground:
         if self.source == ODOMETRY and self.posed:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
-            before = np.searchsorted(all_stamps, stamps - WINDOW, side="right") - 1
-            before = np.where(before < 0, 0, before)
+            rules, rows = self.streams.rules, np.arange(all_stamps.size)
+            apart = np.diff(all_stamps) > stream.gaps(all_stamps, rules)[:-1]  # it was silent meanwhile
+            begin = np.maximum.accumulate(np.where(np.concatenate([[True], apart]), rows, 0))
+            window = np.maximum(WINDOW, 2 * stream.periods(all_stamps)[first:])
+            before = np.searchsorted(all_stamps, stamps - window, side="right") - 1
+            before = np.maximum(before, begin[first:])
             now, then = values, all_values[before]
             span = stamps - all_stamps[before]
-            near = (span > 0) & (span <= self.streams.rules.widest)
+            near = (span >= WINDOW) & (span <= 2 * rules.widest)
             seconds = np.where(near, span, 1) / SECOND
             ahead, aside = now[:, COSINE] + then[:, COSINE], now[:, SINE] + then[:, SINE]
             length = np.hypot(ahead, aside)
@@ -247,29 +256,38 @@ class Ground:
         changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
         changed_way = np.maximum(changed_way, sums.changed_way)
         sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
-        variance = self._spread(middle, speed, mean)
+        variance = self._spread(middle, back, speed, mean)
         lag = self._lag(middle, speed, turn, mean)
         parts = np.nan_to_num(np.column_stack([mean, speed, half_turn, turn])) * passed[:, None]
         of_wheels = self._made_of_wheels(ways_before, way, parts)
         since = (stamps - changed) / SECOND
-        rows = np.column_stack([variance, lag, of_wheels, since, way - changed_way])
+        rows = np.column_stack(
+            [variance, lag, of_wheels, since, way - changed_way, back / SECOND]
+        )
         self._trust.extend(stamps, rows)
 
-    def _spread(self, middle: Integers, speed: Array, mean: Array) -> Array:
-        """Variance of a speed, by what it does while the rims turn evenly."""
+    def _spread(self, middle: Integers, back: Array, speed: Array, mean: Array) -> Array:
+        """Variance of a speed, by what it does while the rims turn evenly, from one message to the next too."""
         sums, rules = self._sums, self.streams.rules
-        one, two = (self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2))
+        apart = [self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2)]
         rims = np.stack([mean, *(self.rims(middle - k * _APART)[0] for k in (1, 2))])
         with np.errstate(invalid="ignore"):
             most = np.abs(rims).max(axis=0)
             even = (np.ptp(rims, axis=0) < _STEADY * most) & (most > self.settings.standstill_speed)
-        bend = speed - 2.0 * one + two
-        even &= np.isfinite(bend)
-        squares = steps_of(np.where(even, bend**2 / 6.0, 0.0), sums.spread)
-        count = steps_of(even.astype(float), sums.speeds)
-        sums.spread, sums.speeds = float(squares[-1]), float(count[-1])
+        before = np.concatenate([sums.speed, speed])
+        sums.speed = before[-2:]
+        bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
         told = self.settings.noise.speed**2
-        return np.maximum(told, (_TOLD * told + squares) / (_TOLD + count))
+        posed = 2.0 * (_PLACE * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
+        told = np.where(back > 0.0, np.maximum(told, posed), told)
+        found = told
+        for i, bend in enumerate(bends):
+            good = even & np.isfinite(bend)
+            rows = np.column_stack([good, np.where(good, bend**2 / 6.0, 0.0)])
+            total = np.cumsum(np.concatenate([sums.spread[i][None], rows]), axis=0)[1:]
+            sums.spread[i] = total[-1]
+            found = np.maximum(found, (_TOLD * told + total[:, 1]) / (_TOLD + total[:, 0]))
+        return np.asarray(found)
 
     def _lag(self, middle: Integers, speed: Array, turn: Array, mean: Array) -> Array:
         """How much later (s) the speed comes than gyro and rims, the larger one; 0: no more than they tell."""
