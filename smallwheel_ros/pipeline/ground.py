@@ -32,7 +32,9 @@ WINDOW = (
 _DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
 _POSED = 2.0  # m of the pose without a twist: then it is said
 _STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
-_PLACE = 0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
+_PLACE = (
+    0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
+)
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
@@ -189,12 +191,15 @@ class Ground:
         same = (values == all_values[np.arange(first, all_stamps.size) - 1]) | np.isnan(values)
         new = ~same.all(axis=1)
         new[0] |= first == 0
-        back, speed, turn = np.zeros(stamps.size), values[:, SPEED], values[:, YAW_RATE]
+        back: Array = np.zeros(stamps.size)
+        speed, turn = values[:, SPEED], values[:, YAW_RATE]
         if self.source == ODOMETRY and self.posed:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
             rules, rows = self.streams.rules, np.arange(all_stamps.size)
-            apart = np.diff(all_stamps) > stream.gaps(all_stamps, rules)[:-1]  # it was silent meanwhile
+            apart = (
+                np.diff(all_stamps) > stream.gaps(all_stamps, rules)[:-1]
+            )  # it was silent meanwhile
             begin = np.maximum.accumulate(np.where(np.concatenate([[True], apart]), rows, 0))
             window = np.maximum(WINDOW, 2 * stream.periods(all_stamps)[first:])
             before = np.searchsorted(all_stamps, stamps - window, side="right") - 1
@@ -208,19 +213,21 @@ class Ground:
             with np.errstate(invalid="ignore", divide="ignore"):
                 along = (now[:, X] - then[:, X]) * ahead + (now[:, Y] - then[:, Y]) * aside
                 along = along / length / seconds
+            speeds = np.where(near, along, np.nan)
             cross = then[:, COSINE] * now[:, SINE] - then[:, SINE] * now[:, COSINE]
             dot = then[:, COSINE] * now[:, COSINE] + then[:, SINE] * now[:, SINE]
             turned = np.arctan2(cross, dot) / seconds
-            speed = np.where(posed, np.where(near, along, np.nan), speed)
+            speed = np.where(posed, speeds, speed)
             turn = np.where(posed, np.where(near, turned, np.nan), turn)
             back = np.where(posed, (span // 2).astype(float), 0.0)
             self._say(all_values[max(first - 1, 0) :], bool(posed[-1]))
             self.posed = bool(posed[-1])
         self._own.extend(stamps, np.column_stack([back, speed, turn, new]))
         middle = stamps - back.astype(np.int64)
-        told = np.isfinite(speed) & (middle > self.moves.newest)
-        rising = middle > np.concatenate([[NEVER], np.maximum.accumulate(middle)[:-1]])
-        self.moves.extend(middle[told & rising], np.column_stack([speed, turn])[told & rising])
+        # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
+        before_it = np.concatenate([[self.moves.newest], middle[:-1]])
+        rising = middle > np.maximum.accumulate(before_it)
+        self.moves.extend(middle[rising], np.column_stack([speed, turn])[rising])
 
     def _say(self, values: Array, posed: bool) -> None:
         """Say once that the speed is from the pose, where the vehicle has moved and no twist has said so."""
@@ -261,13 +268,11 @@ class Ground:
         parts = np.nan_to_num(np.column_stack([mean, speed, half_turn, turn])) * passed[:, None]
         of_wheels = self._made_of_wheels(ways_before, way, parts)
         since = (stamps - changed) / SECOND
-        rows = np.column_stack(
-            [variance, lag, of_wheels, since, way - changed_way, back / SECOND]
-        )
+        rows = np.column_stack([variance, lag, of_wheels, since, way - changed_way, back / SECOND])
         self._trust.extend(stamps, rows)
 
     def _spread(self, middle: Integers, back: Array, speed: Array, mean: Array) -> Array:
-        """Variance of a speed, by what it does while the rims turn evenly, from one message to the next too."""
+        """Variance of a speed, by what it does while the rims turn evenly; of neighbours too."""
         sums, rules = self._sums, self.streams.rules
         apart = [self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2)]
         rims = np.stack([mean, *(self.rims(middle - k * _APART)[0] for k in (1, 2))])
@@ -277,7 +282,7 @@ class Ground:
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
         bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
-        told = self.settings.noise.speed**2
+        told: Array = np.full(back.size, self.settings.noise.speed**2)
         posed = 2.0 * (_PLACE * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
@@ -290,7 +295,7 @@ class Ground:
         return np.asarray(found)
 
     def _lag(self, middle: Integers, speed: Array, turn: Array, mean: Array) -> Array:
-        """How much later (s) the speed comes than gyro and rims, the larger one; 0: no more than they tell."""
+        """How much later (s) the speed comes than gyro and rims, the larger one; 0: not known to."""
         count = middle.size
         instants = (middle[:, None] - LAGS).ravel()
         gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
