@@ -197,9 +197,8 @@ class Ground:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
             rules, rows = self.streams.rules, np.arange(all_stamps.size)
-            apart = (
-                np.diff(all_stamps) > stream.gaps(all_stamps, rules)[:-1]
-            )  # it was silent meanwhile
+            longest = np.maximum(stream.gaps(all_stamps, rules), rules.silence - rules.reorder)
+            apart = np.diff(all_stamps) > longest[:-1]  # it may have been silent meanwhile
             begin = np.maximum.accumulate(np.where(np.concatenate([[True], apart]), rows, 0))
             window = np.maximum(WINDOW, 2 * stream.periods(all_stamps)[first:])
             before = np.searchsorted(all_stamps, stamps - window, side="right") - 1

@@ -4,9 +4,9 @@
     number = 1 + crossings of this place so far by a wheel that rolls, its own among them
 
 A track whose middle is no further away than half the wheel's width is the same track; one within a whole
-width is met in part, and the number is not known. Nor is it without places, and at the beginning, until a wheel has
-left the ground that the vehicle stood on. Once the odometry has drifted by half a width, ground that is
-crossed again counts as fresh.
+width is met in part, and the number is not known. Nor is it without places, and at the beginning, until a
+wheel has left the ground that the vehicle stood on. Once the odometry has drifted by half a width, ground
+that is crossed again counts as fresh.
 """
 
 from __future__ import annotations
