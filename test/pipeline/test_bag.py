@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of serialised messages: whatever padding holds, whichever end comes first, and what is no message."""
+"""Columns of serialised messages: whatever padding holds, either end first, and what is no message."""
 
 from __future__ import annotations
 
