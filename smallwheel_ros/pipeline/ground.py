@@ -45,6 +45,7 @@ _TURNS, _ALIKE, _BETTER = (
     0.8,
     1.1,
 )  # rad/s; correlation; what a lag has to explain more than none
+_VARIES = 1e-6  # of the mean square: a thousandth of the mean
 _ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
 _OWN, _PIECE, _PIECES = (
     0.005,
@@ -313,8 +314,11 @@ class Ground:
             n, sx, sy, xx, yy, xy = np.moveaxis(total, 1, 0)
             with np.errstate(invalid="ignore", divide="ignore"):
                 covariance = xy - sx * sy / n
-                square = covariance**2 / ((xx - sx * sx / n) * (yy - sy * sy / n))
-            square = np.nan_to_num(np.where(covariance > 0.0, square, 0.0), posinf=0.0)
+                own, other = xx - sx * sx / n, yy - sy * sy / n
+                square = covariance**2 / (own * other)
+            # What hardly changes follows nothing, and its variance is what rounding leaves.
+            varies = (own > _VARIES * xx) & (other > _VARIES * yy) & (covariance > 0.0)
+            square = np.where(varies, square, 0.0)
             best = square.argmax(axis=1)
             most = square.max(axis=1)
             told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
