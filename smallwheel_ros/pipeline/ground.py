@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed over ground and what the imu feels, as real robots send them, and how far each is to be believed.
+
+    speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
+              the heading, in the middle of both
+    spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
+              the same of three messages in a row; the larger one
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation
+    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip
+    imu       turned over where its z axis looks down
+
+Each row depends on messages up to its own stamp alone, and sums go on over cuts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+
+from .streams import NEVER, Stream, Streams
+from .tables import SECOND, Array, Flags, Integers, steps_of, unknown
+
+SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL = range(10)
+GRAVITY = 9.80665  # m/s^2
+WINDOW = (
+    SECOND // 2
+)  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
+_DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
+_POSED = 2.0  # m of the pose without a twist: then it is said
+_STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
+_PLACE = (
+    0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
+)
+_APART = (
+    SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
+)
+_TOLD = 10  # speeds that what the parameters say of the deviation counts for
+LAGS = np.arange(11) * (SECOND // 10)  # ns
+_TURNS, _ALIKE, _BETTER = (
+    0.1,
+    0.8,
+    1.1,
+)  # rad/s; correlation; what a lag has to explain more than none
+_VARIES = 1e-6  # of the mean square: a thousandth of the mean
+_ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
+_OWN, _PIECE, _PIECES = (
+    0.005,
+    0.5,
+    10,
+)  # of the way, m: the best odometries wander by so much (KITTI)
+_MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
+
+
+@dataclass
+class Trust:
+    """What is known of the speed at each of some instants.
+
+    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do; of_wheels; since: s for
+    which the message has been the same; way: m by the rims meanwhile.
+    """
+
+    variance: Array
+    lag: Array
+    of_wheels: Flags
+    since: Array
+    way: Array
+    mean: Array
+
+
+@dataclass
+class _Sums:
+    """Running sums of what is learnt, and what they were at the end of the last piece of way."""
+
+    spread: list[Array] = field(default_factory=lambda: [np.zeros(2), np.zeros(2)])
+    speed: Array = field(default_factory=lambda: unknown(2))
+    way: float = 0.0
+    changed: int = NEVER
+    changed_way: float = 0.0
+    stamp: int = NEVER
+    alike: list[Array] = field(default_factory=lambda: [np.zeros((6, LAGS.size)) for _ in range(2)])
+    parts: Array = field(default_factory=lambda: np.zeros(4))
+    last: Array = field(default_factory=lambda: np.zeros(4))
+    pieces: list[Array] = field(default_factory=list)
+    of_wheels: bool = False
+
+
+class Ground:
+    """Rows of speed and imu, and how far they are believed.
+
+    moves: speed (m/s) and yaw rate (rad/s). felt: the imu's rows, z up. posed: whether speed is that of the
+    pose.
+    """
+
+    def __init__(self, settings: OnboardSettings, streams: Streams) -> None:
+        self.settings, self.streams = settings, streams
+        self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
+        self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
+        self._own = Stream(
+            "own", 4
+        )  # of each message: ns back to its speed's stamp, the speed, yaw rate, new
+        self._trust = Stream("trust", 6)
+        self.posed = True
+        self._way, self._said = 0.0, False
+        self._up = self._looks_down = 0
+        self._sums = _Sums()
+
+    def advance(self, until: int) -> None:
+        """Take what came, and learn of it up to a stamp (ns) at which all is there."""
+        self._turn_over()
+        self._speeds()
+        self._learn(until)
+
+    def bound(self, until: int) -> int:
+        """Stamp (ns) up to which speeds are there: those of poses are in the middle between two."""
+        source = self.streams.all.get(self.source)
+        if source is None or not self.posed or not source.received or self.streams.silent(source):
+            return until
+        return min(until, self.moves.newest)
+
+    def forget(self, before: int) -> None:
+        """Drop what nothing asks for any more."""
+        for stream in (self.moves, self.felt, self._own, self._trust):
+            stream.forget(before)
+
+    def trust(self, instants: Integers) -> Trust:
+        """How far the speed is believed at instants up to which has been learnt."""
+        stamps, (variance, lag, of_wheels, since, way, mean) = self._last(instants)
+        seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
+        usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
+        return Trust(
+            usual,
+            np.nan_to_num(lag),
+            of_wheels > 0.0,
+            np.nan_to_num(since) + seconds,
+            np.nan_to_num(way),
+            np.nan_to_num(mean),
+        )
+
+    def _last(self, instants: Integers) -> tuple[Integers, Array]:
+        stamps, values = self._trust.last(instants)
+        return stamps, values.T
+
+    def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
+        """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left."""
+        wheels = [
+            (wheel, self.streams.all[f"{wheel.name}/wheel_speed"])
+            for wheel in self.settings.wheels
+            if wheel.contact == ROLLING
+        ]
+        if not wheels:
+            return unknown(instants.size), unknown(instants.size), unknown(instants.size)
+        rims = np.stack(
+            [s.at(instants, self.streams.rules)[:, 0] * w.diameter / 2.0 for w, s in wheels]
+        )
+        side = np.array([wheel.lateral_position for wheel, _ in wheels])
+        turn = unknown(instants.size)
+        if (side > 0.0).any() and (side < 0.0).any():
+            turn = 0.5 * (rims[side < 0.0].mean(axis=0) - rims[side > 0.0].mean(axis=0))
+        return rims.mean(axis=0), np.abs(rims).mean(axis=0), turn
+
+    # --- What came
+
+    def _turn_over(self) -> None:
+        """Give the imu's rows with z up: most of those so far say where down is."""
+        stream = self.streams.all.get(IMU)
+        if stream is None or stream.newest <= self.felt.newest:
+            return
+        stamps, values = stream.between(self.felt.newest, stream.newest)
+        along = np.where(np.isnan(values[:, 6]), values[:, 3], GRAVITY * values[:, 6])
+        up = self._up + np.cumsum(along > _DOWN)
+        looks_down = self._looks_down + np.cumsum(along < -_DOWN)
+        self._up, self._looks_down = int(up[-1]), int(looks_down[-1])
+        over = looks_down > up
+        if over[-1] and (IMU, "z_down") not in self.streams.words:
+            text = f"its z axis looks down ({along[-1]:.1f} m/s^2 along it): it is turned over"
+            self.streams.note(IMU, "z_down", text)
+        sign = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # about x: y, z and yaw change
+        self.felt.extend(stamps, np.where(over[:, None], sign * values, values))
+
+    def _speeds(self) -> None:
+        """Give the rows of speed and yaw rate."""
+        stream = self.streams.all.get(self.source)
+        if stream is None or stream.newest <= self._own.newest:
+            return
+        all_stamps, all_values = stream.stamps, stream.values
+        first = int(np.searchsorted(all_stamps, self._own.newest, side="right"))
+        stamps, values = all_stamps[first:], all_values[first:]
+        same = (values == all_values[np.arange(first, all_stamps.size) - 1]) | np.isnan(values)
+        new = ~same.all(axis=1)
+        new[0] |= first == 0
+        back: Array = np.zeros(stamps.size)
+        speed, turn = values[:, SPEED], values[:, YAW_RATE]
+        if self.source == ODOMETRY and self.posed:
+            twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
+            posed = ~twist
+            rules, rows = self.streams.rules, np.arange(all_stamps.size)
+            longest = np.maximum(stream.gaps(all_stamps, rules), rules.silence - rules.reorder)
+            apart = np.diff(all_stamps) > longest[:-1]  # it may have been silent meanwhile
+            begin = np.maximum.accumulate(np.where(np.concatenate([[True], apart]), rows, 0))
+            window = np.maximum(WINDOW, 2 * stream.periods(all_stamps)[first:])
+            before = np.searchsorted(all_stamps, stamps - window, side="right") - 1
+            before = np.maximum(before, begin[first:])
+            now, then = values, all_values[before]
+            span = stamps - all_stamps[before]
+            near = (span >= WINDOW) & (span <= 2 * rules.widest)
+            seconds = np.where(near, span, 1) / SECOND
+            ahead, aside = now[:, COSINE] + then[:, COSINE], now[:, SINE] + then[:, SINE]
+            length = np.hypot(ahead, aside)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                along = (now[:, X] - then[:, X]) * ahead + (now[:, Y] - then[:, Y]) * aside
+                along = along / length / seconds
+            speeds = np.where(near, along, np.nan)
+            cross = then[:, COSINE] * now[:, SINE] - then[:, SINE] * now[:, COSINE]
+            dot = then[:, COSINE] * now[:, COSINE] + then[:, SINE] * now[:, SINE]
+            turned = np.arctan2(cross, dot) / seconds
+            speed = np.where(posed, speeds, speed)
+            turn = np.where(posed, np.where(near, turned, np.nan), turn)
+            back = np.where(posed, (span // 2).astype(float), 0.0)
+            self._say(all_values[max(first - 1, 0) :], bool(posed[-1]))
+            self.posed = bool(posed[-1])
+        self._own.extend(stamps, np.column_stack([back, speed, turn, new]))
+        middle = stamps - back.astype(np.int64)
+        # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
+        before_it = np.concatenate([[self.moves.newest], middle[:-1]])
+        rising = middle > np.maximum.accumulate(before_it)
+        self.moves.extend(middle[rising], np.column_stack([speed, turn])[rising])
+
+    def _say(self, values: Array, posed: bool) -> None:
+        """Say once that the speed is from the pose, where the vehicle has moved and no twist has said so."""
+        steps = np.hypot(*np.diff(values[:, [X, Y]], axis=0).T)
+        self._way += float(np.nan_to_num(steps).sum()) if posed else 0.0
+        if posed and not self._said and self._way > _POSED:
+            self._said = True
+            text = f"its twist is 0 throughout, its pose moved {self._way:.1f} m: speed is from the pose"
+            self.streams.note(self.source, "no_twist", text)
+
+    # --- What is learnt
+
+    def _learn(self, until: int) -> None:
+        after = max(self._trust.newest, NEVER)
+        stamps, own = self._own.between(after, until)
+        if not stamps.size:
+            return
+        sums = self._sums
+        back, speed, turn, new = own.T
+        middle = stamps - back.astype(np.int64)
+        mean, size, half_turn = self.rims(middle)
+        before = np.concatenate([[sums.stamp], stamps[:-1]])
+        passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
+        sums.stamp = int(stamps[-1])
+        step = np.nan_to_num(size) * passed
+        way = steps_of(step, sums.way)
+        ways_before = np.concatenate([[sums.way], way[:-1]])
+        sums.way = float(way[-1])
+        # Since when the message has been the same, and the way of the rims meanwhile.
+        is_new = new > 0.0
+        changed = np.maximum.accumulate(np.where(is_new, stamps, NEVER))
+        changed = np.maximum(changed, sums.changed)
+        changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
+        changed_way = np.maximum(changed_way, sums.changed_way)
+        sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
+        variance = self._spread(middle, back, speed, mean)
+        lag = self._lag(middle, speed, turn, mean)
+        parts = np.nan_to_num(np.column_stack([mean, speed, half_turn, turn])) * passed[:, None]
+        of_wheels = self._made_of_wheels(ways_before, way, parts)
+        since = (stamps - changed) / SECOND
+        rows = np.column_stack([variance, lag, of_wheels, since, way - changed_way, back / SECOND])
+        self._trust.extend(stamps, rows)
+
+    def _spread(self, middle: Integers, back: Array, speed: Array, mean: Array) -> Array:
+        """Variance of a speed, by what it does while the rims turn evenly; of neighbours too."""
+        sums, rules = self._sums, self.streams.rules
+        apart = [self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2)]
+        rims = np.stack([mean, *(self.rims(middle - k * _APART)[0] for k in (1, 2))])
+        with np.errstate(invalid="ignore"):
+            most = np.abs(rims).max(axis=0)
+            even = (np.ptp(rims, axis=0) < _STEADY * most) & (most > self.settings.standstill_speed)
+        before = np.concatenate([sums.speed, speed])
+        sums.speed = before[-2:]
+        bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
+        told: Array = np.full(back.size, self.settings.noise.speed**2)
+        posed = 2.0 * (_PLACE * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
+        told = np.where(back > 0.0, np.maximum(told, posed), told)
+        found = told
+        for i, bend in enumerate(bends):
+            good = even & np.isfinite(bend)
+            rows = np.column_stack([good, np.where(good, bend**2 / 6.0, 0.0)])
+            total = np.cumsum(np.concatenate([sums.spread[i][None], rows]), axis=0)[1:]
+            sums.spread[i] = total[-1]
+            found = np.maximum(found, (_TOLD * told + total[:, 1]) / (_TOLD + total[:, 0]))
+        return np.asarray(found)
+
+    def _lag(self, middle: Integers, speed: Array, turn: Array, mean: Array) -> Array:
+        """How much later (s) the speed comes than gyro and rims, the larger one; 0: not known to."""
+        count = middle.size
+        instants = (middle[:, None] - LAGS).ravel()
+        gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
+        rims = self.rims(instants)[0].reshape(count, -1)
+        found = np.zeros(count)
+        for i, (late, early) in enumerate(((turn, gyro), (speed, rims))):
+            good = np.isfinite(late) & np.isfinite(early).all(axis=1)
+            good &= (np.abs(early) > _TURNS).any(axis=1)
+            y, x = np.where(good, late, 0.0)[:, None], np.where(good[:, None], early, 0.0)
+            ones = np.broadcast_to(good[:, None].astype(float), x.shape)
+            rows = np.stack(
+                [ones, x, np.broadcast_to(y, x.shape), x * x, y * y + 0.0 * x, x * y], 1
+            )
+            total = np.cumsum(np.concatenate([self._sums.alike[i][None], rows]), axis=0)[1:]
+            self._sums.alike[i] = total[-1]
+            n, sx, sy, xx, yy, xy = np.moveaxis(total, 1, 0)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                covariance = xy - sx * sy / n
+                own, other = xx - sx * sx / n, yy - sy * sy / n
+                square = covariance**2 / (own * other)
+            # What hardly changes follows nothing, and its variance is what rounding leaves.
+            varies = (own > _VARIES * xx) & (other > _VARIES * yy) & (covariance > 0.0)
+            square = np.where(varies, square, 0.0)
+            best = square.argmax(axis=1)
+            most = square.max(axis=1)
+            told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
+            told &= 1.0 - square[:, 0] > _BETTER * (1.0 - most)
+            found = np.maximum(found, np.where(told, LAGS[best] / SECOND, 0.0))
+        return found
+
+    def _made_of_wheels(self, before: Array, way: Array, parts: Array) -> Flags:
+        """Whether the last pieces of way are those of the rims, straight on or in turning."""
+        sums = self._sums
+        total = np.cumsum(np.concatenate([sums.parts[None], parts]), axis=0)[1:]
+        found = np.empty(way.size, dtype=bool)
+        ends = np.flatnonzero(np.floor(way / _PIECE) > np.floor(before / _PIECE))
+        begin = 0
+        for end in ends.tolist():
+            found[begin:end] = sums.of_wheels
+            sums.pieces = [*sums.pieces[1 - _PIECES :], total[end] - sums.last]
+            sums.last, begin = total[end], end
+            if len(sums.pieces) == _PIECES:
+                off = _scatter(np.array(sums.pieces))
+                sums.of_wheels = off < (2.0 * _OWN if sums.of_wheels else _OWN)
+                if sums.of_wheels and (self.source, "of_wheels") not in self.streams.words:
+                    text = f"it is made of the wheels (the same way to {off:.2%}): it shows no slip"
+                    self.streams.note(self.source, "of_wheels", text)
+        found[begin:] = sums.of_wheels
+        sums.parts = total[-1]
+        return found if self.source == ODOMETRY else np.zeros(way.size, dtype=bool)
+
+
+def _scatter(pieces: Array) -> float:
+    """By which share of the way the odometry is no multiple of the rims: straight on, or in turns."""
+    found = np.inf
+    for rims, moves in ((pieces[:, 0], pieces[:, 1]), (pieces[:, 2], pieces[:, 3])):
+        mean = np.abs(rims).mean()
+        if not mean > _MOVES * _PIECE or not moves.any():
+            continue
+        factor = float(rims @ moves) / float(rims @ rims)
+        off = np.sqrt(np.mean((moves - factor * rims) ** 2)) / max(abs(factor), 1e-9) / mean
+        found = min(found, float(off))
+    return found
