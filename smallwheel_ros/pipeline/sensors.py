@@ -7,9 +7,10 @@ steps of the sensor.
 
 All loads together are the vehicle's weight, whatever the cells show. Over six stretches of each wheel
 
-    off  = mean of ln(sum of W / (m g cos pitch)),    std = (0.02^2 + std(ln sum)^2/6)^1/2
+    off = mean of ln(sum of W / (m g cos pitch)),    std = (0.02^2 + std(ln sum)^2/6)^1/2
 
-0.02: of the mass, by scale, water, dust. Where off is over 10 % either the cells or the mass are wrong: std = |off|.
+0.02: of the mass, by scale, water, dust. Where off is over 10 % either the cells or the mass are wrong, and
+std is |off|.
 """
 
 from __future__ import annotations
