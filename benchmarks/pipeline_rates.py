@@ -13,7 +13,9 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,10 +31,17 @@ from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usua
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.local_law import Version, law_of
 from smallwheel_ros.pipeline.motion import rut_of
-from smallwheel_ros.pipeline.soils import Soils, Version, law_of
+from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import Loaded, StretchState, stretches
 from smallwheel_ros.pipeline.tables import Array, Readings
+
+
+def table_of(**columns: Any) -> Readings:
+    """A table of these columns; of all others nothing is known."""
+    none = np.full(len(columns["stamp"]), math.nan)
+    return Readings(**({field.name: none for field in fields(Readings)} | columns))
 
 
 def rows_of(readings: Sequence[Reading], wheels: tuple[Wheel, ...]) -> Readings:
@@ -48,18 +57,18 @@ def rows_of(readings: Sequence[Reading], wheels: tuple[Wheel, ...]) -> Readings:
         given = [getattr(r, name) for r in readings]
         return np.array([math.nan if g is None else g for g in given], dtype=float)
 
-    onward, none = np.array([r.onward for r in readings]), np.full(len(readings), math.nan)
+    onward = np.array([r.onward for r in readings])
     passes, doubt = rut_of(wheels, number, onward)
     std = "standard_deviation"
-    return Readings(
+    return table_of(
         stamp=np.array([r.stamp for r in readings]), wheel=number, sinkage=value("sinkage"),
         sinkage_std=value("sinkage", std), load=value("load"), load_std=value("load", std),
         vehicle_speed=plain("speed"), speed=plain("speed"), speed_std=plain("speed_std"),
         rim_speed=plain("rim_speed"), rim_std=plain("rim_std"), slip=value("slip"),
         slip_std=value("slip", std), stands=np.array([r.stands for r in readings]),
         forward=np.array([r.forward for r in readings]), slope=plain("slope_force"),
-        gained=plain("gained_force"), across=none, torque=plain("torque"), pull=value("drawbar_pull"),
-        pitch=plain("pitch"), x=none, y=none, heading=none, distance=plain("distance"),
+        gained=plain("gained_force"), torque=plain("torque"), pull=value("drawbar_pull"),
+        pitch=plain("pitch"), distance=plain("distance"),
         path=plain("path"), onward=onward, passes=passes, pass_doubt=doubt,
         due=np.ones(len(readings), dtype=bool),
     )  # fmt: skip

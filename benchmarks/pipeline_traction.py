@@ -16,6 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.pipeline_rates import table_of
 from benchmarks.traction_rates import SETTLE, settings_of
 from benchmarks.traction_rates import run as run_of_today
 from benchmarks.traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
@@ -46,16 +47,16 @@ def rows_of(drive: TractionDrive, settings: OnboardSettings, kind: str) -> Readi
     std = np.full(count, 0.01)
     slip, slip_std, _ = slip_of(travel, std, rim, 0.01 * rim, 0.01)
     passes, doubt = rut_of(settings.wheels, wheel, yes)
-    return Readings(
+    return table_of(
         stamp=(each(1e9 * drive.time) + wheel).astype(np.int64), wheel=wheel,
         sinkage=drive.shown_sinkage.ravel(), sinkage_std=np.full(count, 1e-3),
         load=drive.weighed.ravel(), load_std=np.full(count, 1.2), vehicle_speed=travel, speed=travel,
         speed_std=std, rim_speed=rim, rim_std=0.01 * rim, slip=slip, slip_std=slip_std, stands=~yes,
         forward=yes, slope=each(GRAVITY * np.sin(-drive.pitch)) if "balance" in kind else none,
-        gained=each(gained), across=none, torque=drive.torque.ravel() if "torque" in kind else none,
-        pull=drive.pulled.ravel() if kind == "pull sensor" else none, pitch=each(drive.pitch), x=none,
-        y=none, heading=none, distance=each(drive.path), path=each(drive.path), onward=yes, passes=passes,
-        pass_doubt=doubt, due=yes,
+        gained=each(gained), torque=drive.torque.ravel() if "torque" in kind else none,
+        pull=drive.pulled.ravel() if kind == "pull sensor" else none, pitch=each(drive.pitch),
+        distance=each(drive.path), path=each(drive.path), onward=yes, passes=passes, pass_doubt=doubt,
+        due=yes,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.pipeline_rates import estimate_of, rows_of, run
+from benchmarks.pipeline_rates import estimate_of, rows_of, run, table_of
 from benchmarks.robot_drives import RobotDrive, make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip import Exponential
@@ -21,7 +21,8 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.soils import Soils, Version, flags_of, law_of
+from smallwheel_ros.pipeline.local_law import Version, flags_of, law_of
+from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
 
@@ -213,12 +214,12 @@ def test_a_pressed_wheel_shows_the_soil_that_it_is_pressed_into() -> None:
     depth = np.linspace(2e-3, 0.1, count)
     load = 2.0 * contact_load(depth, 0.3, 0.1, modulus, n)
     rng = np.random.default_rng(2)
-    none, yes = np.full(count, math.nan), np.ones(count, dtype=bool)
-    rows = Readings(
-        10_000_000 * np.arange(count), np.zeros(count, dtype=int), depth + 1e-4 * rng.standard_normal(count),
-        np.full(count, 1e-4), load * (1.0 + 0.01 * rng.standard_normal(count)), 0.01 * load, none, none, none,
-        none, none, none, none, ~yes, yes, none, none, none, none, none, np.zeros(count), none, none, none,
-        depth, depth, yes, np.zeros(count), np.zeros(count), yes,
+    zero, yes = np.zeros(count), np.ones(count, dtype=bool)
+    rows = table_of(
+        stamp=10_000_000 * np.arange(count), wheel=zero.astype(int),
+        sinkage=depth + 1e-4 * rng.standard_normal(count), path=depth, distance=depth,
+        load=load * (1.0 + 0.01 * rng.standard_normal(count)), pitch=zero, passes=zero, pass_doubt=zero,
+        onward=yes, forward=yes, stands=~yes, due=yes,
     )  # fmt: skip
     soils, versions, _ = driven(rows, settings, (500, 1700))
     mean, covariance = law_of(versions[-1])
