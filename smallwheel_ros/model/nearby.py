@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the model says of wheels, and a little beside each in law and load: for slopes by differences.
 
-For effects whose slopes nobody has written down; without effects `physics.contact` gives them itself.
+For effects, whose slopes are not written down; without effects `physics.contact` gives them itself.
 """
 
 from __future__ import annotations

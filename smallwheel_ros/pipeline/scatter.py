@@ -39,7 +39,7 @@ class Scatter:
     def places(self) -> tuple[float, float]:
         """Variances at one place: of ln k, and of the sinkage besides (m^2).
 
-        Whether what is left over is the ground's or the sensor's nobody knows: it counts as the ground's.
+        What is left over may be the ground's or the sensor's: it counts as the ground's.
         """
         return self.soil, self.additive / self.share
 
