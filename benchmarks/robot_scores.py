@@ -61,14 +61,14 @@ def run(drive: RobotDrive) -> tuple[SoilEstimator, Score]:
     for reading, true in zip(drive.readings, drive.sinkage, strict=True):
         while place + 1 < len(drive.at) and reading.distance >= drive.at[place + 1]:
             place += 1
-            _judge(estimator.estimate(), drive, place, score)
+            judge(estimator.estimate(), drive, place, score)
         result = estimator.update(reading)
         if result.predicted_sinkage is not None and result.predicted_variance is not None:
             off = abs(result.predicted_sinkage - true)
             held.append(bool(off <= 1.96 * math.sqrt(result.predicted_variance)))
         if drive.border is not None and math.isnan(score.found) and estimator.soil_changes:
             score.found = reading.distance - drive.border
-    _judge(estimator.estimate(), drive, len(drive.at) - 1, score)
+    judge(estimator.estimate(), drive, len(drive.at) - 1, score)
     score.held = float(np.mean(held))
     score.changes = estimator.soil_changes
     score.findings = estimator.findings
@@ -77,7 +77,7 @@ def run(drive: RobotDrive) -> tuple[SoilEstimator, Score]:
     return estimator, score
 
 
-def _judge(estimate: SoilEstimate, drive: RobotDrive, place: int, score: Score) -> None:
+def judge(estimate: SoilEstimate, drive: RobotDrive, place: int, score: Score) -> None:
     """Compare what is believed with the soils that may be believed in there."""
     pressure, n, log_modulus = drive.soils[place]
     modulus, deviation = estimate.effective_modulus()  # at the diameter that the pressure is of

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -25,21 +25,19 @@ from scipy.special import digamma
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.nearby import STEP as _STEP
+from smallwheel_ros.model.nearby import neighbours, slopes
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import PRESSED, Conditions
 from smallwheel_ros.physics.contact import AXLE_RATIO
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, SOIL_NUMBERS, Soil
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 
 Array = NDArray[np.float64]
-Shear = tuple[()] | tuple[float, float, float]
 Slopes = tuple[float, float, float, float]
 
 _NEWTON_STEPS = 40
 # What comes of a soil in which a wheel has no sinkage, an effect that fails, or a filter that does.
 NO_SINKAGE = (ArithmeticError, ValueError, np.linalg.LinAlgError, SmallwheelError)
-_STEP = 1e-4  # of the law, ln load and ln sinkage in central differences: error 1e-8
-_LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 _LOG_HALF_ROOT_PI = 0.5 * math.log(math.pi) - math.log(2.0)
 
 
@@ -300,34 +298,3 @@ def wheel_sinkage(law: Law, wheel: LoadedWheel, effects: Sequence[Effect] = ()) 
     by_modulus, by_n, by_m, _ = static.slopes
     by_law = by_modulus * slope, by_n * slope, by_m * slope, (more - less) / (2.0 * _STEP)
     return WheelSinkage(shown, by_law, static.sunk_to_axle or shown > 0.5 * diameter)
-
-
-def neighbours(
-    laws: Array, conditions: Conditions, effects: Sequence[Effect], shear: Shear = ()
-) -> Prediction:
-    """What `model.predict` says of wheels in soils, and beside each of the law and load for `slopes`.
-
-    laws: rows of `Law`, shape (rows, 3). shear: cohesion, friction angle and shear displacement, for the
-    effects. The prediction has nine rows for each, of which the first (rows,) are the wheels as they are.
-    """
-    steps = _STEP * np.eye(4)
-    steps[1, 0] = -_STEP * _LOG_DEPTH  # n turns about the reference sinkage
-    at = np.column_stack([laws, np.log(conditions.load)])
-    rows = np.concatenate([at, *(at - step for step in steps), *(at + step for step in steps)])
-    log_modulus, n, m, log_load = rows.T
-    law = {"k": np.exp(log_modulus - m * math.log(REFERENCE_DIAMETER)), "n": n, "m": m}
-    for bound in (np.min, np.max):  # which refuse numbers that are of no soil
-        numbers = [float(bound(column)) for column in law.values()]
-        own = Soil("estimated", numbers[0], numbers[1], numbers[2], *shear)
-    soil = {name: np.full(len(rows), getattr(own, name)) for name in SOIL_NUMBERS} | law
-    nine = conditions.take(np.tile(np.arange(len(conditions)), 9))
-    nine = replace(nine, load=np.exp(log_load))
-    return predict(Model([own], effects=effects), nine, with_forces=False, soil=soil)
-
-
-def slopes(column: Array) -> Array:
-    """Slopes of a column of `neighbours` by the three of `Law` and by ln load, shape (4, rows)."""
-    around = column.reshape(9, -1)
-    found: Array = (around[5:] - around[1:5]) / (2.0 * _STEP)
-    found[1] += _LOG_DEPTH * found[0]
-    return found

@@ -21,14 +21,8 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.estimator.path_steps import RollingContact, Sample
 from smallwheel_ros.estimator.reading import Reading, covariates_of
-from smallwheel_ros.estimator.wheel_sinkage import (
-    NO_SINKAGE,
-    Law,
-    Shear,
-    neighbours,
-    slopes,
-    static_sinkage,
-)
+from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE, Law, static_sinkage
+from smallwheel_ros.model.nearby import Shear, neighbours, slopes
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.contact import contact_sinkage

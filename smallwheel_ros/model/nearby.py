@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the model says of wheels, and a little beside each in law and load: for slopes by differences.
+
+For effects, whose slopes are not written down; without effects `physics.contact` gives them itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, SOIL_NUMBERS, Soil
+
+Array = NDArray[np.float64]
+Shear = tuple[()] | tuple[float, float, float]
+
+STEP = 1e-4  # of the law, ln load and ln sinkage in central differences: error 1e-8
+_LOG_DEPTH = math.log(REFERENCE_SINKAGE)
+
+
+def neighbours(
+    laws: Array, conditions: Conditions, effects: Sequence[Effect], shear: Shear = ()
+) -> Prediction:
+    """What `model.predict` says of wheels in soils, and beside each of the law and load for `slopes`.
+
+    laws: rows of ln K at `REFERENCE_DIAMETER`, n and m, shape (rows, 3). shear: cohesion (Pa), friction
+    angle (rad) and shear displacement (m), for the effects. The prediction has nine rows
+    for each, of which the first (rows,) are the wheels as they are.
+    """
+    steps = STEP * np.eye(4)
+    steps[1, 0] = -STEP * _LOG_DEPTH  # n turns about the reference sinkage
+    at = np.column_stack([laws, np.log(conditions.load)])
+    rows = np.concatenate([at, *(at - step for step in steps), *(at + step for step in steps)])
+    log_modulus, n, m, log_load = rows.T
+    law = {"k": np.exp(log_modulus - m * math.log(REFERENCE_DIAMETER)), "n": n, "m": m}
+    for bound in (np.min, np.max):  # which refuse numbers that are of no soil
+        numbers = [float(bound(column)) for column in law.values()]
+        own = Soil("estimated", numbers[0], numbers[1], numbers[2], *shear)
+    soil = {name: np.full(len(rows), getattr(own, name)) for name in SOIL_NUMBERS} | law
+    nine = conditions.take(np.tile(np.arange(len(conditions)), 9))
+    nine = replace(nine, load=np.exp(log_load))
+    return predict(Model([own], effects=effects), nine, with_forces=False, soil=soil)
+
+
+def slopes(column: Array) -> Array:
+    """Slopes of a column of `neighbours` by the law's three and by ln load, shape (4, rows)."""
+    around = column.reshape(9, -1)
+    found: Array = (around[5:] - around[1:5]) / (2.0 * STEP)
+    found[1] += _LOG_DEPTH * found[0]
+    return found

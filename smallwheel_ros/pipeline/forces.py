@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Forces of rows of wheels by the state of the strength's filter (`strength`), with their slopes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.physics.force_slopes import SlopedForces, sloped_forces
+
+from .contact import OnSoil
+from .tables import Array, Integers
+
+# Places in the state; from WHEELS on errors of the wheels' slips, then scales of torques, then grips.
+COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, LOSS, LEVEL, WHEELS = range(9)
+_OF_SOIL = [COHESION, FRICTION, SHEAR, ROLLING]
+_WIDEST = 1.0  # variance of ln thrust up to which it is taken to be lognormal
+_DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """Wheels that roll, rows: number among the rolling ones, contact, and slip."""
+
+    order: Integers
+    on: OnSoil
+    diameter: Array
+    width: Array
+    slip: Array
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force of each row (N), with its slopes by the state (rows, size), slip, ln load and sinkage."""
+
+    value: Array
+    row: Array
+    by_slip: Array
+    by_load: Array
+    by_sinkage: Array
+
+    def own(self, on: OnSoil) -> Array:
+        """Variance (N^2) by what is the wheel's own: place and load."""
+        zz, zw, ww = on.own[:, 0, 0], on.own[:, 0, 3], on.own[:, 3, 3]
+        a, b = self.by_sinkage, self.by_load
+        return np.maximum(a * a * zz + 2.0 * a * b * zw + b * b * ww, 0.0)
+
+
+@dataclass(frozen=True)
+class Believed:
+    """What a filter believes from a step on: x, P, and the cell of each wheel in the state."""
+
+    x: Array
+    P: Array
+    cells: Integers
+    slips: Array  # of the step just over, of each rolling wheel; NaN: it was not in it
+    end: float  # s
+    soil: int = 0
+
+    def forces(self, at: Rolling, *, exact_slip: bool = False) -> tuple[Force, Force, Force]:
+        """Thrust, pull and what the torque shows, at the rim. exact_slip: without errors of slips."""
+        return forces(self.x, self.cells, at, exact_slip=exact_slip)
+
+    def spread(self, push: Force, row: Array) -> Array:
+        """Mean square deviation (N^2) of forces that a thrust is in: what soil and grip hold is lognormal."""
+        grip = WHEELS + 2 * self.cells.size
+        safe = np.where(push.value == 0.0, 1.0, push.value)
+        factors = np.where(push.value[:, None] == 0.0, 0.0, push.row / safe[:, None])
+        factors[:, OTHER:grip] = 0.0
+        share = np.minimum(np.einsum("ri,ij,rj->r", factors, self.P, factors), _WIDEST)
+        more = np.expm1(2.0 * share) - 2.0 * np.expm1(0.5 * share) - share
+        return np.asarray(np.einsum("ri,ij,rj->r", row, self.P, row) + more * push.value**2)
+
+
+def forces(
+    x: Array, cells: Integers, at: Rolling, *, exact_slip: bool = False
+) -> tuple[Force, Force, Force]:
+    """Forces of wheels by a state; see `Believed.forces`."""
+    on, order, size = at.on, at.order, x.size
+    wheels = cells.size
+    cell, own, scale = WHEELS + 2 * wheels + cells[order], WHEELS + order, WHEELS + wheels + order
+    slip = at.slip if exact_slip else at.slip + x[SLIP] + x[own]
+    index, more = np.arange(order.size), _DEEPER * at.diameter
+    made = _twice(on, at, slip, more, x, np.exp(x[cell]))
+    count = order.size
+    found = []
+    for i in range(3):
+        value, deeper = made.values[i, :count], made.values[i, count:]
+        slopes = made.slopes[i, :, :count]
+        factor = on.factor if i != 1 else np.ones(count)
+        if i == 1:  # drawbar pull: thrust with the effects' factor, less resistance
+            value = value + (on.factor - 1.0) * made.values[0, :count]
+            deeper = deeper + (on.factor - 1.0) * made.values[0, count:]
+            slopes = slopes + (on.factor - 1.0) * made.slopes[0, :, :count]
+        value, deeper, slopes = factor * value, factor * deeper, factor * slopes
+        row = np.zeros((count, size))
+        row[:, _OF_SOIL] = slopes[:4].T
+        row[index, cell] = x[COHESION] * slopes[0] + 0.5 * math.sin(2.0 * x[FRICTION]) * slopes[1]
+        if not exact_slip:
+            row[:, SLIP] = row[index, own] = slopes[4]
+        by_load = value - x[COHESION] * slopes[0]
+        found.append(Force(value, row, slopes[4], by_load, (deeper - value) / more))
+    thrust, pull, rim = found
+    beyond = x[OTHER] * on.reaching
+    pull.row[:, OTHER] = -on.reaching
+    pull = Force(
+        pull.value - on.other - beyond,
+        pull.row,
+        pull.by_slip,
+        pull.by_load - beyond,
+        pull.by_sinkage,
+    )
+    gain, lost = np.exp(x[scale]), x[LOSS] * on.reaching
+    by_state = gain[:, None] * rim.row
+    by_state[index, scale], by_state[:, LOSS] = gain * rim.value, on.reaching
+    rim = Force(
+        gain * rim.value + lost, by_state, gain * rim.by_slip, gain * rim.by_load + lost,
+        gain * rim.by_sinkage,
+    )  # fmt: skip
+    return thrust, pull, rim
+
+
+def _twice(
+    on: OnSoil, at: Rolling, slip: Array, more: Array, x: Array, grip: Array
+) -> SlopedForces:
+    """Forces at the sinkage, and a little deeper, one after the other."""
+    own = (on.reaching, at.diameter, at.width, slip, on.exponent, grip)
+    load, diameter, width, slips, exponent, grips = (np.concatenate([a, a]) for a in own)
+    sinkage = np.concatenate([on.sinkage, on.sinkage + more])
+    c, phi, shear, rolls = (np.full(load.size, x[i]) for i in _OF_SOIL)
+    return sloped_forces(
+        load, sinkage, diameter, width, slips, exponent, c, phi, shear, rolls, grips
+    )

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The law as it is believed from a stretch on, and under single wheels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smallwheel_ros.estimator.identifiability import Variety
+from smallwheel_ros.estimator.settings import SoilPrior
+
+from .law import LEAST_SHARE, LawModel
+from .soil_filter import Law
+from .tables import Array, Columns, Flags
+
+
+@dataclass(frozen=True)
+class Version:
+    """The law as it is believed from a stretch on. number: of the soil, as they were met.
+
+    law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
+    the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
+    ln k and of sinkage from place to place. border: m along the vehicle's path, behind which wheels are on
+    version `old` still. variety: of the stretches used.
+    """
+
+    model: LawModel | None
+    law: Array
+    slopes: Array
+    mean: Array
+    covariance: Array
+    scatter: tuple[float, float]
+    number: int = 0
+    settled: bool = False
+    accepted: int = 0
+    border: float = -math.inf
+    old: int = 0
+    variety: Variety = field(default_factory=Variety)
+
+
+@dataclass(frozen=True)
+class LocalLaws(Columns):
+    """The law under wheels, with ruts and sides, and their load cells.
+
+    law: ln pressure at the soil's reference, n and m, (rows, 3). log_scale, zero: of the load cell; N.
+    covariance: of the law, and of ln load by scale and, per N^-1, by zero, (rows, 5, 5).
+    """
+
+    law: Array
+    log_scale: Array
+    zero: Array
+    covariance: Array
+
+    def net(self, shown: Array) -> Array:
+        """Loads that are shown (N) without the cells' zeros."""
+        net: Array = np.maximum(shown - self.zero, LEAST_SHARE * shown)
+        return net
+
+    def load(self, shown: Array) -> Array:
+        """The loads themselves, N."""
+        return np.asarray(self.net(shown) * np.exp(-self.log_scale))
+
+    def with_load(self, shown: Array) -> Array:
+        """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
+        turn = np.zeros((len(self), 4, 5))
+        turn[:, range(4), range(4)] = 1.0
+        turn[:, 3, 4] = 1.0 / self.net(shown)
+        whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
+        return whole
+
+
+def law_of(version: Version) -> Law:
+    """Mean and covariance of (ln pressure at the soil's reference, n, m)."""
+    return version.law, version.slopes @ version.covariance @ version.slopes.T
+
+
+def flags_of(version: Version, prior: SoilPrior, share: float = 0.5) -> Flags:
+    """Which of (ln pressure, n, m) the data has determined: half of the prior's deviation is gone."""
+    spread = np.sqrt(np.diag(law_of(version)[1]))
+    known = spread <= share * np.sqrt(np.diag(prior.law[1]))
+    determined: Flags = known & version.settled
+    return determined
