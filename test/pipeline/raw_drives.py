@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.parameters import settings_from
@@ -17,6 +19,18 @@ START = 1_700_000_000_300_000_000
 GRAVITY = 9.80665
 NAMES = ("front_left", "front_right", "rear_left", "rear_right")
 RADIUS, HALF, MASS = 0.125, 0.3, 24.0
+
+_REAL = (folder / "shared" / "data" / "real_drives" for folder in Path(__file__).resolve().parents)
+REAL = next((folder for folder in _REAL if folder.is_dir()), None)
+
+
+def real_folder() -> Path:
+    """Where the real drives are; without them the test is skipped, and says why."""
+    if REAL is None:
+        pytest.skip(
+            "needs the real drives, which are not in the repository: shared/data/real_drives"
+        )
+    return REAL
 
 
 def settings(**given: Any) -> OnboardSettings:

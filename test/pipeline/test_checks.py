@@ -10,6 +10,7 @@ import copy
 import math
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,13 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, settings
+from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder, settings
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.checks import RULES, Checks, Finding, table
 from smallwheel_ros.pipeline.checks_loads import impossible_soil
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "checks.md"
-REAL = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "real_drives"
 BEGIN, END = "<!-- rules -->\n", "<!-- end of rules -->\n"
 LEFT = "front_left/wheel_speed"
 
@@ -226,12 +226,10 @@ def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:
 def test_good_sensors_of_real_robots_are_not_accused(
     name: str, right: set[tuple[str, str]]
 ) -> None:
-    if not REAL.is_dir():
-        pytest.skip(f"needs the real drives, which are not in the repository: {REAL}")
-    faults = pytest.importorskip("benchmarks.faults")
+    folder, faults = real_folder(), import_module("benchmarks.faults")
     found = {
         (finding.rule, finding.subject)
-        for finding, _ in faults.heard(faults.real_drive(REAL, name))
+        for finding, _ in faults.heard(faults.real_drive(folder, name))
     }
     assert found == right
 

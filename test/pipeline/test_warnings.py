@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,12 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from raw_drives import NAMES, START, settings
+from raw_drives import NAMES, START, real_folder, settings
 
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.pipeline.align import Align, rules_of, widths_of
+from smallwheel_ros.pipeline.margin import AnyGround
+from smallwheel_ros.pipeline.streams import Streams
 from smallwheel_ros.pipeline.tables import Readings, unknown
 from smallwheel_ros.pipeline.warnings import Instants, Warned, Warnings, digging_in, risk_of
 
@@ -183,3 +188,33 @@ def test_risk_is_a_half_at_least_over_the_first_level_and_unknown_where_it_is() 
 def test_names_are_those_of_the_vehicle() -> None:
     assert tuple(wheel.name for wheel in WHEELS) == NAMES
     assert SIDE[0] > 0.0 > SIDE[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "at_most", "risk_at_most"),
+    [("warthog_grass", 0, 0.05), ("pathfinder_flat", 2, 0.05), ("warthog_sand1", 10, 1.0)],
+)
+def test_on_real_ground_on_which_no_vehicle_got_stuck(
+    name: str, at_most: int, risk_at_most: float
+) -> None:
+    """Pathfinder: one warning, said at both levels. Sand: new commands each 6 s, spins at up to 4 m/s: no mission is like that."""
+    drive = import_module("benchmarks.faults").real_drive(real_folder(), name)
+    onboard = replace(drive.settings, with_imu=False)  # the imu goes to the stage as it is
+    streams = Streams(widths_of(onboard), rules_of(onboard))
+    for stream in streams.all.values():
+        stream.extend(*drive.rows[stream.name])
+        streams.latest = max(streams.latest, stream.newest)
+    stamps, imu = drive.rows[IMU]
+    if name == "pathfinder_flat":  # z down, and turned over by half a turn about x
+        imu = imu * np.array([-1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0])
+    rows = Align(onboard, streams).rows(streams.latest)
+    stage = Warnings(onboard.wheels)
+    made = stage.take(rows, drive.rows[ODOMETRY][0], (stamps, imu), streams.latest)
+    assert made is not None
+    assert (made[1].told > 0).sum() <= at_most
+    margins = AnyGround(stage.side).take(made[0])
+    assert margins is not None
+    assert np.nanmean(margins.risk) < risk_at_most
+    # The bands hold what grass, floor and sand give at a slip of 0.3 to 0.6: 0.25 to 0.95.
+    assert margins.low[-1] < 0.25
+    assert margins.high[-1] > 0.95
