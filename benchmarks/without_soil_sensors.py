@@ -189,7 +189,7 @@ def _by_stage(drive: SlipDrive, onboard: OnboardSettings) -> dict[str, list[tupl
     speeds = streams.all["odom"].stamps
     raw = (np.array([at for at, _ in imu]), np.array([row for _, row in imu])) if imu else None
     rows = Align(onboard, streams).rows(streams.latest)
-    made = Warnings(onboard.wheels).take(rows, speeds, raw, streams.latest)
+    made = Warnings(onboard.wheels, raw is not None).take(rows, speeds, raw, streams.latest)
     if made is None:
         return {name: [] for name in STAGE}
     said, times = made[1], (made[1].stamp - EPOCH) / 1e9

@@ -39,7 +39,7 @@ LOSS_S, UNFELT, SEEN = (
     0.4,
 )  # s, m/s, share: a loss of speed that an accelerometer has to feel
 REPEAT, APART = 5.0, 2.0  # s, between two messages that it goes on; a gap that ends it
-_KEEP = 10.0  # s of instants, for the slow mean of an accelerometer without orientation
+_KEEP = 10 * SECOND  # ns of instants, for the slow mean of an accelerometer without orientation
 
 
 @dataclass(frozen=True)
@@ -79,13 +79,18 @@ class Warned(Columns):
 
 
 class Warnings:
-    """The warning at work; wheels: of the vehicle, of which the rolling ones are asked."""
+    """The warning at work.
 
-    def __init__(self, wheels: tuple[Wheel, ...]) -> None:
+    wheels: of the vehicle, of which the rolling ones are asked. with_imu: whether there is one; it then tells
+    the slope where it has an orientation, and what is felt.
+    """
+
+    def __init__(self, wheels: tuple[Wheel, ...], with_imu: bool = False) -> None:
+        self.with_imu = with_imu
         self.rolling = np.flatnonzero([wheel.contact == ROLLING for wheel in wheels])
         self.side = np.array([wheel.lateral_position for wheel in wheels])[self.rolling]
         self._open: Readings | None = None
-        self._imu: tuple[Integers, Array] | None = None
+        self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 7))
         self._speeds: Integers = np.empty(0, dtype=np.int64)
         self._newest = np.full((self.rolling.size, 3), np.nan)  # time, rim, ground of each wheel
         self._done: Instants | None = None
@@ -107,25 +112,23 @@ class Warnings:
         if rows is not None:
             self._open = rows if self._open is None else Readings.joined([self._open, rows])
         self._speeds = np.concatenate([self._speeds, speeds])
-        if imu is not None and self._imu is not None:
-            imu = np.concatenate([self._imu[0], imu[0]]), np.concatenate([self._imu[1], imu[1]])
-        self._imu = imu if imu is not None else self._imu
+        if imu is not None:
+            old = self._imu
+            self._imu = np.concatenate([old[0], imu[0]]), np.concatenate([old[1], imu[1]])
         end = until // PERIOD * PERIOD
-        if self._open is None or not len(self._open) or self._open.stamp[0] >= end:
-            return None
-        over = self._open.stamp < end
-        made = self._instants(self._open.take(over))
-        self._open = self._open.take(~over)
-        before = 0 if self._done is None else len(self._done)
-        self._done = made if self._done is None else Instants.joined([self._done, made])
-        warned = self._judged(before)
-        keep = self._done.stamp[-1] - round(_KEEP * SECOND)
-        self._done = self._done.take(self._done.stamp > keep)
-        self._speeds = self._speeds[self._speeds > keep]
-        if self._imu is not None:
-            recent = self._imu[0] >= end
-            self._imu = self._imu[0][recent], self._imu[1][recent]
-        return made, warned
+        found = None
+        if self._open is not None and len(self._open) and self._open.stamp[0] < end:
+            over = self._open.stamp < end
+            made = self._instants(self._open.take(over))
+            self._open = self._open.take(~over)
+            before = 0 if self._done is None else len(self._done)
+            self._done = made if self._done is None else Instants.joined([self._done, made])
+            found = made, self._judged(before)
+            self._done = self._done.take(self._done.stamp > made.stamp[-1] - _KEEP)
+        self._speeds = self._speeds[self._speeds > end - _KEEP]
+        recent = self._imu[0] >= end
+        self._imu = self._imu[0][recent], self._imu[1][recent]
+        return found
 
     def _instants(self, rows: Readings) -> Instants:
         """Rows of closed tenths, put together."""
@@ -153,15 +156,14 @@ class Warnings:
             speed[k], slope[k] = rows.vehicle_speed[last], rows.slope[last]
             felt[k] = slope[k] + rows.gained[last]
         rise = slope / GRAVITY
-        if self._imu is not None:
-            rise = np.where(np.isfinite(up), up, np.nan)
-            felt = felt_by_imu
+        if self.with_imu:
+            rise, felt = up, felt_by_imu
         return Instants((kept + 1) * PERIOD, rim, ground, speed, rise, felt)
 
     def _felt(self, kept: Integers) -> tuple[Array, Array]:
         """Means of the accelerometer ahead, and of the sine of the slope, in each tenth."""
         ahead, up = np.full((2, kept.size), np.nan)
-        if self._imu is None:
+        if not self._imu[0].size:
             return ahead, up
         bins = self._imu[0] // PERIOD
         for k, one in enumerate(kept.tolist()):
@@ -250,12 +252,15 @@ def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
 def _unfelt(time: Array, done: Instants, along: float) -> bool:
     """Whether odometry lost over `UNFELT` within `LOSS_S`, and the accelerometer felt under `SEEN` of it."""
     last = len(time)
-    first = int(np.searchsorted(time, -LOSS_S))
-    felt, rise = done.felt[:last], done.rise[:last]
-    level = GRAVITY * rise if np.isfinite(rise[first:]).all() else np.full(last, np.nanmean(felt))
-    felt = (felt - level)[first:] * along
+    begin, first = np.searchsorted(time, [-_KEEP / SECOND, -LOSS_S]).tolist()
+    felt, rise = done.felt[first:last], done.rise[first:last]
+    if not np.isfinite(felt).all():
+        return False
+    # Without an orientation the slope is what is felt on the whole.
+    level = GRAVITY * rise if np.isfinite(rise).all() else np.nanmean(done.felt[begin:last])
+    felt = (felt - level) * along
     speed = done.speed[first:last] * along
-    if not np.isfinite(felt).all() or not np.isfinite(speed).all():
+    if not np.isfinite(speed).all():
         return False
     k = int(np.argmax(speed))
     lost = float(speed[k] - speed[-1])
