@@ -56,7 +56,7 @@ _HARMLESS = 0.3  # slip under which a warning was a false one
 OURS = "this program"
 # The stage `pipeline.warnings`: both levels as they are, and what the first one is made of.
 STAGE = (
-    "hazard over 0.4 or slip over 0.3",
+    "hazard over 0.4, or slip over 0.3, gates",
     "hazard over 0.4",
     "slip over 0.3, gates",
     "hazard over 0.5",
@@ -193,7 +193,8 @@ def _by_stage(drive: SlipDrive, onboard: OnboardSettings) -> dict[str, list[tupl
     if made is None:
         return {name: [] for name in STAGE}
     said, times = made[1], (made[1].stamp - EPOCH) / 1e9
-    flags = said.level > 0, said.hazard > 0.4, said.slip > 0.3, said.level > 1
+    first, slips = said.level > 0, said.slip > 0.3
+    flags = first | slips, first, slips, said.level > 1
     return {
         name: list(zip(times.tolist(), flag.tolist(), strict=True))
         for name, flag in zip(STAGE, flags, strict=True)

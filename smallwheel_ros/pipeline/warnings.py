@@ -4,8 +4,9 @@
     hazard = slip + 2 (max(sin slope, 0) + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
 
 slip: of the middle wheel, what is in use of the grip; slope: pull over weight that goes on being asked for;
-loss of speed: pull that is missing already. All along the way that the rims go. Two levels: over 0.4, or slip
-over 0.3 behind the same gates, it is on the way to get stuck; over 0.5 it gets stuck.
+loss of speed: pull that is missing already. All along the way that the rims go. Two levels: over 0.4 it is
+on the way to get stuck; over 0.5 it gets stuck. Slip over 0.3 behind the same gates is no second condition of
+the first level: it adds more other warnings than drives in time (docs/without_soil_sensors.md).
 
 Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is taken, so that
 what comes out does not depend on where blocks were cut, nor on which sensor comes when.
@@ -27,7 +28,7 @@ PERIOD = SECOND // 10  # ns, an instant; all constants were found at 10 Hz
 HELD = 0.5  # s, for which a wheel's row is taken on
 SLIP_S, TREND_S, READINGS = 0.5, 1.0, 5  # s: of a mean, of a line; readings of the speed in a mean
 SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a pull of 0.2
-FIRST, SECOND_LEVEL, SLIPS = 0.4, 0.5, 0.3  # hazard, hazard, slip
+FIRST, SECOND_LEVEL = 0.4, 0.5  # of the hazard
 DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
 DEVIATIONS = 1.0  # of the hazard, that are taken off
 ROLLED = 0.30  # slip under which a start is over
@@ -183,7 +184,7 @@ class Warnings:
             hazard[k], slip[k] = self._hazard(done, i)
             if hazard[k] > SECOND_LEVEL:
                 level[k] = 2
-            elif hazard[k] > FIRST or slip[k] > SLIPS:
+            elif hazard[k] > FIRST:
                 level[k] = 1
             told[k] = self._told(float(done.stamp[i] / SECOND), int(level[k]))
         return Warned(done.stamp[first:], hazard, slip, level, told)
