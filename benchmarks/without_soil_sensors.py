@@ -18,7 +18,7 @@ import sys
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -30,6 +30,7 @@ from scipy.stats import binomtest, chi2
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.faults import imu_row, odometry_row
 from benchmarks.field_drives import EPOCH
 from benchmarks.robot_rates import run_worlds
 from benchmarks.slip_drives import TICK, SlipDrive, make_drive
@@ -39,6 +40,10 @@ from smallwheel_ros.onboard.ground import vehicle_margin
 from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.pipeline.align import Align, rules_of, widths_of
+from smallwheel_ros.pipeline.streams import Streams
+from smallwheel_ros.pipeline.warnings import Warnings
 
 Array = NDArray[np.float64]
 
@@ -49,6 +54,13 @@ METRES, SECONDS = 0.5, 3.0  # ahead of being stuck that is in time
 _PAUSE = 1.0  # s without a warning between two of them
 _HARMLESS = 0.3  # slip under which a warning was a false one
 OURS = "this program"
+# The stage `pipeline.warnings`: both levels as they are, and what the first one is made of.
+STAGE = (
+    "hazard over 0.4, or slip over 0.3, gates",
+    "hazard over 0.4",
+    "slip over 0.3, gates",
+    "hazard over 0.5",
+)
 
 
 @dataclass
@@ -149,13 +161,44 @@ def run(drive: SlipDrive, seed: int = 0) -> tuple[Onboard, SlipScore]:
                 score.words[words] = at
         if math.isnan(score.said) and any("shows no slip" in words for words in onboard.findings):
             score.said = at
+    warned |= _by_stage(drive, settings.onboard)
     for name, series in (*warned.items(), *_by_true_slip(drive).items()):
         _score_warnings(drive, name, series, score)
     return onboard, score
 
 
 def _detectors() -> tuple[str, ...]:
-    return OURS, *(f"slip over {threshold}" for threshold in THRESHOLDS)
+    return OURS, *STAGE, *(f"slip over {threshold}" for threshold in THRESHOLDS)
+
+
+def _by_stage(drive: SlipDrive, onboard: OnboardSettings) -> dict[str, list[tuple[float, bool]]]:
+    """What the stage of the pipeline says of the same messages."""
+    onboard = replace(onboard, with_imu=False)  # the imu goes to the stage as it is
+    streams = Streams(widths_of(onboard), rules_of(onboard))
+    imu: list[tuple[int, list[float]]] = []
+    for stamp, topic, message in drive.messages:
+        if topic == "joint_states":
+            for wheel, speed in zip(onboard.wheels, message.velocity, strict=True):
+                streams.all[f"{wheel.name}/wheel_speed"].append(stamp, [speed])
+        elif topic == "odom":
+            row = odometry_row(message.pose.pose, message.twist.twist)
+            streams.all["odom"].append(stamp, row)
+        elif topic == "imu":
+            imu.append((stamp, imu_row(message)))
+        streams.latest = stamp
+    speeds = streams.all["odom"].stamps
+    raw = (np.array([at for at, _ in imu]), np.array([row for _, row in imu])) if imu else None
+    rows = Align(onboard, streams).rows(streams.latest)
+    made = Warnings(onboard.wheels, raw is not None).take(rows, speeds, raw, streams.latest)
+    if made is None:
+        return {name: [] for name in STAGE}
+    said, times = made[1], (made[1].stamp - EPOCH) / 1e9
+    first, slips = said.level > 0, said.slip > 0.3
+    flags = first | slips, first, slips, said.level > 1
+    return {
+        name: list(zip(times.tolist(), flag.tolist(), strict=True))
+        for name, flag in zip(STAGE, flags, strict=True)
+    }
 
 
 def _by_true_slip(drive: SlipDrive) -> dict[str, list[tuple[float, bool]]]:
