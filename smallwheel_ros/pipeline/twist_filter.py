@@ -39,6 +39,7 @@ _SYNC = 0.1  # s: what is not known of delays
 _UNFELT = 1.0  # m^2/s^3: an acceleration that nobody measures, 1 m/s in a second
 _STILL = 1.0  # s of rims at 0 after which the vehicle is taken to stand
 _STEP = 0.02  # s: changes of rims are judged over no less
+_EYE = np.eye(9)
 _SEEN = np.zeros((3, 9))  # rims, and no motion sideways
 _SEEN[0, [_VX, _SL]] = _SEEN[1, [_VX, _SR]] = _SEEN[2, [_VY, _SY]] = 1.0
 LONGEST = SECOND  # ns between rims over which the filter goes on
@@ -59,12 +60,10 @@ class TwistFilter:
         self.turn2 = 0.1**2  # square of what the rims' yaw rate missed, over 10 s of turning
         self.shakes2 = 0.1**2  # of the accelerometer, variance of one reading
         self.gained = 0.0  # m/s^2, over the last 0.3 s
-        self.force: Array = np.full(2, np.nan)  # of the last row
+        self.force = math.nan, math.nan  # of the last row
         self.rims: Array = np.full(2, np.nan)
         self.held = [0, 0]  # how often a side's rim has been the same to the last digit
-        self.jump2 = (
-            0.0  # m^2/s^2: square of what rims jump by after they were held: of rims in steps
-        )
+        self.jump2 = 0.0  # m^2/s^2: square of what rims in steps jump by, after they were held
         self.still = 0.0  # s for which both rims have been 0
         self.turns = True  # whether a gyro tells of the turn
         self.period, self.count = 0.02, 0
@@ -82,7 +81,8 @@ class TwistFilter:
         for i in (_SL, _SR, _SY):
             self._set(i, 0.0, var)
         self.gained = 0.0
-        self.force = self.rims = np.full(2, np.nan)
+        self.force = math.nan, math.nan
+        self.rims = np.full(2, np.nan)
 
     def _set(self, i: int, mean: float, variance: float) -> None:
         self.P[i] = self.P[:, i] = 0.0
@@ -113,8 +113,8 @@ class TwistFilter:
         self._see(there, rims, turn, change / max(dt, _STEP))
         if not math.isnan(speed):
             R = max(speed_std, _SPEED_STD) ** 2 + (_SYNC * change / max(dt, _STEP)) ** 2
-            self._update(np.eye(9)[:1], np.array([speed]), np.array([[R]]))
-        if np.abs(rims[there]).max() > 0.2:
+            self._update(_EYE[:1], np.array([speed]), np.array([[R]]))
+        if np.nanmax(np.abs(rims)) > 0.2:
             self._learn(dt, there, rims, turn, scale)
 
     def _steps(self, moved: Array) -> None:
@@ -126,49 +126,64 @@ class TwistFilter:
 
     def _on(self, dt: float, rims: Array, turn: float, force: Array) -> Array:
         """On by the imu; returns the speeds that slips go by, (3,)."""
-        x, slip = self.x, self.slip
+        x = self.x
         keep, tilt = math.exp(-dt / _SLIP_TIME), math.exp(-dt / _TILT_TIME)
-        F = np.diag([1.0, 1.0, tilt, tilt, 1.0, 1.0, keep, keep, keep])
-        low = 0.5 * abs(float(x[_VX]))  # a wheel that is locked slips, too
-        jump2 = self.jump2 if self.still < _STILL else 0.0
-        size = np.abs(rims) + 0.5 * math.sqrt(jump2)
-        scale = np.maximum([size[0], size[1], size.max()], low)
-        push: Array = np.zeros(2)
-        if math.isnan(force[0]):
+        F = _EYE.copy()
+        F[_BX, _BX] = F[_BY, _BY] = tilt
+        F[_SL, _SL] = F[_SR, _SR] = F[_SY, _SY] = keep
+        ahead, aside = force.tolist()
+        push = 0.0, 0.0
+        if math.isnan(ahead):
             noise = _UNFELT * dt
             self.gained += min(dt / 0.3, 1.0) * (_UNFELT - self.gained)
         else:
-            push = force * dt
-            change = np.nan_to_num(force - self.force)
-            self.shakes2 += min(dt / 5.0, 1.0) * (float(change @ change) / 4.0 - self.shakes2)
+            push = ahead * dt, aside * dt
+            before = self.force
+            change2 = 0.0
+            if not math.isnan(before[0]):
+                change2 = (ahead - before[0]) ** 2 + (aside - before[1]) ** 2
+            self.shakes2 += min(dt / 5.0, 1.0) * (change2 / 4.0 - self.shakes2)
             noise = (
                 0.1**2 * dt + 4.0 * self.shakes2 * dt**2
             )  # vibration is not white: twice its deviation
-            self.gained += min(dt / 0.3, 1.0) * (float(force[0] - x[_BX]) - self.gained)
-            c, s = math.cos(turn * dt), math.sin(turn * dt)
-            F[_VX, [_VX, _VY, _BX, _CX]] = c, s, -dt, -turn * turn * dt
-            F[_VY, [_VX, _VY, _BY, _CY]] = -s, c, -dt, -turn * turn * dt
-        self.force = force
+            self.gained += min(dt / 0.3, 1.0) * (ahead - float(x[_BX]) - self.gained)
+            c, s, out = math.cos(turn * dt), math.sin(turn * dt), -turn * turn * dt
+            F[_VX, _VX], F[_VX, _VY], F[_VX, _BX], F[_VX, _CX] = c, s, -dt, out
+            F[_VY, _VX], F[_VY, _VY], F[_VY, _BY], F[_VY, _CY] = -s, c, -dt, out
+        self.force = ahead, aside
+        left, right = (abs(rim) + 0.5 * math.sqrt(self._jumps2) for rim in rims.tolist())
+        low = 0.5 * abs(float(x[_VX]))  # a wheel that is locked slips, too
+        scale = np.array([max(left, low), max(right, low), max(left, right, low)])
         self.x = F @ x
-        self.x[:2] += push
-        spread = ((slip * scale) ** 2 + 1e-4) * (1.0 - keep * keep)
+        self.x[0] += push[0]
+        self.x[1] += push[1]
         tilts = _TILT**2 * (1.0 - tilt * tilt)
         self.P = F @ self.P @ F.T
-        self.P[range(9), range(9)] += [noise, noise, tilts, tilts, 0.0, 0.0, *spread]
+        added = self.P.reshape(-1)[::10]  # the diagonal
+        added[:4] += (noise, noise, tilts, tilts)
+        added[_SL:] += ((self.slip * scale) ** 2 + 1e-4) * (1.0 - keep * keep)
         return scale
+
+    @property
+    def _jumps2(self) -> float:
+        return self.jump2 if self.still < _STILL else 0.0
 
     def _see(self, there: Flags, rims: Array, turn: float, change: float) -> None:
         """Rims, and no motion sideways. change: of the rims, m/s^2."""
-        side = self.places * turn
-        jump2 = self.jump2 if self.still < _STILL else 0.0
-        R = np.eye(3) * _RIM_STD**2
-        R[:2, :2] += (
-            np.eye(2) * ((_SYNC * change) ** 2 + jump2) + self.chi_var * side[:, None] * side
+        left, right = (self.places * turn).tolist()
+        own = _RIM_STD**2 + (_SYNC * change) ** 2 + self._jumps2
+        both = self.chi_var * left * right
+        R = np.array(
+            [
+                [own + self.chi_var * left * left, both, 0.0],
+                [both, own + self.chi_var * right * right, 0.0],
+                [0.0, 0.0, _RIM_STD**2],
+            ]
         )
         if not self.turns:  # the sides' difference tells nothing then
             way = np.sign(self.places)
             R[:2, :2] += (0.1 + abs(self.half * turn)) ** 2 * way[:, None] * way
-        z = np.array([*(rims + self.chi * side), 0.0])
+        z = np.array([rims[0] + self.chi * left, rims[1] + self.chi * right, 0.0])
         if there.all():
             self._update(_SEEN, z, R)
         else:
@@ -194,7 +209,7 @@ class TwistFilter:
             self.chi += gain * (h - self.chi * half)
             self.chi = min(
                 max(self.chi, _LEAST_CHI), _MOST_CHI
-            )  # a gyro of the wrong sign stays wrong
+            )  # a gyro of the wrong sign stays so
             self.chi_var *= 1.0 - gain * half
 
     def _update(self, H: Array, z: Array, R: Array) -> None:
@@ -210,25 +225,32 @@ class TwistFilter:
 
         later: seconds since the rims' instant and what was felt in each, for rims that come late.
         """
-        v, V, x, slip = self.x[:2].copy(), np.diag(self.P)[:2].copy(), self.x, self.slip
-        for dt, (turn, ahead, aside) in later:
-            if math.isnan(turn + ahead + aside):
-                V += _UNFELT * dt
-                continue
-            a = np.array([ahead, aside]) - x[_BX:_CX] - x[_CX:_SL] * turn * turn
-            v = v + dt * (a + turn * np.array([v[1], -v[0]]))
-            V += 0.1**2 * dt + 4.0 * self.shakes2 * dt**2
-        V[0] += (_SYNC * self.gained) ** 2 + (slip * v[0]) ** 2
+        x, slip = self.x, self.slip
+        vx, vy, var_x, var_y = float(x[0]), float(x[1]), float(self.P[0, 0]), float(self.P[1, 1])
+        for dt, felt in later:
+            turn, ahead, aside = felt.tolist()
+            noise = _UNFELT * dt
+            if not math.isnan(turn + ahead + aside):
+                ahead, aside = (
+                    ahead - x[_BX] - x[_CX] * turn**2,
+                    aside - x[_BY] - x[_CY] * turn**2,
+                )
+                vx, vy = vx + dt * float(ahead + turn * vy), vy + dt * float(aside - turn * vx)
+                noise = 0.1**2 * dt + 4.0 * self.shakes2 * dt**2
+            var_x, var_y = var_x + noise, var_y + noise
+        var_x += (_SYNC * self.gained) ** 2 + (slip * vx) ** 2
         effective = self.chi * self.half
-        if np.isnan(rims).any():  # what one side has more than the middle is the turn
-            side = int(np.isnan(rims[0]))
+        left, right = rims.tolist()
+        if math.isnan(left + right):  # what one side has more than the middle is the turn
+            side, rim = (1, right) if math.isnan(left) else (0, left)
             arm = self.chi * float(self.places[side])
-            yaw = float(v[0] - rims[side]) / arm
-            noise = (V[0] + _RIM_STD**2) / arm**2
+            yaw = (vx - rim) / arm
+            noise = (var_x + _RIM_STD**2) / arm**2
         else:
-            yaw = float(rims[1] - rims[0]) / (2.0 * effective)
+            yaw = (right - left) / (2.0 * effective)
             noise = (_RIM_STD / effective) ** 2
-        noise += self.turn2 * min(1.0, (yaw / 0.1) ** 2)
+        # Rims in steps are in what was missed already, but where they seem to go straight.
+        noise += max(self.turn2 * min(1.0, (yaw / 0.1) ** 2), 0.5 * self._jumps2 / effective**2)
         if not self.turns:  # nothing has told the track
             noise += yaw * yaw * self.chi_var / self.chi**2
-        return float(v[0]), float(V[0]), float(V[1] + v[1] ** 2), yaw, noise, slip, self.period
+        return vx, var_x, var_y + vy**2, yaw, noise, slip, self.period

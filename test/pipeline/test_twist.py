@@ -208,6 +208,7 @@ def test_a_fault_widens_and_never_narrows(fault: str) -> None:
         assert np.mean(wrong.vx_var[both]) > np.mean(clean.vx_var)
         if fault == "gyro of the wrong sign":
             assert np.mean(wrong.yaw_var) > 4.0 * np.mean(clean.yaw_var)
+        assert np.mean(wrong.yaw_var) > 0.99 * np.mean(clean.yaw_var)
 
 
 def test_slip_that_the_imu_sees_is_told_as_large_as_it_is() -> None:
