@@ -267,3 +267,27 @@ def test_a_vehicle_without_two_sides_is_refused() -> None:
     wheels = tuple(replace(w, lateral_position=0.0) for w in SHORT.vehicle.wheels)
     with pytest.raises(TwistError, match="lateral_position"):
         TwistState(replace(SHORT.vehicle, wheels=wheels), TwistSettings())
+
+
+def test_a_block_without_rims_has_no_rows_and_keeps_the_imu() -> None:
+    state = TwistState(SHORT.vehicle, SHORT.settings)
+    assert len(twist(state, {})) == 0
+    assert len(twist(state, {IMU: SHORT.rows[IMU]})) == 0
+    assert sum(stamps.nbytes for stamps, _ in state.tail.values()) < 10_000  # of 1.2 s, not of all
+
+
+@pytest.mark.parametrize("apart", [1_000, 12_000_000])
+def test_wheels_may_have_stamps_of_their_own(apart: int) -> None:
+    rows = dict(SHORT.rows)
+    for i, name in enumerate(LEFT + RIGHT):
+        rows[name] = rows[name][0] + i * apart, rows[name][1]
+    found, together = run(SHORT, rows), run(SHORT)
+    assert_sound(found)
+    assert len(found) == 4 * len(together)
+    truth = np.interp(found.stamp / 1e9, SHORT.stamp / 1e9, SHORT.truth[:, 0])
+    wrong, before = (
+        np.sqrt(np.mean((each - true) ** 2))
+        for each, true in ((found.vx, truth), (together.vx, SHORT.truth[:, 0]))
+    )
+    assert wrong < 1.2 * before
+    np.testing.assert_allclose(found.vx_var.mean(), together.vx_var.mean(), rtol=0.3)
