@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Twist of rims and imu: whether its covariance is right, and what it gains over rims with a constant.
+
+Peers: the rims' mean with the constant that is best on this drive, and with one fitted on the other drives.
+Reach: NEES of vx .2 to 2 on the two real drives and .9 of the errors within two deviations, .5 to 2 on the
+simulated ones, a log score above the best constant's, 0.2 ms a message.
+
+`PYTHONPATH=. python benchmarks/twist.py`; real drives are looked for in ../shared/data, and left out without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from benchmarks._twist_drives import REAL, Array, Drive, real, simulated
+from benchmarks._twist_ekf import TURN, Ekf, X, Y
+from smallwheel_ros.pipeline.twist import Twists, TwistState, messages, twist
+
+CUT = 4.0  # deviations that count for more count as these in the log score
+GAP, FIXES, FIX_STD, GYRO_STD = 30.0, 30.0, 0.1, 0.02  # s, s, m, rad/s
+RAW = 0.001  # m^2/s^2: what makers tell
+
+
+def told(drive: Drive) -> tuple[Twists, float]:
+    """The drive's twists, and seconds of processor that each took."""
+    state = TwistState(drive.vehicle, drive.settings)
+    start = time.process_time()
+    found = twist(state, drive.rows)
+    return found, (time.process_time() - start) / max(len(found), 1)
+
+
+def judged(drive: Drive) -> np.ndarray:
+    """Rows with truth, the first half second of a piece left out: its beginning knows no speed."""
+    known = np.isfinite(drive.truth[:, 0])
+    begins = np.flatnonzero(np.diff(drive.piece, prepend=-1) != 0)
+    since = (
+        drive.time - drive.time[begins][np.searchsorted(begins, np.arange(known.size), "right") - 1]
+    )
+    return known & (since > 0.5)
+
+
+def scores(error: Array, variance: Array) -> tuple[float, float, float, float]:
+    """NEES, share within 1 and 2 deviations, mean log score."""
+    z2 = error**2 / variance
+    log = -0.5 * np.log(2.0 * np.pi * variance) - 0.5 * np.minimum(z2, CUT**2)
+    return float(z2.mean()), float((z2 < 1).mean()), float((z2 < 4).mean()), float(log.mean())
+
+
+def drift(drive: Drive, speed: Array, length: float = 10.0) -> float:
+    """Error over `length` m of way, as a share of it: root of the mean square, heading by the gyro."""
+    use = np.isfinite(drive.truth[:, 0])
+    dt = np.minimum(np.diff(drive.time, prepend=drive.time[0]), 0.2)[use]
+    heading = np.cumsum(drive.yaw_rate[use] * dt)
+    turn = np.exp(1j * heading)
+    wrong = np.cumsum(turn * ((speed - drive.truth[:, 0])[use] - 1j * drive.truth[use, 1]) * dt)
+    way = np.cumsum(np.hypot(*drive.truth[use].T) * dt)
+    ends = np.searchsorted(way, np.arange(0.0, way[-1], length))
+    if ends.size < 2:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.abs(np.diff(wrong[ends])) ** 2)) / length)
+
+
+def gaps(drive: Drive, rows: Twists, variance: float | None) -> tuple[list[float], list[bool]]:
+    """Errors (m) at the ends of gaps in the fixes, and whether they are in 95 % of the filter's covariance.
+
+    variance: of the rims' mean, sent as it is; None: our messages. Pieces of a drive are put end to end.
+    """
+    use = np.flatnonzero(np.isfinite(drive.truth[:, 0]))
+    rng = np.random.default_rng(46)
+    dt = np.minimum(np.diff(drive.time, prepend=drive.time[0] - 0.05), 0.2)[use]
+    truth, gyro = drive.truth[use], drive.yaw_rate[use]
+    heading = np.cumsum(gyro * dt)
+    place = np.cumsum(np.exp(1j * heading) * (truth[:, 0] + 1j * truth[:, 1]) * dt)
+    linear, angular, covariance = (one[use] for one in messages(rows, drive.settings))
+    if variance is not None:
+        linear = np.column_stack([drive.rims[use], np.zeros((use.size, 2))])
+        covariance = covariance.copy()
+        covariance[:, 0] = covariance[:, 7] = variance
+    errors, inside = [], []
+    clock, fixed, ekf = 0.0, 0.0, Ekf(np.array([place[0].real, place[0].imag, heading[0]]))
+    for i in range(use.size):
+        ekf.predict(float(dt[i]))
+        ekf.twist(linear[i], angular[i], covariance[i])
+        ekf.fuse(gyro[i : i + 1], np.array([GYRO_STD**2]), [TURN])
+        clock += dt[i]
+        fixed += dt[i]
+        if clock <= FIXES and fixed >= 1.0:
+            fixed = 0.0
+            at = np.array([place[i].real, place[i].imag]) + rng.normal(0.0, FIX_STD, 2)
+            ekf.fuse(at, np.full(2, FIX_STD**2), [X, Y])
+        if clock >= FIXES + GAP:
+            e = np.array([place[i].real, place[i].imag]) - ekf.x[:2]
+            S = ekf.P[:2, :2] + FIX_STD**2 * np.eye(2)
+            errors.append(float(np.hypot(*e)))
+            inside.append(bool(e @ np.linalg.solve(S, e) < 5.99))
+            clock = 0.0
+    return errors, inside
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--seeds", type=int, default=6, help="simulated drives of each slip")
+    chosen = parser.parse_args()
+    drives = [simulated(seed, slip) for slip in (0.05, 0.2, 0.4) for seed in range(chosen.seeds)]
+    groups = [("simulated", drives)]
+    if REAL.is_dir():
+        groups.append(("real", [real(name) for name in ("warthog_grass", "warthog_sand1")]))
+    else:
+        print(f"no real drives: there is no {REAL}")
+    for group, members in groups:
+        table(group, members)
+
+
+def table(group: str, drives: list[Drive]) -> None:
+    found = [told(drive) for drive in drives]
+    rows = [each[0] for each in found]
+    masks = [judged(drive) for drive in drives]
+    raw = [(d.rims - d.truth[:, 0])[m] for d, m in zip(drives, masks, strict=True)]
+    squares = [float(np.mean(e**2)) for e in raw]
+    print(f"\n{group}: vx; log score cut at {CUT:g} deviations")
+    heads = (
+        "rms",
+        "ours",
+        "NEES",
+        "in 1",
+        "in 2",
+        "log",
+        "best",
+        "NEES*",
+        "log*",
+        "drift%",
+        "ours%",
+        "ms",
+    )
+    print(f"{'drive':<24}" + "".join(f"{head:>8}" for head in heads))
+    kept = []
+    Ends = tuple[list[float], list[bool]]
+    ends: dict[str, Ends] = {name: ([], []) for name in ("raw", "constant", "ours")}
+    for i, (drive, row, mask) in enumerate(zip(drives, rows, masks, strict=True)):
+        extra = drive.truth_var[mask]
+        error = (row.vx - drive.truth[:, 0])[mask]
+        nees, one, two, log = scores(error, row.vx_var[mask] + extra)
+        best = scores(raw[i], np.full(raw[i].size, squares[i]))[3]
+        other = float(np.mean(squares[:i] + squares[i + 1 :]))
+        nees_other, _, _, log_other = scores(raw[i], np.full(raw[i].size, other))
+        kept.append((nees, one, two, log, best, log_other))
+        ways = [100 * drift(drive, speed) for speed in (drive.rims, row.vx)]
+        values = (
+            np.sqrt(squares[i]),
+            np.sqrt(np.mean(error**2)),
+            nees,
+            one,
+            two,
+            log,
+            best,
+            nees_other,
+            log_other,
+            *ways,
+            1e3 * found[i][1],
+        )
+        print(f"{drive.name:<24}" + "".join(f"{value:8.3g}" for value in values))
+        for name, variance in (("raw", RAW), ("constant", other), ("ours", None)):
+            errors, inside = gaps(drive, row, variance)
+            ends[name][0].extend(errors)
+            ends[name][1].extend(inside)
+    mean = np.mean(kept, axis=0)
+    print(f"mean: NEES {mean[0]:.2f}, in 1 and 2 deviations {mean[1]:.2f} / {mean[2]:.2f}, log {mean[3]:.2f},"
+          f" best constant {mean[4]:.2f}, constant of the other drives (*) {mean[5]:.2f}")  # fmt: skip
+    print(f"ends of gaps of {GAP:g} s ({len(ends['raw'][0])}): in gate, error median / rms, m")
+    for name, (errors, inside) in ends.items():
+        rms = float(np.sqrt(np.mean(np.square(errors))))
+        print(f"  {name:<9}{np.mean(inside):5.2f} {np.median(errors):6.2f} / {rms:.2f}")
+
+
+if __name__ == "__main__":
+    main()
