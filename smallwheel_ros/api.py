@@ -51,8 +51,7 @@ if TYPE_CHECKING:
     from smallwheel_ros.fitting import Base, FitResult
     from smallwheel_ros.lab.lab import LabFit
     from smallwheel_ros.learn.learning import Learnt
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
     from smallwheel_ros.prediction.prediction import PredictionTable
     from smallwheel_ros.replay.result import Replayed
     from smallwheel_ros.replay.spec import Copy
@@ -118,8 +117,7 @@ def read(
 
 def read_test(data: Data | ShearTests, **how: Any) -> Measurements | ShearTests:
     """Read a table of any test of a lab, shear tests too. how: as in ``read``."""
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
     from smallwheel_ros.measurements.wheels import read_tests
 
     if isinstance(data, (Measurements, ShearTests)):
@@ -179,8 +177,7 @@ def fit(
     from smallwheel_ros.fitting.problem import base_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
-    from smallwheel_ros.measurements.shear import joined_shear
-    from smallwheel_ros.measurements.table import joined
+    from smallwheel_ros.measurements.table import joined, joined_shear
 
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None
@@ -207,8 +204,7 @@ def fit(
 
 def _tests_of(data: Tests) -> tuple[list[ShearTests], list[Measurements]]:
     """Shear tests, and tables of load and sinkage."""
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
 
     given: list[Any] = list(data) if isinstance(data, (list, tuple)) else [data]
     if not given:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,28 +11,34 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped
+from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped, read_grid
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
-from smallwheel_ros.measurements.offers import Offer, offer_of
-from smallwheel_ros.measurements.plates import (
+from smallwheel_ros.measurements.headers import UNKNOWN, meant
+from smallwheel_ros.measurements.lab import (
+    is_shear,
     keep_rows_on_soil,
     name_curves,
+    shear_tests,
     take_contact,
     take_plates,
 )
+from smallwheel_ros.measurements.layout import known_cells
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
+    ends_of_runs,
     one_row_a_wheel,
     order_columns,
     set_columns,
     setting_codes,
 )
-from smallwheel_ros.measurements.several_sheets import joined_sheets, refuse_other_columns
-from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
-from smallwheel_ros.measurements.sheets import read_grid
-from smallwheel_ros.measurements.suspicions import suspicions
-from smallwheel_ros.measurements.table import Measurements, codes_of, over_half
-from smallwheel_ros.measurements.words import UNKNOWN, meant
+from smallwheel_ros.measurements.table import (
+    Measurements,
+    ShearTests,
+    codes_of,
+    joined,
+    joined_shear,
+    over_half,
+)
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 
 if TYPE_CHECKING:
@@ -42,6 +48,9 @@ if TYPE_CHECKING:
 _AT_REST = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0}
 # A wheel that moves more across its plane than along it is ploughed, not rolled.
 _PLOUGHED = np.pi / 4
+_SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
+_STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
+_OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _VEHICLE = (
     "each run has one row of each of several wheels: they count as wheels of one vehicle at one "
     "place. If runs are numbered anew for each wheel, give each a name of its own"
@@ -90,40 +99,44 @@ def read_tests(
     """
     how: dict[str, Any] = {"diameter": diameter, "width": width, "contact": contact}
     how |= {"compliance": compliance, "shear": shear}
-    several = [] if sheet is None else [sheet] if isinstance(sheet, (str, int)) else [*sheet]
-    grids = [read_grid(source, one) for one in several] or [read_grid(source)]
+    one = sheet is None or isinstance(sheet, (str, int))
+    several: Sequence[Any] = [sheet] if one else list(sheet or ()) or [None]  # type: ignore[arg-type]
+    grids = [read_grid(source, known_cells, name) for name in several]
     if len(grids) == 1:
-        return _read_or_offer(grids[0], map or {}, how)
-    refuse_other_columns(str(source), grids, map or {})
+        return _read_grid(grids[0], map or {}, **how)
     for grid in grids:
         grid.source = f"{source}, sheet '{clipped(grid.sheet)}'"
-    tables = [_read_or_offer(grid, map or {}, how) for grid in grids]
-    return joined_sheets(str(source), [grid.sheet for grid in grids], tables)
+    tables = [_read_grid(grid, map or {}, **how) for grid in grids]
+    return _joined_sheets(str(source), [clipped(grid.sheet) for grid in grids], tables)
 
 
-def _read_or_offer(
-    grid: Grid, mapping: Mapping[str, str], how: Mapping[str, Any]
+def _joined_sheets(
+    path: str, sheets: Sequence[str], tables: Sequence[Measurements | ShearTests]
 ) -> Measurements | ShearTests:
-    """Read a grid, or refuse it with a line to paste where its headers are not understood."""
-    try:
-        return _read_grid(grid, mapping, **how)
-    except MeasurementsError as error:
-        given = [name for name in ("diameter", "width") if how[name] is not None]
-        offer = offer_of(grid, mapping, given)
-        if offer is None:
-            raise
-        raise MeasurementsError(f"{error}\n  {_offered(grid, offer, how)}") from None
-
-
-def _offered(grid: Grid, offer: Offer, how: Mapping[str, Any]) -> str:
-    """The line of an offer, and what is wrong all the same once it is pasted."""
-    said = f"By units, values and near words the headers may be as below: look, and paste\n    {offer.text()}"
-    try:
-        _read_grid(grid, offer.mapping, **how)
-    except MeasurementsError as error:
-        left = str(error).removeprefix(f"{grid.source}, ").removeprefix(f"{grid.source}: ")
-        return f"{said}\n    with it there is left: {left}"
-    return said
+    """The rows of several sheets, in order. Runs of one name on two sheets are different runs."""
+    called = " and ".join(f"'{sheet}'" for sheet in sheets)
+    if twice := [sheet for sheet in sheets if sheets.count(sheet) > 1]:
+        raise MeasurementsError(f"{path}: sheet '{twice[0]}' is given twice")
+    # the source tells their runs apart
+    named = [replace(table, source=sheet) for sheet, table in zip(sheets, tables, strict=True)]
+    wheels = [table for table in named if isinstance(table, Measurements)]
+    shear = [table for table in named if isinstance(table, ShearTests)]
+    columns = [{*t.columns()} - {"soil", "wheel"} for t in wheels]
+    if (wheels and shear) or any(c != columns[0] for c in columns):
+        raise MeasurementsError(
+            f"{path}: the sheets {called} have different columns, expected the same on each: their "
+            "rows are put one after the other. Bring columns of one run side by side first, in one sheet"
+        )
+    found = joined_shear(shear) if shear else joined(wheels)
+    understood = [f"rows of the sheets {called}, one after the other"]
+    for sheet, table in zip(sheets, tables, strict=True):
+        understood += [f"sheet '{sheet}': {line}" for line in table.understood]
+    if found.run[0] != tables[0].run[0]:
+        understood.append(
+            "runs of one name on two sheets are different runs, with the sheet before the name: "
+            f"'{tables[0].run[0]}' is '{found.run[0]}'"
+        )
+    return replace(found, understood=tuple(understood), source=path, sha256=tables[0].sha256)
 
 
 def _read_grid(
@@ -149,6 +162,8 @@ def _read_grid(
     _check_there(columns)
     _check_blanks(columns)
     _check_heights(columns)
+    if grid.sheet:
+        _check_shares(columns)
     columns.raise_any()
     name_curves(columns)
     if (columns.contact != ROLLING).any():
@@ -215,7 +230,7 @@ def _measurements(columns: Columns) -> Measurements:
         data,
         notes=tuple(notes),
         understood=tuple(columns.understood),
-        warnings=(*columns.warnings, *suspicions(data, columns.place)),
+        warnings=(*columns.warnings, *_suspicions(data)),
     )
 
 
@@ -320,3 +335,68 @@ def _check_heights(columns: Columns) -> None:
         values = columns.values(name, 0.0)
         over = over_half(values, d) & where & columns.read(name)
         columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
+
+
+def _check_shares(columns: Columns) -> None:
+    """Add a problem for shares below a [%] in a workbook, whose cells may be shown in per cent."""
+    for name, heading in columns.headings.items():
+        most = float(np.nanmax(np.abs(columns.values(name)), initial=0.0))
+        if heading.unit == "%" and 0.0 < most <= _SHARES:
+            columns.problem(
+                f"{name} is {100.0 * most:.3g} % at most: are these shares, shown in per cent? Then the "
+                f"header is '{name}', without a unit",
+                name,
+            )
+
+
+def _suspicions(data: Measurements) -> Iterator[str]:
+    """Yield one sentence for each thing that deserves a second look: units, signs, runs."""
+    c, z = data.conditions, data.channels
+    odd: list[tuple[Mask, str]] = []
+    for name, spec in COLUMNS.items():
+        if name in c:
+            least, most = spec.usual
+            words = (
+                f"{name} is outside {least:g} to {most:g} {spec.unit} {{}}: is the unit right? A "
+            )
+            words += f"header names it, like '{name} [{_OTHER_UNIT.get(spec.unit, spec.unit)}]'"
+            odd.append(((c[name] < least) | (c[name] > most), words))
+    blank = np.all([np.isnan(values) for values in z.values()], axis=0)
+    odd.append((blank, "nothing was measured {}"))
+    odd.append((data.sunk_to_axle, "sinkage is over half the diameter {}, where the wheel is dragged "
+                "across its plane: deeper than any model of a rolling wheel holds"))  # fmt: skip
+    if "resistance" in z:
+        words = "resistance is negative {}: it is positive against the direction of travel"
+        odd.append((z["resistance"] < 0, words))
+    if "slip" in c and data.written_units.get("slip") == "%":
+        most = float(np.nanmax(np.abs(c["slip"]), initial=0.0))
+        shares = np.full(len(data), 0.0 < most <= _SHARES)
+        odd.append((shares, f"slip is {100.0 * most:.3g} % at most: if the numbers are shares and not "
+                    "per cent, the header is 'slip'"))  # fmt: skip
+    for rows, words in odd:
+        if rows.any():
+            first = f"{data.place} {data.line[int(np.argmax(rows))]}"
+            count = int(rows.sum())
+            yield words.format(
+                f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
+            )
+    if not data.runs_given or one_row_a_wheel(data):
+        return  # the wheels of a vehicle carry different loads, each one load
+    names, index = codes_of(data.run)
+    for what, column in (("wheels", data.wheel), ("soils", data.soil)):
+        low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
+        if (low < high).any():
+            yield (
+                f"run '{names[int(np.argmax(low < high))]}' has rows of several {what}: rows of one run "
+                "are repeats of one setting. If runs are numbered anew for each, give each a name of its own"
+            )
+    low, high = ends_of_runs(c.load, index, len(names))
+    rolling = np.bincount(index, c.rolling) > 0  # what is pressed in is a curve
+    wide = rolling & (high > _STEADY_LOAD * low)
+    if wide.any():
+        at = int(np.argmax(wide))
+        yield (
+            f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[at]}': "
+            f"{low[at]:.4g} to {high[at]:.4g} N): a curve, not repeats. Its rows stay "
+            "together in every split, and say nothing of the repeatability"
+        )
