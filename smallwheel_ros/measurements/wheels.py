@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped, read_grid
+from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
+from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
 from smallwheel_ros.measurements.lab import (
     is_shear,
@@ -22,7 +23,6 @@ from smallwheel_ros.measurements.lab import (
     take_contact,
     take_plates,
 )
-from smallwheel_ros.measurements.layout import known_cells
 from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
     ends_of_runs,
@@ -101,7 +101,7 @@ def read_tests(
     how |= {"compliance": compliance, "shear": shear}
     one = sheet is None or isinstance(sheet, (str, int))
     several: Sequence[Any] = [sheet] if one else list(sheet or ()) or [None]  # type: ignore[arg-type]
-    grids = [read_grid(source, known_cells, name) for name in several]
+    grids = [read_grid(source, name) for name in several]
     if len(grids) == 1:
         return _read_grid(grids[0], map or {}, **how)
     for grid in grids:
@@ -162,7 +162,7 @@ def _read_grid(
     _check_there(columns)
     _check_blanks(columns)
     _check_heights(columns)
-    if grid.sheet:
+    if grid.shares:
         _check_shares(columns)
     columns.raise_any()
     name_curves(columns)
