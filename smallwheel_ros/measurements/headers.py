@@ -98,6 +98,8 @@ def tokens_of(text: str) -> list[str]:
 def find(text: str) -> Match | None:
     """The quantity that a header without its unit names."""
     tokens, whole = tokens_of(text), plain(text)
+    if text in SYMBOLS:
+        return Match(SYMBOLS[text], 1)
     if len(tokens) == 1 and tokens[0] in SYMBOLS:
         return Match(SYMBOLS[tokens[0]], 1)
     if whole in _BY_WORD:
@@ -165,9 +167,13 @@ def _understood(text: str, known: Match | None) -> Heading:
             )
         name = found[1].strip()
         return _heading(name, known or find(name), found[2].strip())
-    whole = known or find(text)
-    if find(text) is not None and known is None and not text.endswith(")"):
+    # `F_N` alone may be a force F in N: it is the normal force where its unit stands beside or below it
+    whole = None if text in SYMBOLS and "_" in text else find(text)
+    if whole is not None and known is None and not text.endswith(")"):
         return _heading(text, whole, None)
+    whole = known or whole
+    if known is not None and text in SYMBOLS:
+        return _heading(text, known, None)
     for name, tail in _splits(text):
         match = known or find(name)
         if match is None or match.name in TEXTS:

@@ -36,7 +36,7 @@ from smallwheel_ros.measurements.headers import (
     is_summary,
     read_heading,
 )
-from smallwheel_ros.measurements.units import UnitsError, fits, spelled
+from smallwheel_ros.measurements.units import UnitsError, fits, shown_unit, spelled
 
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
@@ -46,6 +46,7 @@ _NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
 _SUMMARY, _REMARK = "is no measurement", "is a remark"
 _FEWEST = 3  # rows of which a mean is told by its numbers
 _MOST_MEANS = 100  # rows that are looked at
+_FEW = 0.25  # share of rows at most that have an odd name
 
 
 @dataclass
@@ -241,16 +242,12 @@ def _means(
 
     The name has to be of another kind than those of the measurements: a word among numbers.
     """
-    texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
-    texts.sort(key=lambda i: named[i].name != "run")
+    texts = _texts(named, parsed)
     numeric = {i: n for i, n in parsed.items() if i not in texts and not n.blank.all()}
     if not texts or not numeric:
         return {}
-    names = layout.columns[texts[0]]
-    kind = {name: _kind(shown(name).strip()) for name in {*names}}
-    kinds = [kind[name] for name in names]
-    usual = kinds[0]
-    others = [row for row in range(_FEWEST, len(kinds)) if kinds[row] != usual][:_MOST_MEANS]
+    kinds = _kinds(layout.columns[texts[0]])
+    others = [row for row in range(_FEWEST, len(kinds)) if kinds[row] != kinds[0]][:_MOST_MEANS]
     measured = np.ones(len(kinds), dtype=bool)
     measured[[*left_out, *layout.ragged]] = False
     found: dict[int, str] = {}
@@ -268,6 +265,39 @@ def _means(
         if row in found or row in left_out:
             measured[row], begins = False, row + 1
     return found
+
+
+def odd_names(
+    layout: Layout,
+    named: Mapping[int, Heading],
+    parsed: Mapping[int, Numbers],
+    left_out: Mapping[int, str],
+) -> list[str]:
+    """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps."""
+    texts = _texts(named, parsed)
+    if not texts:
+        return []
+    names = layout.columns[texts[0]]
+    kinds = _kinds(names)
+    rows = [i for i in range(len(kinds)) if kinds[i] == (False, False) and i not in left_out]
+    if not 0 < len(rows) <= _FEW * len(kinds) or any(is_blank(names[i]) for i in rows):
+        return []
+    return [
+        f"row {layout.numbers[i]} has the name '{clipped(shown(names[i]))}', others have numbers or codes: "
+        "read as a measurement. If it was computed from the rows above, delete it"
+        for i in rows[:_MOST_SAID]
+    ]
+
+
+def _texts(named: Mapping[int, Heading], parsed: Mapping[int, Numbers]) -> list[int]:
+    """The columns of texts, that of the runs first."""
+    texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
+    return sorted(texts, key=lambda i: named[i].name != "run")
+
+
+def _kinds(names: Sequence[Cell]) -> list[tuple[bool, bool]]:
+    kind = {name: _kind(shown(name).strip()) for name in {*names}}
+    return [kind[name] for name in names]
 
 
 def _kind(name: str) -> tuple[bool, bool]:
@@ -354,8 +384,13 @@ def with_unit(heading: Heading, unit: str | None) -> Heading:
     if unit is None or heading.unit == unit:
         return heading
     if heading.unit is not None:
-        raise UnitsError(f"the row of units below it ({unit}) differ")
-    if heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit):
+        below = shown_unit(unit)
+        raise UnitsError(
+            f"the row of units below it ({below}) differ: say which with "
+            f"--map '{heading.name} [{below}]={heading.text}'"
+        )
+    odd = heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit)
+    if odd or (heading.rank == UNKNOWN and find(heading.text) is not None):
         return read_heading(f"{heading.text} [{unit}]")._replace(text=heading.text)
     pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
     return heading if pure else heading._replace(unit=unit)

@@ -55,6 +55,7 @@ from smallwheel_ros.measurements.layout import (
     find_layout,
     is_label,
     lines_left_out,
+    odd_names,
     rows_not_measured,
     with_unit,
 )
@@ -224,6 +225,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             rows=[row for row, n in ragged.items() if n == count],
         )
     columns.understood += layout.said + lines_left_out(layout, left_out)
+    columns.warnings += odd_names(layout, named, parsed, left_out)
     if left_out or ragged:
         layout.drop([*left_out, *ragged])
         columns.lines = layout.numbers
@@ -273,10 +275,16 @@ def _headings(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> d
         try:
             ours = wanted.get(position)
             heading = read_heading(text) if ours is None else mapped_heading(text, ours)
-            found[position] = with_unit(heading, layout.units.get(position))
+            if ours is None or read_heading(ours).unit is None:
+                found[position] = with_unit(heading, layout.units.get(position))
+            else:
+                found[position] = heading
+                _say_given(heading, layout.units.get(position), columns)
         except UnitsError as error:
-            between = " and " if str(error).startswith("the row") else ": "
-            columns.add(f"header '{clipped(text)}'{between}{error}")
+            both = str(error).startswith("the row")
+            columns.add(f"header '{clipped(text)}'{' and ' if both else ': '}{error}")
+            if both:  # the column is there, and its unit is not known
+                found[position] = heading
     _settle(found, columns)
     names = {heading.name for heading in found.values()}
     for heading in found.values():
@@ -289,6 +297,16 @@ def _headings(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> d
                 f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
             )
     return found
+
+
+def _say_given(heading: Heading, row: str | None, columns: Columns) -> None:
+    """Say that the unit of a --map wins over those of the header and of the row of units."""
+    given, own = shown_unit(heading.unit), read_heading(heading.text).unit
+    if others := {shown_unit(unit) for unit in (own, row) if unit is not None} - {given}:
+        columns.understood.append(
+            f"'{clipped(heading.text)}' is in {given}, as --map says, not in "
+            f"{' or '.join(sorted(others))}"
+        )
 
 
 def _mapped(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> dict[int, str]:

@@ -23,7 +23,7 @@ from smallwheel_ros.measurements.lab import (
     take_contact,
     take_plates,
 )
-from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
+from smallwheel_ros.measurements.reading import Columns, listed, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
     ends_of_runs,
     one_row_a_wheel,
@@ -49,6 +49,7 @@ _AT_REST = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0}
 # A wheel that moves more across its plane than along it is ploughed, not rolled.
 _PLOUGHED = np.pi / 4
 _SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
+_SLIP_LIMIT = 0.95
 _STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
 _OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _VEHICLE = (
@@ -106,8 +107,35 @@ def read_tests(
         return _read_grid(grids[0], map or {}, **how)
     for grid in grids:
         grid.source = f"{source}, sheet '{clipped(grid.sheet)}'"
+    _refuse_other_columns(str(source), grids, map or {})
     tables = [_read_grid(grid, map or {}, **how) for grid in grids]
     return _joined_sheets(str(source), [clipped(grid.sheet) for grid in grids], tables)
+
+
+def _refuse_other_columns(path: str, grids: Sequence[Grid], mapping: Mapping[str, str]) -> None:
+    """Refuse sheets of different columns, and a sheet that was asked for twice. Raises MeasurementsError."""
+    names = [clipped(grid.sheet) for grid in grids]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise MeasurementsError(f"{path}: sheet '{twice}' is given twice")
+    first, *others = [_quantities(read_columns(grid, mapping)) for grid in grids]
+    for name, quantities in zip(names[1:], others, strict=True):
+        own = [(names[0], first - quantities), (name, quantities - first)]
+        only = [f"only '{n}' has {listed(sorted(lacks))}" for n, lacks in own if lacks]
+        if only:
+            key = "run" if "run" in first & quantities else "row"
+            raise MeasurementsError(
+                f"{path}: sheets '{names[0]}' and '{name}' have different columns: {'; '.join(only)}. "
+                "Expected the same columns on each, as their rows are put one after the other. Columns of "
+                f"one {key} that stand on several sheets have to be brought side by side in one sheet "
+                "first, in a spreadsheet with XLOOKUP or VLOOKUP"
+            )
+
+
+def _quantities(columns: Columns) -> set[str]:
+    """Columns by our names; a remark of one's own may stand on one sheet only."""
+    headings = columns.headings
+    return {n for n in headings if headings[n].rank != UNKNOWN or n not in columns.texts}
 
 
 def _joined_sheets(
@@ -115,22 +143,20 @@ def _joined_sheets(
 ) -> Measurements | ShearTests:
     """The rows of several sheets, in order. Runs of one name on two sheets are different runs."""
     called = " and ".join(f"'{sheet}'" for sheet in sheets)
-    if twice := [sheet for sheet in sheets if sheets.count(sheet) > 1]:
-        raise MeasurementsError(f"{path}: sheet '{twice[0]}' is given twice")
     # the source tells their runs apart
     named = [replace(table, source=sheet) for sheet, table in zip(sheets, tables, strict=True)]
     wheels = [table for table in named if isinstance(table, Measurements)]
     shear = [table for table in named if isinstance(table, ShearTests)]
-    columns = [{*t.columns()} - {"soil", "wheel"} for t in wheels]
-    if (wheels and shear) or any(c != columns[0] for c in columns):
+    if wheels and shear:
         raise MeasurementsError(
-            f"{path}: the sheets {called} have different columns, expected the same on each: their "
-            "rows are put one after the other. Bring columns of one run side by side first, in one sheet"
+            f"{path}: of the sheets {called} some are shear tests, and some are not"
         )
-    found = joined_shear(shear) if shear else joined(wheels)
+    warnings = []
     understood = [f"rows of the sheets {called}, one after the other"]
     for sheet, table in zip(sheets, tables, strict=True):
         understood += [f"sheet '{sheet}': {line}" for line in table.understood]
+        warnings += [f"sheet '{sheet}': {line}" for line in getattr(table, "warnings", ())]
+    found = joined_shear(shear) if shear else replace(joined(wheels), warnings=tuple(warnings))
     if found.run[0] != tables[0].run[0]:
         understood.append(
             "runs of one name on two sheets are different runs, with the sheet before the name: "
@@ -354,17 +380,32 @@ def _suspicions(data: Measurements) -> Iterator[str]:
     c, z = data.conditions, data.channels
     odd: list[tuple[Mask, str]] = []
     for name, spec in COLUMNS.items():
-        if name in c:
-            least, most = spec.usual
-            words = (
-                f"{name} is outside {least:g} to {most:g} {spec.unit} {{}}: is the unit right? A "
+        values = c[name] if name in c else np.full(len(data), np.nan)
+        unit = _OTHER_UNIT.get(spec.unit, spec.unit)
+        for rows, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
+            first = values[int(np.argmax(rows))]
+            odd.append(
+                (
+                    rows,
+                    f"{name} is {first:.4g} {spec.unit} {{}}, {word} than expected of a small "
+                    f"wheel: is the unit right? A header names it, like '{name} [{unit}]'",
+                )
             )
-            words += f"header names it, like '{name} [{_OTHER_UNIT.get(spec.unit, spec.unit)}]'"
-            odd.append(((c[name] < least) | (c[name] > most), words))
     blank = np.all([np.isnan(values) for values in z.values()], axis=0)
     odd.append((blank, "nothing was measured {}"))
     odd.append((data.sunk_to_axle, "sinkage is over half the diameter {}, where the wheel is dragged "
                 "across its plane: deeper than any model of a rolling wheel holds"))  # fmt: skip
+    depth = z.get("sinkage", np.full(len(data), np.nan))
+    third = (depth > c.diameter / 3) & (c.contact != PLATE) & ~data.sunk_to_axle
+    odd.append((third, "sinkage is over a third of the diameter {}"))
+    if "slip" in c:
+        odd.append(
+            (
+                np.abs(c["slip"]) > _SLIP_LIMIT,
+                f"slip is beyond ±{_SLIP_LIMIT} {{}}: a wheel that "
+                "spins on the spot or is dragged locked, outside the range of the models",
+            )
+        )
     if "resistance" in z:
         words = "resistance is negative {}: it is positive against the direction of travel"
         odd.append((z["resistance"] < 0, words))

@@ -81,9 +81,8 @@ def workbook_grid(data: bytes, wanted: str | None) -> Grid:
     except MeasurementsError:
         raise
     except Exception as error:  # the libraries raise many kinds for a damaged file
-        raise MeasurementsError(
-            f"a damaged workbook, or one with a password: {clipped(reason(error))}"
-        ) from None
+        why = clipped(reason(error).removeprefix("python_calamine."))
+        raise MeasurementsError(f"a damaged workbook, or one with a password: {why}") from None
     if not grid.rows:
         raise MeasurementsError(f"sheet '{clipped(name)}' is empty")
     grid.said += [f"sheet '{clipped(name)}'"] if len(book.names) > 1 else []

@@ -89,10 +89,10 @@ def test_json_on_standard_output_is_nothing_but_json(folder: Path, done: Result)
 def test_warnings_go_to_standard_error(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     rows = [f"r{i},{20 + 5 * i},0.2,0.1,{0.004 + 0.0005 * i},0.97" for i in range(6)]
-    path.write_text("run,load,diameter,width,sinkage,slip [%]\n" + "\n".join(rows) + "\n")
+    path.write_text("run,load,diameter,width,sinkage,slip\n" + "\n".join(rows) + "\n")
     result = smallwheel(path)
     assert result.exit_code == 0, result.output
-    assert "warning: slip is 0.97 % at most" in result.stderr
+    assert "warning: slip is beyond" in result.stderr
     assert "warning:" not in result.stdout
 
 

@@ -385,9 +385,11 @@ def test_a_size_given_twice_is_refused(write: Write) -> None:
 @pytest.mark.parametrize(
     ("header", "row", "words"),
     [
-        ("load,diameter [m],width [m],sinkage", "60,17,10,8", "diameter is outside 0.005 to 3 m in line 2"),
-        ("load,diameter,width [m],sinkage", "60,0.2,10,0.01", "width is outside 0.002 to 2 m"),
-        ("load,diameter [mm],width,sinkage", "60,2,0.1,0", "diameter is outside 0.005 to 3 m in line 2"),
+        (HEADER, "60,0.2,0.1,70,0.1", "sinkage is over a third of the diameter in line 2"),
+        (HEADER, "60,0.2,0.1,8,0.97", "slip is beyond ±0.95"),
+        ("load,diameter [m],width [m],sinkage", "60,17,10,8", "diameter is 17 m in line 2, more than"),
+        ("load,diameter,width [m],sinkage", "60,0.2,10,0.01", "width is 10 m"),
+        ("load,diameter [mm],width,sinkage", "60,2,0.1,0", "diameter is 0.002 m in line 2"),
         (HEADER + ",speed", ROW + ",100", "'speed [mm/s]'"),
         (HEADER + ",resistance", ROW + ",-3", "resistance is negative"),
     ],
