@@ -142,6 +142,22 @@ def ods(spans: Mapping[tuple[int, int], int] | None = None, /, **sheets: list[li
     return target.getvalue()
 
 
+def changed(book: bytes, part: str, old: bytes, new: bytes) -> bytes:
+    """The workbook with other bytes in one of its parts."""
+    target = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(book)) as before,
+        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as after,
+    ):
+        for entry in before.infolist():
+            content = before.read(entry)
+            if entry.filename.endswith(part):
+                assert old in content
+                content = content.replace(old, new, 1)
+            after.writestr(entry, content)
+    return target.getvalue()
+
+
 def workbook(fill: Callable[[openpyxl.Workbook], None]) -> bytes:
     """A workbook that a person made: merged cells, hidden sheets, dates."""
     book = openpyxl.Workbook()

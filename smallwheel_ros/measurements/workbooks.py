@@ -38,7 +38,9 @@ Rows = Iterable[tuple[int, Sequence[Cell]]]
 
 _MOST_UNPACKED = 2 * MOST_BYTES  # bytes of XML: 27 for each of the most cells
 _MOST_TAGS = 10_000_000  # of XML, four for each cell; reading them takes about 10 s
+_MOST_COLUMNS = 16_384  # as of Excel and LibreOffice
 _MOST_MEMORY = 2 * 2**30  # bytes that calamine may take
+_FAR = f"expected at most {MOST_CELLS} cells: delete what stands far from the table, or {SMALLER}"
 _SAVE_XLSX = "save it as xlsx, which keeps them apart, and read that"
 # What calamine does not tell of an ods, and what is said of it.
 _LOST = (
@@ -67,6 +69,9 @@ def workbook_grid(data: bytes, wanted: str | None) -> Grid:
         xlsx = any(name.endswith("workbook.xml") for name in parts)
         if parts and not xlsx and "content.xml" not in parts:
             raise MeasurementsError("a ZIP archive and no xlsx or ods workbook: unpack it first")
+        repeated = re.findall(rb'columns-repeated="(\d+)"', parts.get("content.xml", b""))
+        if (most := max(map(int, repeated), default=0)) > _MOST_COLUMNS:
+            raise MeasurementsError(f"a row of {most} cells, expected at most {_MOST_COLUMNS}")
         book = _xlsx(data, parts) if xlsx else _xls_or_ods(data)
         name = _chosen(book, wanted)
         grid = Grid([], [], "row", sheet=name, merged=book.merged(name), shares=not parts)
@@ -211,17 +216,17 @@ def _xls_or_ods(data: bytes) -> _Book:
             raise MeasurementsError(
                 "xls and ods need python-calamine: pip install it, or save as xlsx"
             )
-        ended = done.returncode < 0 or "memory" in last
-        raise ValueError(f"it asks for more than {_MOST_MEMORY} bytes of memory" if ended else last)
+        if done.returncode < 0 or "memory" in last or "Cell limit" in last:
+            raise MeasurementsError(_FAR)
+        if "detect" in last:  # calamine gives up on an ods of too many cells, or without a manifest
+            raise MeasurementsError(f"a damaged workbook; {_FAR}")
+        raise ValueError(last)
     found = json.loads(done.stdout)
 
     def rows(name: str) -> Rows:
         lines, _ = found["sheets"][name]
         if lines is None:
-            raise MeasurementsError(
-                f"sheet '{clipped(name)}' reaches over more than {MOST_CELLS} cells: delete what stands "
-                "far from the table"
-            )
+            raise MeasurementsError(_FAR)
         for number, line in enumerate(lines, start=1):
             if any(cell != "" for cell in line):
                 yield number, [cell_of(cell) for cell in line]

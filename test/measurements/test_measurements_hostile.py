@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-import io
 import os
 import tracemalloc
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import messy_tables as messy
 import pytest
 
-from smallwheel_ros.measurements import cells, reading
+from smallwheel_ros.measurements import cells, files, reading
 from smallwheel_ros.measurements.table import MeasurementsError
 from smallwheel_ros.measurements.wheels import read_measurements
 
@@ -98,9 +96,9 @@ def test_a_file_of_nothing_but_separators_is_refused(tmp_path: Path, separator: 
 
 def test_too_many_cells_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.csv").write_text("\n".join([HEADER, *[ROW] * 9]))
-    monkeypatch.setattr(cells, "MOST_CELLS", 40)
+    monkeypatch.setattr(files, "MOST_CELLS", 40)
     assert len(read_measurements(tmp_path / "a.csv")) == 9
-    monkeypatch.setattr(cells, "MOST_CELLS", 39)
+    monkeypatch.setattr(files, "MOST_CELLS", 39)
     assert "10 rows of 4 columns, expected at most 39 cells" in fault(tmp_path / "a.csv")
 
 
@@ -190,22 +188,6 @@ def test_blank_boolean_and_time_columns_are_read(tmp_path: Path) -> None:
 # Workbooks
 
 
-def changed(book: bytes, part: str, old: bytes, new: bytes) -> bytes:
-    """The workbook with other bytes in one of its parts."""
-    target = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(book)) as before,
-        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as after,
-    ):
-        for entry in before.infolist():
-            content = before.read(entry)
-            if entry.filename.endswith(part):
-                assert old in content
-                content = content.replace(old, new, 1)
-            after.writestr(entry, content)
-    return target.getvalue()
-
-
 XLSX = messy.xlsx(A=[messy.ENGLISH, *map(list, messy.TRUTH)])
 ODS = messy.ods(A=[messy.ENGLISH, *map(list, messy.TRUTH)])
 _REPEATED = (
@@ -229,7 +211,7 @@ def test_a_workbook_that_unpacks_to_anything_is_refused(
     tmp_path: Path, book: bytes, part: str, old: bytes, new: bytes, words: str
 ) -> None:
     path = tmp_path / "a"
-    path.write_bytes(changed(book, part, old, new))
+    path.write_bytes(messy.changed(book, part, old, new))
     assert words in fault(path)
 
 
@@ -237,6 +219,6 @@ def test_a_stray_cell_in_the_last_corner_takes_no_memory(tmp_path: Path) -> None
     """A reader that makes the whole rectangle asks for 550 GB here."""
     corner = b'<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
     path = tmp_path / "a.xlsx"
-    path.write_bytes(changed(XLSX, "sheet1.xml", b"</sheetData>", corner))
+    path.write_bytes(messy.changed(XLSX, "sheet1.xml", b"</sheetData>", corner))
     with pytest.raises(MeasurementsError, match="column 16384 has no name"):
         read_measurements(path)
