@@ -56,8 +56,10 @@ def take_contact(columns: Columns, given: str | None) -> None:
 def take_plates(columns: Columns, compliance: float | None) -> None:
     """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
-    _take_sizes(columns, plate)
-    _take_pressure(columns, plate)
+    if plate.any():
+        _take_sizes(columns, plate)
+    if columns.read("pressure"):
+        _take_pressure(columns, plate)
     for name in BEFORE_TOUCH:
         if columns.read(name):
             check_range(columns, name, COLUMNS[name], columns.numbers[name], rolling)
@@ -67,8 +69,6 @@ def take_plates(columns: Columns, compliance: float | None) -> None:
 
 def _take_sizes(columns: Columns, plate: Mask) -> None:
     """A round plate has a diameter; a rectangular one width and length, and an equivalent diameter."""
-    if not plate.any():
-        return
     diameter, width = columns.values("diameter"), columns.values("width")
     rectangular = np.zeros(plate.size, dtype=bool)
     if columns.read("length"):
@@ -93,7 +93,7 @@ def _take_pressure(columns: Columns, plate: Mask) -> None:
     """Load from pressure, where a plate's area is known."""
     load = columns.values("load")
     wanted = np.isnan(load)
-    if not columns.read("pressure") or not wanted.any():
+    if not wanted.any():
         return  # a column beside the load: a covariate, as any other
     pressure = columns.numbers.pop("pressure")
     columns.problem(_NO_AREA, "pressure", wanted & ~plate & np.isfinite(pressure))
@@ -127,7 +127,7 @@ def name_curves(columns: Columns) -> None:
     """
     texts, sinkage = columns.texts.get("run"), columns.numbers.get("sinkage")
     named = texts is not None and (texts != "").any()
-    if named or sinkage is None or (columns.contact == ROLLING).any():
+    if named or sinkage is None:
         return
     load, z = columns.numbers["load"], np.nan_to_num(sinkage)
     sizes = [columns.numbers["diameter"], np.nan_to_num(columns.values("width"))]

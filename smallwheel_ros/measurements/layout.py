@@ -242,11 +242,10 @@ def _means(
 
     The name has to be of another kind than those of the measurements: a word among numbers.
     """
-    texts = _texts(named, parsed)
+    texts, kinds = _named_rows(layout, named, parsed)
     numeric = {i: n for i, n in parsed.items() if i not in texts and not n.blank.all()}
     if not texts or not numeric:
         return {}
-    kinds = _kinds(layout.columns[texts[0]])
     others = [row for row in range(_FEWEST, len(kinds)) if kinds[row] != kinds[0]][:_MOST_MEANS]
     measured = np.ones(len(kinds), dtype=bool)
     measured[[*left_out, *layout.ragged]] = False
@@ -274,11 +273,10 @@ def odd_names(
     left_out: Mapping[int, str],
 ) -> list[str]:
     """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps."""
-    texts = _texts(named, parsed)
+    texts, kinds = _named_rows(layout, named, parsed)
     if not texts:
         return []
     names = layout.columns[texts[0]]
-    kinds = _kinds(names)
     rows = [i for i in range(len(kinds)) if kinds[i] == (False, False) and i not in left_out]
     if not 0 < len(rows) <= _FEW * len(kinds) or any(is_blank(names[i]) for i in rows):
         return []
@@ -289,15 +287,15 @@ def odd_names(
     ]
 
 
-def _texts(named: Mapping[int, Heading], parsed: Mapping[int, Numbers]) -> list[int]:
-    """The columns of texts, that of the runs first."""
+def _named_rows(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> tuple[list[int], list[tuple[bool, bool]]]:
+    """The columns of texts, that of the runs first, and of which kind each row's name in it is."""
     texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
-    return sorted(texts, key=lambda i: named[i].name != "run")
-
-
-def _kinds(names: Sequence[Cell]) -> list[tuple[bool, bool]]:
+    texts.sort(key=lambda i: named[i].name != "run")
+    names = layout.columns[texts[0]] if texts else []
     kind = {name: _kind(shown(name).strip()) for name in {*names}}
-    return [kind[name] for name in names]
+    return texts, [kind[name] for name in names]
 
 
 def _kind(name: str) -> tuple[bool, bool]:

@@ -224,7 +224,9 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             f"{count} cells, expected {len(layout.headers)} as in the header{hint if many else ''}",
             rows=[row for row, n in ragged.items() if n == count],
         )
-    columns.understood += layout.said + lines_left_out(layout, left_out)
+    columns.understood += layout.said
+    if left_out:
+        columns.understood += lines_left_out(layout, left_out)
     columns.warnings += odd_names(layout, named, parsed, left_out)
     if left_out or ragged:
         layout.drop([*left_out, *ragged])
@@ -264,7 +266,7 @@ def _headings(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> d
     Of several columns of one quantity the one that the user mapped is it, else the one that has
     our own name; the others stay columns of their own.
     """
-    wanted = _mapped(layout, mapping, columns)
+    wanted = _mapped(layout, mapping, columns) if mapping else {}
     found: dict[int, Heading] = {}
     for position, text in enumerate(layout.headers):
         if not text.strip() or text.startswith("Unnamed: "):
@@ -395,7 +397,7 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     _check_cells(columns, name, parsed)
     if unit == "%":  # a cell of 20 % is 20 below [%]
         values = np.where(parsed.percent, 100.0 * values, values)
-    elif shown_unit(unit) or shown_unit(expected):
+    elif parsed.percent.any() and (shown_unit(unit) or shown_unit(expected)):
         columns.problem(f"cells in per cent, expected {unit or expected}", name, parsed.percent)
     values = heading.factor * values
     if unit is not None:
@@ -415,11 +417,15 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
 def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
     """Add a problem for values of these rows that no wheel or plate has."""
     no_unit = columns.headings[name].unit is None
-    bad, wanted = spec.bad(values) & rows, spec.expected()
+    bad = spec.bad(values) & rows
     if no_unit and name in ("diameter", "width"):
         # a size that no small wheel has is in another unit, and not in metres
         low, high = spec.usual
         bad |= (values < low) | (values > high)
+    if not bad.any():
+        return
+    wanted = spec.expected()
+    if no_unit and name in ("diameter", "width"):
         wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
     hint = f"; {spec.hint}" if spec.hint else ""
     if spec.unit == "m" and no_unit:
@@ -442,15 +448,14 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
         columns.problem(f"'{text}' found, expected a number{words}", name, np.array(rows))
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
-    text = shown(cells[int(np.argmax(bad))])
-    wanted = "a finite number, or a blank cell where nothing was measured"
-    columns.problem(f"{text} found, expected {wanted}", name, bad)
+    if bad.any():
+        text = shown(cells[int(np.argmax(bad))])
+        wanted = "a finite number, or a blank cell where nothing was measured"
+        columns.problem(f"{text} found, expected {wanted}", name, bad)
 
 
-def take_size(columns: Columns, name: str, size: float | None) -> None:
-    """Take a diameter or width (m) for all rows, where it is given."""
-    if size is None:
-        return
+def take_size(columns: Columns, name: str, size: float) -> None:
+    """Take a diameter or width (m) for all rows."""
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
         columns.add(f"{name} given as {size!r} m, expected {spec.expected()}")

@@ -89,10 +89,10 @@ def read_tests(
 ) -> Measurements | ShearTests:
     """Read a table of measurements; everything in SI units afterwards.
 
-    source: a CSV, xlsx, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
+    source: a CSV, xlsx, xls, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
     may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
     there is no such column. compliance: m/N by which the machine gives way; it is taken off the
-    sinkage. map: our name -> their header, for headers that are not understood: {"load": "F3"}. sheet:
+    sinkage. map: our name, with a unit or without, -> their header: {"load [kN]": "F3"}. sheet:
     of a workbook, by name or number; the rows of several are one table. shear: whether a table of shear
     tests is one to read.
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
@@ -181,8 +181,9 @@ def _read_grid(
             return shear_tests(columns)
         columns.add(_SHEAR)
         columns.raise_any()
-    take_size(columns, "diameter", diameter)
-    take_size(columns, "width", width)
+    for name, size in (("diameter", diameter), ("width", width)):
+        if size is not None:
+            take_size(columns, name, size)
     take_contact(columns, contact)
     take_plates(columns, compliance)
     _check_there(columns)
@@ -191,7 +192,8 @@ def _read_grid(
     if grid.shares:
         _check_shares(columns)
     columns.raise_any()
-    name_curves(columns)
+    if (columns.contact != ROLLING).all():
+        name_curves(columns)
     if (columns.contact != ROLLING).any():
         keep_rows_on_soil(columns, _runs(columns))
     return _measurements(columns)
@@ -274,7 +276,8 @@ def _check_there(columns: Columns) -> None:
     if not any(name in columns.headings or name in nearly for name in CHANNELS):
         wanted = ", ".join(CHANNELS)
         lacking.append(f"nothing was measured: expected at least one column of {wanted}")
-    columns.lacking(lacking)
+    if lacking:
+        columns.lacking(lacking)
     if not columns.found and not any(name in columns.numbers for name in CHANNELS):
         columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
@@ -285,8 +288,9 @@ def _check_blanks(columns: Columns) -> None:
     def check(names: Sequence[str], needed: Mask, words: str) -> None:
         for name in names:
             blank = np.isnan(columns.values(name))
-            if not blank.all():  # what is not there or wrong throughout is said elsewhere
-                columns.problem(words, name, blank & needed & columns.sound(name))
+            rows = blank & needed & columns.sound(name)
+            if rows.any() and not blank.all():  # all of them: that is said elsewhere
+                columns.problem(words, name, rows)
 
     check(("load", "diameter"), np.ones(columns.lines.size, dtype=bool), _BLANK)
     check(("width",), columns.contact != PLATE, _BLANK)
@@ -294,7 +298,7 @@ def _check_blanks(columns: Columns) -> None:
         texts = columns.texts.get(name)
         if texts is not None and (texts == "").all():
             del columns.texts[name]
-        elif texts is not None:
+        elif texts is not None and (texts == "").any():
             columns.problem(f"{_BLANK}; merged cells have to be filled", name, texts == "")
     check(SETTINGS, columns.contact == ROLLING, _BLANK_ROLLING)
 
@@ -360,7 +364,10 @@ def _check_heights(columns: Columns) -> None:
     ):
         values = columns.values(name, 0.0)
         over = over_half(values, d) & where & columns.read(name)
-        columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
+        if over.any():
+            columns.outside(
+                name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}"
+            )
 
 
 def _check_shares(columns: Columns) -> None:
