@@ -48,11 +48,10 @@ if TYPE_CHECKING:
     from smallwheel_ros.diagnosis.apply import Added
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
     from smallwheel_ros.effects.registry import Registry
-    from smallwheel_ros.fitting import Base, FitResult
+    from smallwheel_ros.fitting import Base, FitResult, Problem
     from smallwheel_ros.lab.lab import LabFit
     from smallwheel_ros.learn.learning import Learnt
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
     from smallwheel_ros.prediction.prediction import PredictionTable
     from smallwheel_ros.replay.result import Replayed
     from smallwheel_ros.replay.spec import Copy
@@ -118,8 +117,7 @@ def read(
 
 def read_test(data: Data | ShearTests, **how: Any) -> Measurements | ShearTests:
     """Read a table of any test of a lab, shear tests too. how: as in ``read``."""
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
     from smallwheel_ros.measurements.wheels import read_tests
 
     if isinstance(data, (Measurements, ShearTests)):
@@ -179,8 +177,7 @@ def fit(
     from smallwheel_ros.fitting.problem import base_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
-    from smallwheel_ros.measurements.shear import joined_shear
-    from smallwheel_ros.measurements.table import joined
+    from smallwheel_ros.measurements.table import joined, joined_shear
 
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None
@@ -202,13 +199,33 @@ def fit(
     errors, found = problem.held_out(), problem.result()
     said = [a.sentence() for a in agreements(measurements, base) if not a.agrees]
     rmse = {} if errors is None else errors.rmse()
-    return changed(found, held_out=rmse, notes=(*found.notes, *said))
+    return changed(found, held_out=rmse, notes=(*found.notes, *said, *_far_off(problem)))
+
+
+def _far_off(problem: Problem) -> list[str]:
+    """One sentence for each run that `diagnose` would leave out as a slip of the pen."""
+    import numpy as np
+
+    from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, most_bad
+    from smallwheel_ros.measurements.display import number, words
+
+    left, table = problem.judged, problem.measurements
+    bad: list[BadRun] = []
+    most = most_bad(left.points.run_count)
+    while (more := bad_runs(left.fitter, left.fit)) and len(bad) + len(more) <= most:
+        bad += more
+        left = left.without(np.concatenate([one.rows for one in more]))
+    return [
+        f"run {one.name} ({table.place} {', '.join(map(str, table.line[one.rows][:5]))}) lies far off and is "
+        f"in the fit: its {words(one.channel)} is {number(one.deviations, 2)} {one.against}. Look it up in "
+        "the protocol, and delete it if it is wrong; `smallwheel diagnose` leaves it out"
+        for one in bad
+    ]
 
 
 def _tests_of(data: Tests) -> tuple[list[ShearTests], list[Measurements]]:
     """Shear tests, and tables of load and sinkage."""
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
 
     given: list[Any] = list(data) if isinstance(data, (list, tuple)) else [data]
     if not given:

@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.measurements.cells import TWO_WAYS, read_numbers
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, unit_of
-from smallwheel_ros.measurements.numbers import TWO_WAYS, read_numbers
+from smallwheel_ros.measurements.headers import near_miss
 from smallwheel_ros.measurements.units import UnitsError, shown_unit, spelled, to_base
-from smallwheel_ros.measurements.words import near_miss
 from smallwheel_ros.physics.soil import Soil, soil
 
 # What a command's `--help` does not need is imported by the functions that do.
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from smallwheel_ros.diagnosis.pipeline import Diagnosis
     from smallwheel_ros.fitting import FitResult
     from smallwheel_ros.lab.lab import LabFit
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
     from smallwheel_ros.model.model import Model
     from smallwheel_ros.model.model_file import CalibratedModel
 

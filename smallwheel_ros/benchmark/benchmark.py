@@ -20,7 +20,7 @@ from smallwheel_ros.common.results import Result
 from smallwheel_ros.measurements.wheels import read_measurements
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
-_TABLES = (".csv", ".tsv", ".xlsx", ".ods", ".parquet")
+_TABLES = (".csv", ".tsv", ".xlsx", ".xls", ".ods", ".parquet")
 
 
 class BenchmarkError(SmallwheelError):

@@ -22,8 +22,7 @@ from smallwheel_ros.measurements.columns import unit_of
 # `--help` of a command needs none of what the command computes with.
 if TYPE_CHECKING:
     from smallwheel_ros.common.results import Result
-    from smallwheel_ros.measurements.shear import ShearTests
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
 
 _Test = TypeVar("_Test", bound="Measurements | ShearTests")
 HTML = click.option("--html", type=PATH, metavar="FILE", help="Write a self-contained report.")

@@ -36,8 +36,7 @@ from smallwheel_ros.lab.strength import (
     with_strength,
 )
 from smallwheel_ros.measurements.display import sentence
-from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.table import Measurements, ShearTests
 from smallwheel_ros.model.model_file import CalibratedModel
 
 _NO_MODEL = (

@@ -1,27 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table as it was found, a grid of cells, where each row stands, and what is too much."""
+"""A table as it was found, a grid of cells; and the numbers in them, whatever the decimal mark.
+
+A cell alone may say what its decimal mark is: 8,5 and 0,008 and 1.234,5 cannot be anything else. But
+1.234 is 1234 to one and 1.234 to another: such a cell is read as the rest of its column is, else as the
+rest of the table; where these do not say it, it is no number.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.measurements.columns import WORDS, Array, Mask
 
-_SHOWN = 60  # characters of a cell or header that a message repeats
-_MOST_PROBLEMS, _MOST_ROWS = 20, 10  # that a message lists
-# These keep the memory that any file can take to about half a gigabyte.
-MOST_BYTES = 64 * 2**20
+SEARCHED = 40  # rows among which the header is: titles and remarks of a trial fill less than a page
+MOST_BYTES = (
+    64 * 2**20
+)  # of a file; this and the next keep the memory of any table below a gigabyte
 MOST_CELLS = 5_000_000
-MOST_COLUMNS = 20_000  # a sheet of Excel has 16,384
-MOST_CHARACTERS = 64_000_000  # rows times the longest cell, summed over the columns of texts
-EXPECTED = "expected a table: CSV text, xlsx, ods or Parquet"
 SMALLER = "split the table, or thin out rows of long records"
-TOO_MANY = f"expected at most {MOST_CELLS} cells: {SMALLER}"
+_SHOWN = 60  # characters that a message repeats
 
 
 class MeasurementsError(SmallwheelError):
@@ -42,7 +46,7 @@ class Grid:
     numbers: each row's line or row in the file. place: "line" of a text file, "row" of any other.
     header: names that the file keeps apart from its rows. comma: a comma can only be a decimal mark.
     merged: ranges of one column whose first cell stands for all: column from 0, first and last row.
-    sheet: its name in a workbook.
+    sheet: its name in a workbook. shares: cells shown in per cent are shares, and not told from others.
     """
 
     rows: list[Sequence[Cell]]
@@ -55,16 +59,7 @@ class Grid:
     sha256: str = ""
     merged: list[tuple[int, int, int]] = field(default_factory=list)
     sheet: str = ""
-
-
-@contextmanager
-def naming(source: str) -> Iterator[None]:
-    """Say in which table it is what is refused inside."""
-    try:
-        yield
-    except MeasurementsError as error:
-        comma = ", " if str(error).startswith(("line ", "row ", "column ")) else ": "
-        raise MeasurementsError(f"{source}{comma}{error}") from None
+    shares: bool = False
 
 
 def clipped(text: str) -> str:
@@ -77,8 +72,6 @@ def shown(cell: Cell) -> str:
     """Give a cell as a message and a text show it; whole numbers without a decimal point."""
     if isinstance(cell, str):
         return clipped(cell)
-    if isinstance(cell, Percent):
-        return f"{100.0 * cell:.10g} %"
     return f"{cell:.0f}" if float(cell).is_integer() else repr(float(cell))
 
 
@@ -87,82 +80,145 @@ def is_blank(cell: Cell) -> bool:
     return isinstance(cell, str) and not cell.strip()
 
 
-def array_of_texts(cells: Sequence[Cell]) -> NDArray[np.str_]:
-    """Cells as an array of texts."""
-    return np.array([c.strip() if isinstance(c, str) else shown(c) for c in cells], dtype=np.str_)
+def cell_of(value: Any) -> Cell:
+    """A value of another library as a cell: a number, or the text of anything else."""
+    number = isinstance(value, (int, float, np.integer, np.floating))
+    return (
+        float(value) if number and not isinstance(value, (bool, np.bool_)) else str(value).strip()
+    )
+
+
+TWO_WAYS = (
+    "can be read in two ways, with a decimal mark or a mark of thousands: write the column "
+    "without marks of thousands"
+)
+_MIXED = "this column has decimal points and decimal commas: write one of them throughout"
+_NUMBER = re.compile(
+    r"[-+]?(?:(?P<int>[0-9]*)|(?P<groups>[0-9]{1,3}(?:(?P<sep>[ '’.,])[0-9]{3})(?:(?P=sep)[0-9]{3})*))"
+    r"(?:(?P<mark>[.,])(?P<part>[0-9]*))?(?:[eE][-+]?[0-9]{1,4})?"
+)
+_BOTH = {".", ","}
+_MISSING = frozenset(text.strip() for text in WORDS["missing"].split(","))
+_NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity)", re.IGNORECASE)
+# Minus signs and blanks of other kinds, as spreadsheets and typesetters write them.
+_PLAIN = str.maketrans(dict.fromkeys("−‒–", "-") | dict.fromkeys("\u00a0\u202f\u2009\u2007", " "))
+
+
+class _Spelling(NamedTuple):
+    """A text that is a number.
+
+    kind: the decimal mark that it shows: ".", ",", "" for none, "?." or "?," for one of two.
+    sep: the mark of thousands.
+    """
+
+    text: str
+    kind: str
+    sep: str | None
 
 
 @dataclass
-class Problems:
-    """What is wrong with a table, all of it: said at once, by `raise_any`.
+class Numbers:
+    """A column as numbers.
 
-    place, lines: what the lines or rows of the file are called, and that of each row of the table.
-    header: the header's line. begins: the first cell of each row, that of column `first`, by which
-    people know it.
+    values: NaN where blank or no number. blank: nothing was measured. percent: shares that the cell
+    gives in per cent. faults: by row, why the cell is no number, "" where it is any other text.
+    missing: texts that mean blank. comma: whether decimal commas were read.
     """
 
-    source: str
-    place: str
-    lines: NDArray[np.intp]
-    header: int | None = None
-    found: list[str] = field(default_factory=list)
-    begins: Sequence[Cell] = ()
-    first: str = ""
-
-    def add(
-        self, message: str, column: str | None = None, rows: Iterable[int] | None = None
-    ) -> None:
-        """Add a problem of these rows; without rows it is one of the header."""
-        rows = [] if rows is None else list(rows)
-        lines = [int(self.lines[row]) for row in rows]
-        first = lines[0] if lines else self.header
-        where = [] if first is None else [f"{self.place} {first}"]
-        where += [] if column is None else [f"column '{clipped(column)}'"]
-        if len(lines) > 1:
-            dots = ", ..." if len(lines) > _MOST_ROWS + 1 else ""
-            listed = ", ".join(map(str, lines[1 : _MOST_ROWS + 1]))
-            message += f" (and {len(lines) - 1} more like it: {self.place} {listed}{dots})"
-        if self.begins and (column is None or column not in self.first):
-            texts = dict.fromkeys(shown(self.begins[row]) for row in rows[: _MOST_ROWS + 1])
-            if names := ", ".join(f"'{text}'" for text in texts if text.strip()):
-                message += f"; the row{'s begin' if len(texts) > 1 else ' begins'} with {names}"
-        self.found.append(f"{', '.join(where)}: {message}" if where else message)
-
-    def raise_any(self) -> None:
-        """Raise MeasurementsError with all that was found, if anything was."""
-        lines = self.found[:_MOST_PROBLEMS]
-        if len(self.found) > 1:
-            lines.insert(0, f"{len(self.found)} problems")
-        if (more := len(self.found) - _MOST_PROBLEMS) > 0:
-            lines.append(f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause")
-        with naming(self.source):
-            if lines:
-                raise MeasurementsError("\n  ".join(lines))
+    values: Array
+    blank: Mask
+    percent: Mask
+    faults: dict[int, str] = field(default_factory=dict)
+    missing: set[str] = field(default_factory=set)
+    comma: bool = False
 
 
-def refuse_many_cells(rows: int, columns: int) -> None:
-    """Refuse a table of more cells than `MOST_CELLS`, or more columns than `MOST_COLUMNS`."""
-    if columns > MOST_COLUMNS:
-        raise MeasurementsError(f"{columns} columns, expected at most {MOST_COLUMNS}")
-    if rows * columns > MOST_CELLS:
-        raise MeasurementsError(
-            f"{rows} rows of {columns} columns, expected at most {MOST_CELLS} cells: {SMALLER}"
-        )
+def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers]:
+    """Numbers of all columns of a table; comma: it can be nothing but a decimal mark."""
+    if not any("," in _joined(cells) for cells in columns):
+        return [_column(cells, {"."}) for cells in columns]
+    spelled = [map(_spelling, {c for c in cells if isinstance(c, str)}) for cells in columns]
+    kinds = [{s.kind for s in texts if s is not None} for texts in spelled]
+    # a column of both marks is wrong already, and says nothing of the others
+    seen = set[str]().union(*(k for k in kinds if not k >= _BOTH))
+    table = seen & _BOTH
+    if not table and "?," not in seen:
+        table = {"."}
+    elif not table and comma and "?." not in seen:
+        table = {","}
+    return [_column(c, own & _BOTH or table) for c, own in zip(columns, kinds, strict=True)]
 
 
-def refuse_long_texts(columns: Iterable[tuple[str, Sequence[Cell]]], problems: Problems) -> None:
-    """Refuse a table of which an array of texts for each of these columns takes too much memory."""
-    total = 0
-    for header, cells in columns:
-        lengths = [len(c) if isinstance(c, str) else 0 for c in cells]
-        total += max(lengths, default=0) * len(cells)
-        if total > MOST_CHARACTERS:
-            longest = max(lengths)
-            problems.add(
-                f"a cell of {longest} characters in a table of {len(cells)} rows, expected texts "
-                f"that take at most {MOST_CHARACTERS} characters (rows times the longest cell, over "
-                "all columns): shorten it, or leave the column out",
-                header,
-                [lengths.index(longest)],
-            )
-            problems.raise_any()
+def _joined(cells: Sequence[Cell]) -> str:
+    return "".join([cell for cell in cells if isinstance(cell, str)])
+
+
+def _quick(cells: Sequence[Cell], mark: str) -> Numbers | None:
+    """A column of nothing but finite numbers with that decimal mark, many times quicker; else None."""
+    texts = _joined(cells)
+    if not texts.isascii() or "_" in texts or (mark == "," and "." in texts):
+        return None  # Python takes 1_000 and ٣ for numbers, which they are not
+    if mark == ",":
+        cells = [cell.replace(",", ".") if isinstance(cell, str) else cell for cell in cells]
+    try:
+        values = np.array(list(map(float, cells)))
+    except ValueError:
+        return None
+    if not np.isfinite(values).all():
+        return None
+    percent = np.array([isinstance(cell, Percent) for cell in cells], dtype=bool)
+    comma = mark == "," and "," in texts
+    return Numbers(values, np.zeros(values.size, dtype=bool), percent, comma=comma)
+
+
+def _column(cells: Sequence[Cell], marks: set[str]) -> Numbers:
+    """The numbers of a column. marks: the decimal marks by which it is read."""
+    if len(marks) == 1 and (plain := _quick(cells, *marks)) is not None:
+        return plain
+    size = len(cells)
+    result = Numbers(np.full(size, np.nan), np.zeros(size, bool), np.zeros(size, bool))
+    spelled = {cell: _spelling(cell) for cell in cells if isinstance(cell, str)}
+    count = Counter(s.kind for c in cells if isinstance(c, str) and (s := spelled[c]) is not None)
+    rare = {m for m in marks if marks == _BOTH and count[m] == min(count["."], count[","])}
+    other = {",": ".", ".": ","}[next(iter(marks))] if len(marks) == 1 else None
+    groups = any(s is not None and other and s.sep == other for s in spelled.values())
+    for row, cell in enumerate(cells):
+        if not isinstance(cell, str):
+            result.values[row], result.percent[row] = cell, isinstance(cell, Percent)
+            continue
+        found, text = spelled[cell], cell.strip()
+        if not text or cell.replace(" ", "").lower() in _MISSING:
+            result.blank[row] = True
+            result.missing |= {text} if text else set()
+        elif _NOT_FINITE.fullmatch(text):
+            result.values[row] = float(text)
+        elif found is None or found.kind in rare:
+            result.faults[row] = "" if found is None else _MIXED
+        elif (value := _value(found, marks, groups)) is None:
+            result.faults[row] = TWO_WAYS
+        else:
+            result.percent[row] = text.endswith("%")
+            result.values[row] = value / 100.0 if text.endswith("%") else value
+            result.comma |= found.kind == "," or (found.kind == "?," and marks == {","})
+    return result
+
+
+def _spelling(cell: str) -> _Spelling | None:
+    text = cell.translate(_PLAIN).strip().removesuffix("%").rstrip()
+    found = _NUMBER.fullmatch(text)
+    if found is None or not any(found[name] for name in ("int", "groups", "part")):
+        return None  # no digit before an exponent
+    mark, sep, whole, part = found["mark"], found["sep"], found["int"] or "", found["part"]
+    if sep is not None and sep == mark:
+        return None
+    if sep in (".", ","):
+        return _Spelling(text, "," if sep == "." else ".", sep)
+    either = sep is None and mark and len(part) == 3 and 1 <= len(whole) <= 3 and whole[0] != "0"
+    return _Spelling(text, f"?{mark}" if either else mark or "", sep)
+
+
+def _value(found: _Spelling, marks: set[str], groups: bool) -> float | None:
+    text = found.text if found.sep is None else found.text.replace(found.sep, "")
+    if found.kind.startswith("?") and marks != {found.kind[1]}:
+        return float(text.replace(found.kind[1], "")) if groups and len(marks) == 1 else None
+    return float(text.replace(",", "."))

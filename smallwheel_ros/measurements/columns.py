@@ -10,16 +10,22 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
-
-from smallwheel_ros.measurements.units import DIMENSIONLESS, RADIAN, TORQUE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
+RADIAN, DIMENSIONLESS, TORQUE = "rad", "1", "N m"
+WORDS: dict[str, Any] = yaml.load(
+    Path(__file__).with_name("words.yaml").read_text(encoding="utf-8"),
+    getattr(yaml, "CSafeLoader", yaml.SafeLoader),
+)
 CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")  # what a model predicts
 FORCES = ("drawbar_pull", "torque")  # those that rest on the soil's strength, and need slip
 TEXTS = ("contact", "soil", "run", "wheel")

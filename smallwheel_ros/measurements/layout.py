@@ -1,43 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where in a grid of cells the table is: header, units, rows; and which quantity each column is."""
+"""Where in a grid of cells the table is: header, units, rows; and which rows were not measured.
+
+The header is the row, of the first forty, in which most cells name a quantity; units may stand in a row
+below it. A row is no measurement if it is blank, a comment, has no number, repeats the header, begins
+with a word of a summary (Mittelwert), or is exactly the mean of the rows above under a name of
+another kind.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from itertools import groupby, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import (
+    SEARCHED,
     Cell,
     Grid,
     MeasurementsError,
-    Problems,
+    Numbers,
     clipped,
     is_blank,
-    refuse_many_cells,
     shown,
 )
-from smallwheel_ros.measurements.columns import COLUMNS
-from smallwheel_ros.measurements.units import DIMENSIONLESS, UnitsError, fits, spelled
-from smallwheel_ros.measurements.words import (
+from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, DIMENSIONLESS
+from smallwheel_ros.measurements.headers import (
     SYMBOLS,
     UNKNOWN,
     Heading,
     expected_unit,
     find,
-    mapped_heading,
-    meant,
-    plain,
+    is_summary,
     read_heading,
 )
+from smallwheel_ros.measurements.units import UnitsError, fits, shown_unit, spelled
 
-SEARCHED = 40  # rows among which the header is: titles and remarks of a trial fill less than a page
 _LONGEST_HEADER = 80
-_MOST_NAMES = 30  # that a message lists
 _COMMENTS = ("#", "%", "//")
+_MOSTLY = 0.8  # a column of the user's own with at least this share of numbers is a numeric one
+_MOST_SAID = 5  # rows that are said in a line of their own
+_NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
+_SUMMARY, _REMARK = "is no measurement", "is a remark"
+_FEWEST = 3  # rows of which a mean is told by its numbers
+_MOST_MEANS = 100  # rows that are looked at
+_FEW = 0.25  # share of rows at most that have an odd name
 
 
 @dataclass
@@ -57,52 +66,38 @@ class Layout:
     ragged: dict[int, int]
     said: list[str]
 
-    def keep(self, rows: NDArray[np.intp]) -> None:
-        """Keep these rows."""
-        self.columns = [[column[row] for row in rows.tolist()] for column in self.columns]
-        self.numbers = self.numbers[rows]
-
-
-@lru_cache(maxsize=10_000)
-def _quantity(text: str) -> str:
-    try:
-        heading = read_heading(text)
-    except UnitsError:
-        return ""
-    return heading.name if heading.rank < UNKNOWN else ""
-
-
-def _quantities(row: Sequence[Cell]) -> list[str]:
-    """The quantities that cells of a row name."""
-    texts = [cell for cell in row if isinstance(cell, str) and len(cell) < _LONGEST_HEADER]
-    named = [text for text in texts if any(c.isalpha() or c == "Ø" for c in text)]
-    return [name for text in named if (name := _quantity(text.strip().lstrip("#").strip()))]
+    def drop(self, rows: Sequence[int]) -> None:
+        """Leave these rows out."""
+        kept = np.delete(np.arange(self.numbers.size), rows)
+        self.columns = [[column[row] for row in kept.tolist()] for column in self.columns]
+        self.numbers = self.numbers[kept]
 
 
 def known_cells(row: Sequence[Cell]) -> int:
     """How many cells of a row name a quantity."""
-    return len(_quantities(row))
+    return sum(_names_quantity(cell) for cell in row)
 
 
-def _numbers(row: Sequence[Cell]) -> int:
-    """How many cells of a row are numbers: without a letter, with a digit."""
-    texts = [str(cell) for cell in row if not is_blank(cell)]
-    return sum(
-        any(c.isdigit() for c in text) and not any(c.isalpha() for c in text) for text in texts
-    )
+def _names_quantity(cell: Cell) -> bool:
+    if not isinstance(cell, str) or len(cell) >= _LONGEST_HEADER:
+        return False
+    if not any(c.isalpha() or c == "Ø" for c in cell):
+        return False
+    try:
+        return read_heading(cell.strip().lstrip("#").strip()).rank < UNKNOWN
+    except UnitsError:
+        return False
 
 
-def _named(cells: Sequence[Cell]) -> tuple[int, int]:
-    """How many different quantities cells name by words, and by words or symbols: b, i and s may be runs."""
-    words = [cell for cell in cells if str(cell).strip() not in SYMBOLS]
-    return len({*_quantities(words)}), len({*_quantities(cells)})
+def _is_number(cell: Cell) -> bool:
+    text = str(cell)
+    return any(c.isdigit() for c in text) and not any(c.isalpha() for c in text)
 
 
 def find_layout(grid: Grid) -> Layout:
     """Find the table. Raises MeasurementsError where there is none."""
-    rows = [i for i, row in enumerate(grid.rows) if not all(map(is_blank, row))]
-    said = list(grid.said)
-    headers, header_line = grid.header, None
+    rows = [i for i, row in enumerate(grid.rows) if any(c != "" and not is_blank(c) for c in row)]
+    said, headers, header_line = list(grid.said), grid.header, None
     if headers is None:
         if not rows:
             raise MeasurementsError("nothing but empty cells, expected a header and rows")
@@ -110,12 +105,11 @@ def find_layout(grid: Grid) -> Layout:
         said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
         headers = [shown(cell).strip() for cell in grid.rows[rows[at]]]
-        if headers[0].startswith("#"):
-            headers[0] = headers[0].lstrip("# ")
+        headers[0] = headers[0].lstrip("# ")
         rows = rows[at + 1 :]
-    comments = {i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)}
+    comments = [i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)]
     if comments:
-        rows = [i for i in rows if i not in comments]
+        rows = [i for i in rows if i not in set(comments)]
         said.append(f"{len(comments)} lines of comments are left out")
     units: dict[int, str] = {}
     for i in rows[:2]:
@@ -127,30 +121,18 @@ def find_layout(grid: Grid) -> Layout:
         rows = rows[1:]
     if not rows:
         raise MeasurementsError("no rows below the header")
-    numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
-    inner = sum(rows[0] < i < rows[-1] for i in comments)
-    blank = int(numbers[-1] - numbers[0]) + 1 - len(rows) - inner
-    if blank > 0 and rows[-1] - rows[0] + 1 - len(rows) + (grid.place == "row") > 0:
-        said.append(f"{blank} blank rows between the others are left out")
     width, ragged = _width(grid, rows, headers)
-    refuse_many_cells(len(rows) + (grid.header is None), width)
-    body = [_fitted(grid.rows[i], width) for i in rows]
+    body = [row if len(row := grid.rows[i]) == width else _fitted(row, width) for i in rows]
     headers = [*headers[:width], *[""] * (width - len(headers))]
-    columns = list(zip(*body, strict=True))
-    return Layout(headers, [*columns], units, numbers, header_line, ragged, said)
+    numbers = np.array([grid.numbers[i] for i in rows], dtype=np.intp)
+    return Layout(headers, [*zip(*body, strict=True)], units, numbers, header_line, ragged, said)
 
 
 def _header(grid: Grid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     # A row of a run called b is no header: most of its cells are numbers.
-    known = [names if (names := known_cells(row)) >= _numbers(row) else 0 for row in first]
-    turned = _named([row[0] for row in first])
-    if len(rows) <= SEARCHED and turned[1] > 2 and turned > max(map(_named, first)):
-        raise MeasurementsError(
-            "names of quantities stand in the first column, expected them in one row: "
-            "turn the table (in a spreadsheet: copy, paste special, transpose)"
-        )
+    known = [n if (n := known_cells(row)) >= sum(map(_is_number, row)) else 0 for row in first]
     if max(known) > 0:
         return known.index(max(known))
     texts = (
@@ -167,33 +149,27 @@ def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
     for position, (cell, header) in enumerate(zip(row, headers, strict=False)):
         if is_blank(cell):
             continue
-        if not isinstance(cell, str):
+        if not isinstance(cell, str) or (_is_number(cell) and cell.strip() != "1"):
             return None
-        text = cell.strip()
-        if text[0] + text[-1] in ("[]", "()"):
-            text = text[1:-1].strip()
+        text = cell.strip().strip("[]()").strip()
         try:
             expected = None if header in SYMBOLS else expected_unit(read_heading(header).name)
         except UnitsError:
             return None
-        if text in ("", "-", "1", "–", "/"):
-            units[position] = DIMENSIONLESS
-            continue
-        unit = spelled(text, expected)
-        if unit is not None and (expected is None or fits(unit, expected)):
+        unit = DIMENSIONLESS if text in ("", "-", "1", "–", "/") else spelled(text, expected)
+        known = unit == DIMENSIONLESS or expected is None or (unit and fits(unit, expected))
+        if unit and known:
             units[position] = unit
-        elif expected is not None or text.replace(",", ".").lstrip("+-").replace(".", "").isdigit():
+        elif expected is not None:
             return None
     return units if any(unit != DIMENSIONLESS for unit in units.values()) else None
 
 
 def _is_symbol_row(row: Sequence[Cell], headers: list[str]) -> bool:
     """Whether a row repeats what the columns are, in other words: W and z below load and sinkage."""
-    filled = [(c, h) for c, h in zip(row, headers, strict=False) if not is_blank(c)]
-    if len(filled) < 2 or not all(isinstance(cell, str) for cell in row):
-        return False
-    pairs = [(find(str(cell).strip()), find(header)) for cell, header in filled]
-    return all(a is not None and b is not None and a.name == b.name for a, b in pairs)
+    pairs = [(str(c), h) for c, h in zip(row, headers, strict=False) if not is_blank(c)]
+    found = [(find(cell.strip()), find(header)) for cell, header in pairs]
+    return len(found) > 1 and all(a and b and a.name == b.name for a, b in found)
 
 
 def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[int, int]]:
@@ -204,8 +180,7 @@ def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[i
     headed = max((i + 1 for i, header in enumerate(headers) if header), default=0)
     lengths = {p: len(grid.rows[i]) for p, i in enumerate(rows) if len(grid.rows[i]) != headed}
     for p, n in lengths.items():
-        row = grid.rows[rows[p]]
-        while n > headed and is_blank(row[n - 1]):
+        while n > headed and is_blank(grid.rows[rows[p]][n - 1]):
             n -= 1
         lengths[p] = n
     if grid.place == "row":
@@ -216,115 +191,204 @@ def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[i
 
 
 def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
-    return row if len(row) == width else [*row[:width], *[""] * (width - len(row))]
+    return [*row[:width], *[""] * (width - len(row))]
 
 
-def match_columns(
-    layout: Layout, mapping: Mapping[str, str], problems: Problems
-) -> dict[int, Heading]:
-    """The heading of each column, by its position; what is wrong is added to the problems.
+def is_label(heading: Heading, numbers: Numbers) -> bool:
+    """Whether a column of no known name is one of texts: too few of its cells are numbers."""
+    filled = int((~numbers.blank).sum())
+    texts = sum(not why for why in numbers.faults.values())
+    unknown = heading.rank == UNKNOWN and heading.unit is None
+    return unknown and filled - texts < _MOSTLY * filled
 
-    Of several columns of one quantity the one that the user mapped is it, else the one that has
-    our own name; the others stay columns of their own.
-    """
-    wanted = _mapped(layout, mapping, problems)
-    found: dict[int, Heading] = {}
-    for position, text in enumerate(layout.headers):
-        blank = all(map(is_blank, layout.columns[position]))
-        if not text or (text.startswith("Unnamed: ") and blank):
-            if not blank:
-                hint = " (a pandas index? write with index=False)" if position == 0 else ""
-                problems.add(f"column {position + 1} has no name{hint}")
-            continue
-        try:
-            ours = wanted.get(position)
-            heading = read_heading(text) if ours is None else mapped_heading(text, ours)
-        except UnitsError as error:
-            problems.add(f"header '{clipped(text)}': {error}")
-            continue
-        if not heading.name:
-            problems.add(f"column {position + 1} has no name")
-            continue
-        found[position] = _with_unit(heading, layout.units.get(position), problems)
-    _settle(found, problems)
-    names = {heading.name for heading in found.values()}
-    for heading in found.values():
-        near = meant(heading) if heading.rank == UNKNOWN else None
-        near = "diameter" if near == "radius" else near
-        text = clipped(heading.text)
-        if near is not None and near not in names:
-            problems.add(
-                f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
-                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
-            )
+
+def rows_not_measured(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> dict[int, str]:
+    """Rows that are no measurements, and what is said of them: remarks, headers, what was computed."""
+    found = dict.fromkeys(_summaries(layout, named, parsed), _SUMMARY)
+    nothing = np.all([n.blank for n in parsed.values()], axis=0) if parsed else []
+    again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
+    for row in {*np.flatnonzero(nothing).tolist(), *again, *layout.ragged}:
+        # a remark has texts only where the table has numbers
+        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
+            found[row] = _REMARK
+    return dict(sorted((_means(layout, named, parsed, found) | found).items()))
+
+
+def _summaries(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> set[int]:
+    """Rows in which a cell is the word of a mean, a sum or a deviation."""
+    found: set[int] = set()
+    for position, heading in named.items():
+        cells = layout.columns[position]
+        texts = range(len(cells)) if position not in parsed else parsed[position].faults
+        names = {str(cell) for cell in cells} if heading.name == "run" else set[str]()
+        said = {text: is_summary(str(text), names) for text in {cells[i] for i in texts}}
+        rows = {i for i in texts if said[cells[i]]}
+        if len(rows) < len(cells):  # else each row is the mean of a few, and the column says so
+            found |= rows
     return found
 
 
-def _mapped(layout: Layout, mapping: Mapping[str, str], problems: Problems) -> dict[int, str]:
-    """Our name by the position of the column that the user says it is."""
-    headers, wanted = layout.headers, dict[int, str]()
-    alike = [plain(text) for text in headers]
-    without_unit = [plain(text.partition("[")[0].partition("(")[0]) for text in headers]
-    for ours, theirs in mapping.items():
-        option = f"--map {clipped(ours)}={clipped(theirs)}"
-        try:
-            heading = read_heading(ours)
-        except UnitsError as error:
-            problems.add(f"{option}: {error}")
-            continue
-        near = meant(heading) if heading.rank == UNKNOWN and ours != theirs else None
-        if near is not None:
-            problems.add(f"{option}: '{clipped(ours)}' is nearly '{near}'")
-            continue
-        at = [i for i, text in enumerate(headers) if text == theirs.strip()]
-        at = at or [i for i, text in enumerate(alike) if text == plain(theirs)]
-        at = at or [i for i, text in enumerate(without_unit) if text == plain(theirs)]
-        if len(at) == 1 and at[0] not in wanted:
-            wanted[at[0]] = ours
+def _means(
+    layout: Layout,
+    named: Mapping[int, Heading],
+    parsed: Mapping[int, Numbers],
+    left_out: Mapping[int, str],
+) -> dict[int, str]:
+    """Rows that are the mean of those above, and those that follow under names like it (a deviation).
+
+    The name has to be of another kind than those of the measurements: a word among numbers.
+    """
+    texts, kinds = _named_rows(layout, named, parsed)
+    numeric = {i: n for i, n in parsed.items() if i not in texts and not n.blank.all()}
+    if not texts or not numeric:
+        return {}
+    others = [row for row in range(_FEWEST, len(kinds)) if kinds[row] != kinds[0]][:_MOST_MEANS]
+    measured = np.ones(len(kinds), dtype=bool)
+    measured[[*left_out, *layout.ragged]] = False
+    found: dict[int, str] = {}
+    begins = 0
+    for row in others:
+        above = np.flatnonzero(measured[:row])
+        for rows in (above, above[above >= begins]):
+            if row not in left_out and rows.size >= 2 and _is_mean(layout, numeric, rows, row):
+                found[row] = f"is the mean of the {rows.size} rows above"
+                break
         else:
-            what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
-            problems.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(headers)}")
-    return wanted
+            below = row - 1 in found or left_out.get(row - 1) == _SUMMARY
+            if below and row not in left_out:
+                found[row] = "stands below a mean"
+        if row in found or row in left_out:
+            measured[row], begins = False, row + 1
+    return found
 
 
-def _with_unit(heading: Heading, unit: str | None, problems: Problems) -> Heading:
-    """The heading with the unit of the unit row, if it has none of its own."""
-    if unit is not None and heading.unit is None:
-        if heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit):
-            return read_heading(f"{heading.text} [{unit}]")._replace(text=heading.text)
-        pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
-        return heading if pure else heading._replace(unit=unit)
-    if unit is not None and heading.unit != unit:
-        problems.add(
-            f"header '{clipped(heading.text)}' and the row of units below it ({unit}) differ"
+def odd_names(
+    layout: Layout,
+    named: Mapping[int, Heading],
+    parsed: Mapping[int, Numbers],
+    left_out: Mapping[int, str],
+) -> list[str]:
+    """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps."""
+    texts, kinds = _named_rows(layout, named, parsed)
+    if not texts:
+        return []
+    names = layout.columns[texts[0]]
+    rows = [i for i in range(len(kinds)) if kinds[i] == (False, False) and i not in left_out]
+    if not 0 < len(rows) <= _FEW * len(kinds) or any(is_blank(names[i]) for i in rows):
+        return []
+    return [
+        f"row {layout.numbers[i]} has the name '{clipped(shown(names[i]))}', others have numbers or codes: "
+        "read as a measurement. If it was computed from the rows above, delete it"
+        for i in rows[:_MOST_SAID]
+    ]
+
+
+def _named_rows(
+    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+) -> tuple[list[int], list[tuple[bool, bool]]]:
+    """The columns of texts, that of the runs first, and of which kind each row's name in it is."""
+    texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
+    texts.sort(key=lambda i: named[i].name != "run")
+    names = layout.columns[texts[0]] if texts else []
+    kind = {name: _kind(shown(name).strip()) for name in {*names}}
+    return texts, [kind[name] for name in names]
+
+
+def _kind(name: str) -> tuple[bool, bool]:
+    """Whether a name has digits, and whether it is a code of one or two letters."""
+    return any(c.isdigit() for c in name), 0 < len(name.encode()) < 3
+
+
+def _is_mean(
+    layout: Layout, numeric: Mapping[int, Numbers], rows: NDArray[np.intp], row: int
+) -> bool:
+    """Whether a row has the mean of these in all of its numbers, of which one varies."""
+    varies = False
+    for position, numbers in numeric.items():
+        value, above = numbers.values[row], numbers.values[rows]
+        if np.isnan(value):
+            continue
+        cell = layout.columns[position][row]
+        places = (
+            len(cell.replace(",", ".").strip().partition(".")[2]) if isinstance(cell, str) else 9
         )
-    return heading
+        mean = float(np.nanmean(above)) if np.isfinite(above).any() else np.nan
+        if not abs(value - mean) <= 1.01 * 10.0**-places + 1e-9 * abs(mean):
+            return False
+        varies |= bool(np.ptp(above[np.isfinite(above)]) > 10.0**-places)
+    return varies
 
 
-def _settle(found: dict[int, Heading], problems: Problems) -> None:
-    """Leave one column of each quantity, and give the others their own names."""
-    by_name: dict[str, list[int]] = {}
-    for position, heading in found.items():
-        by_name.setdefault(heading.name, []).append(position)
-    for name, positions in by_name.items():
-        best = min(found[i].rank for i in positions)
-        first, *others = [i for i in positions if found[i].rank == best]
-        if others:
-            problems.add(
-                f"two columns are named '{clipped(name)}' ('{clipped(found[first].text)}' and "
-                f"'{clipped(found[others[0]].text)}'), expected one: remove or rename the other, or say "
-                f"which with --map {clipped(name)}='{clipped(found[first].text)}'"
+def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
+    """What is said of the rows that are left out, with the line of each."""
+    lines = []
+    for row in [*rows][:_MOST_SAID]:
+        cells = ", ".join(shown(c[row]).strip() for c in layout.columns if not is_blank(c[row]))
+        text = cells if rows[row] == _REMARK else cells.partition(",")[0]
+        lines.append(f"row {layout.numbers[row]} '{clipped(text)}' {rows[row]}: left out")
+    if more := [str(layout.numbers[row]) for row in rows][_MOST_SAID:]:
+        lines.append(f"and {len(more)} more rows like it: {', '.join(more[:30])}")
+    return lines
+
+
+def fill_down(
+    layout: Layout, named: Mapping[int, Heading], merged: Sequence[tuple[int, int, int]]
+) -> list[str]:
+    """Fill blanks that a merged cell, or a name that is typed once, stands for; say in which columns.
+
+    Never what was measured. A name is typed once where it begins each stretch of rows, blanks follow
+    at least half of the names, and no name follows itself.
+    """
+    said = []
+    lines = layout.numbers.tolist()
+    for position, heading in named.items():
+        cells = [*layout.columns[position]]
+        if heading.name.removesuffix("_std") in CHANNELS or not any(map(is_blank, cells)):
+            continue
+        within = {n: first for column, first, last in merged if column == position
+                  for n in range(first, last + 1)}  # fmt: skip
+        once = heading.name in _NAMES and _is_typed_once(cells)
+        rows = []
+        for i in range(1, len(cells)):
+            same = within.get(lines[i], -1) == within.get(lines[i - 1], -2)
+            if is_blank(cells[i]) and not is_blank(cells[i - 1]) and (once or same):
+                cells[i] = cells[i - 1]
+                rows.append(i)
+        if rows:
+            layout.columns[position] = cells
+            said.append(
+                f"'{clipped(heading.text)}' is blank below a value in {len(rows)} rows (first in row "
+                f"{lines[rows[0]]}): filled from above"
             )
-        for i in positions:
-            if i != first:
-                own = found[i].text.partition("[")[0].strip()
-                taken = {heading.name for heading in found.values()}
-                own = found[i].text if own in taken else own
-                found[i] = found[i]._replace(name=own, rank=UNKNOWN, factor=1.0)
+    return said
 
 
-def listed(names: list[str]) -> str:
-    """Names as a message lists them."""
-    shown = ", ".join(clipped(name) for name in names[:_MOST_NAMES])
-    more = len(names) - _MOST_NAMES
-    return f"{shown} and {more} more" if more > 0 else shown
+def _is_typed_once(cells: Sequence[Cell]) -> bool:
+    names = [shown(cell).strip() for cell in cells if not is_blank(cell)]
+    followed = sum(blank for blank, _ in groupby(map(is_blank, cells)))
+    alike = any(a == b for a, b in pairwise(names))
+    return not is_blank(cells[0]) and not alike and followed >= 0.5 * len(names) > 0.0
+
+
+def with_unit(heading: Heading, unit: str | None) -> Heading:
+    """The heading with the unit of the row of units, if it has none of its own.
+
+    Raises UnitsError where the two differ.
+    """
+    if unit is None or heading.unit == unit:
+        return heading
+    if heading.unit is not None:
+        below = shown_unit(unit)
+        raise UnitsError(
+            f"the row of units below it ({below}) differ: say which with "
+            f"--map '{heading.name} [{below}]={heading.text}'"
+        )
+    odd = heading.text in SYMBOLS and not fits(unit, expected_unit(heading.name) or unit)
+    if odd or (heading.rank == UNKNOWN and find(heading.text) is not None):
+        return read_heading(f"{heading.text} [{unit}]")._replace(text=heading.text)
+    pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
+    return heading if pure else heading._replace(unit=unit)

@@ -1,10 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The columns of a grid: which quantity each is, and its cells as checked numbers in SI units."""
+"""The columns of a grid: which quantity each is, and its cells as checked numbers in SI units.
+
+    find the header and the row of units                     layout.find_layout
+    each header -> quantity, unit                            headers.read_heading, --map
+    rows that were not measured are left out, and said       layout.rows_not_measured
+    cells -> numbers -> SI, each within its range            cells.read_numbers, units.to_base
+
+What is wrong is collected in `Columns.found` and raised at once.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,16 +21,16 @@ from numpy.typing import NDArray
 from smallwheel_ros.measurements.cells import (
     Cell,
     Grid,
-    Problems,
-    array_of_texts,
+    MeasurementsError,
+    Numbers,
     clipped,
     is_blank,
-    naming,
-    refuse_long_texts,
+    read_numbers,
     shown,
 )
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
+    DIMENSIONLESS,
     LAB_COLUMNS,
     LEAST,
     OTHER,
@@ -32,26 +40,32 @@ from smallwheel_ros.measurements.columns import (
     Mask,
     Texts,
 )
-from smallwheel_ros.measurements.layout import Layout, find_layout, listed, match_columns
-from smallwheel_ros.measurements.merged import fill_down
-from smallwheel_ros.measurements.not_measured import is_label, lines_left_out, rows_not_measured
-from smallwheel_ros.measurements.numbers import Numbers, read_numbers
-from smallwheel_ros.measurements.units import (
-    DIMENSIONLESS,
-    UnitsError,
-    base_unit,
-    shown_unit,
-    to_base,
-)
-from smallwheel_ros.measurements.words import (
+from smallwheel_ros.measurements.headers import (
     UNKNOWN,
     Heading,
     contact_of,
+    mapped_heading,
+    meant,
+    plain,
+    read_heading,
 )
+from smallwheel_ros.measurements.layout import (
+    Layout,
+    fill_down,
+    find_layout,
+    is_label,
+    lines_left_out,
+    odd_names,
+    rows_not_measured,
+    with_unit,
+)
+from smallwheel_ros.measurements.units import UnitsError, base_unit, shown_unit, to_base
 
-_MOST_TEXTS = 30  # that are told apart in one column
+BEFORE_TOUCH = ("load", "sinkage")  # noise around 0 before a plate touches: `lab` looks at it
+_MOST_PROBLEMS, _MOST_ROWS, _MOST_NAMES = 20, 10, 30  # that a message lists
+MOST_CHARACTERS = 64_000_000  # of all texts, rows times the longest cell: the room that NumPy takes
 _GIVEN_TWICE = (
-    "{} was given for all rows too, expected one of the two: leave the option or the column out"
+    "was given for all rows too, expected one of the two: leave the option or the column out"
 )
 # How a cell begins that is no number, and what to do about it.
 _ODD_CELLS = (
@@ -61,17 +75,22 @@ _ODD_CELLS = (
     ("[<>~≈≤≥]", "a limit is no measurement: write what was read, or leave the cell blank"),
     (r"[0-9].*[^\W\d_]$", "write the unit in the header, not in the cell"),
 )
-_MOST_SAID = 5  # texts that are read as blank
 
 
 @dataclass
-class Columns(Problems):
+class Columns:
     """A table's columns by our names, SI units; what was understood, noted, and is wrong.
 
-    headings: as the file has them. numbers: NaN where blank. texts: of the contract and labels
-    alike. contact: what meets the soil in each row (`plates.take_contact`).
+    lines: of each row in the file; place: what they are called there. header: the header's line.
+    headings, cells: as the file has them. numbers: NaN where blank. texts: of the contract and
+    labels alike. contact: what meets the soil in each row (`lab.take_contact`). begins: the first
+    cell of each row, that of column `first`, by which people know it. found: what is wrong.
     """
 
+    source: str
+    place: str
+    lines: NDArray[np.intp]
+    header: int | None = None
     sha256: str = ""
     headings: dict[str, Heading] = field(default_factory=dict)
     cells: dict[str, Sequence[Cell]] = field(default_factory=dict)
@@ -82,13 +101,10 @@ class Columns(Problems):
     notes: list[str] = field(default_factory=list)
     understood: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    begins: Sequence[Cell] = ()
+    first: str = ""
+    found: list[str] = field(default_factory=list)
     faulty: dict[str, Mask] = field(default_factory=dict)  # rows of a column that have a problem
-
-    def begin(self, layout: Layout) -> None:
-        """Take the first filled column of a layout as that by which people know the rows."""
-        filled = (i for i, column in enumerate(layout.columns) if not all(map(is_blank, column)))
-        at = next(filled, 0)
-        self.begins, self.first = layout.columns[at], layout.headers[at]
 
     def there(self, name: str) -> bool:
         """Whether the table has the column or a value for all rows."""
@@ -106,10 +122,52 @@ class Columns(Problems):
         """Rows of a column that have no problem."""
         return ~self.faulty.get(name, np.zeros(self.lines.size, dtype=bool))
 
-    def title(self, name: str) -> str:
-        """The column as messages name it: by our name where the file does so too."""
-        heading = self.headings.get(name)
-        return name if heading is None or name in heading.text else heading.text
+    def keep(self, rows: Mask) -> None:
+        """Keep the rows of that mask."""
+        index = np.flatnonzero(rows)
+        self.lines, self.begins = self.lines[index], [self.begins[i] for i in index]
+        self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
+        self.numbers = {name: values[index] for name, values in self.numbers.items()}
+        self.texts = {name: texts[index] for name, texts in self.texts.items()}
+        self.contact = self.contact[index] if self.contact.size else self.contact
+
+    def add(
+        self, message: str, column: str | None = None, rows: Iterable[int] | None = None
+    ) -> None:
+        """Add a problem of these rows; without rows it is one of the header."""
+        rows = [] if rows is None else list(rows)
+        lines = [int(self.lines[row]) for row in rows]
+        first = lines[0] if lines else self.header
+        where = [] if first is None else [f"{self.place} {first}"]
+        where += [] if column is None else [f"column '{clipped(column)}'"]
+        if len(lines) > 1:
+            dots = ", ..." if len(lines) > _MOST_ROWS + 1 else ""
+            listed = ", ".join(map(str, lines[1 : _MOST_ROWS + 1]))
+            message += f" (and {len(lines) - 1} more like it: {self.place} {listed}{dots})"
+        if self.begins and (column is None or column not in self.first):
+            texts = dict.fromkeys(shown(self.begins[row]) for row in rows[: _MOST_ROWS + 1])
+            if names := ", ".join(f"'{text}'" for text in texts if text.strip()):
+                message += f"; the row{'s begin' if len(texts) > 1 else ' begins'} with {names}"
+        self.found.append(f"{', '.join(where)}: {message}" if where else message)
+
+    def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
+        """Add a problem of a column: of its header, or of these rows if there are any."""
+        at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
+        if at is None or at.size:
+            mask = self.faulty.setdefault(name, np.zeros(self.lines.size, dtype=bool))
+            mask[slice(None) if at is None else at] = True
+            text = self.headings[name].text if name in self.headings else name
+            title = name if name in text else text  # by our name where the file does so too
+            self.add(message, title, None if at is None else at.tolist())
+
+    def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
+        """Add a problem for the values of these rows, if there are any; wanted: in the first."""
+        if rows.any():
+            row = int(np.argmax(rows))
+            cell, unit = shown(self.cells[name][row]), shown_unit(self.headings[name].unit)
+            si = f" ({values[row]:.6g} in SI)" if unit and f"{values[row]:.10g}" != cell else ""
+            value = f"{cell} {unit}".strip() + si
+            self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
 
     def lacking(self, messages: Iterable[str]) -> None:
         """Add a problem for each column that must be there and is not; the first says what is."""
@@ -118,62 +176,45 @@ class Columns(Problems):
         for i, message in enumerate(messages):
             self.add(message + ("" if i else hint))
 
-    def keep(self, rows: Mask) -> None:
-        """Keep the rows of that mask."""
-        index = np.flatnonzero(rows)
-        self.lines = self.lines[index]
-        self.begins = [self.begins[i] for i in index.tolist()]
-        self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
-        self.numbers = {name: values[index] for name, values in self.numbers.items()}
-        self.texts = {name: texts[index] for name, texts in self.texts.items()}
-        self.contact = self.contact[index] if self.contact.size else self.contact
-
-    def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
-        """Add a problem of a column: of its header, or of these rows if there are any."""
-        at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
-        if at is None or at.size:
-            mask = self.faulty.setdefault(name, np.zeros(self.lines.size, dtype=bool))
-            mask[slice(None) if at is None else at] = True
-            self.add(message, self.title(name), None if at is None else at.tolist())
-
-    def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
-        """Add a problem for the values of these rows, if there are any; wanted: in the first."""
-        if rows.any():
-            value = self.written(name, values, int(np.argmax(rows)))
-            self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
-
     def count(self, rows: Mask, what: str) -> str:
         """How many rows these are, what of them is said, and where the first is."""
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
 
-    def written(self, name: str, values: Array, row: int) -> str:
-        """Show a value as it stands in the file, and converted where the file has another unit."""
-        cell, unit = shown(self.cells[name][row]), shown_unit(self.headings[name].unit)
-        if not unit:
-            return cell
-        try:
-            same = float(values[row]) == float(cell)
-        except ValueError:
-            same = False
-        return f"{cell} {unit}" + ("" if same else f" ({values[row]:.6g} in SI)")
+    def raise_any(self) -> None:
+        """Raise MeasurementsError with all that was found, if anything was."""
+        if not self.found:
+            return
+        lines, more = self.found[:_MOST_PROBLEMS], len(self.found) - _MOST_PROBLEMS
+        if len(self.found) > 1:
+            lines.insert(0, f"{len(self.found)} problems")
+        if more > 0:
+            lines.append(f"and {more} more: these {_MOST_PROBLEMS} first, they may be the cause")
+        comma = ", " if lines[0].startswith(("line ", "row ", "column ")) else ": "
+        raise MeasurementsError(self.source + comma + "\n  ".join(lines))
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a message lists them."""
+    text = ", ".join(clipped(name) for name in names[:_MOST_NAMES])
+    more = len(names) - _MOST_NAMES
+    return f"{text} and {more} more" if more > 0 else text
 
 
 def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     """Every column of the table, checked cell by cell.
 
-    mapping: our name -> their header, where words do not say it. What is wrong is in `problems`.
-    Raises MeasurementsError where there is no table.
+    mapping: our name -> their header, where words do not say it. Raises MeasurementsError where there
+    is no table.
     """
-    with naming(grid.source):
+    try:
         layout = find_layout(grid)
-    columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line)
-    columns.sha256 = grid.sha256
-    named = match_columns(layout, mapping, columns)
-    columns.begin(layout)
+    except MeasurementsError as error:
+        raise MeasurementsError(f"{grid.source}: {error}") from None
+    columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line, grid.sha256)
+    named = _headings(layout, mapping, columns)
+    _begin(columns, layout)
     parsed = _numbers(layout, named, grid.comma)
-    texts = [i for i in range(len(layout.headers)) if i not in parsed or parsed[i].faults]
-    refuse_long_texts([(layout.headers[i], layout.columns[i]) for i in texts], columns)
     left_out = rows_not_measured(layout, named, parsed)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
@@ -184,16 +225,20 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
             rows=[row for row, n in ragged.items() if n == count],
         )
     columns.understood += layout.said
-    columns.understood += lines_left_out(layout, left_out)
+    if left_out:
+        columns.understood += lines_left_out(layout, left_out)
+    columns.warnings += odd_names(layout, named, parsed, left_out)
     if left_out or ragged:
-        layout.keep(np.delete(np.arange(layout.numbers.size), [*left_out, *ragged]))
+        layout.drop([*left_out, *ragged])
         columns.lines = layout.numbers
-        columns.begin(layout)
+        _begin(columns, layout)
         if not columns.lines.size:
             columns.add("no rows of measurements are left")
             columns.raise_any()
-    columns.understood += fill_down(layout, named, grid.merged)
-    parsed = _numbers(layout, named, grid.comma)
+    filled = fill_down(layout, named, grid.merged)
+    if left_out or ragged or filled:
+        parsed = _numbers(layout, named, grid.comma)
+    columns.understood += filled
     for position, heading in named.items():
         columns.headings[heading.name] = heading
         columns.cells[heading.name] = layout.columns[position]
@@ -203,36 +248,139 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     return columns
 
 
+def _begin(columns: Columns, layout: Layout) -> None:
+    """Take the first filled column of a layout as that by which people know the rows."""
+    filled = (i for i, column in enumerate(layout.columns) if not all(map(is_blank, column)))
+    at = next(filled, 0)
+    columns.begins, columns.first = layout.columns[at], layout.headers[at]
+
+
 def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[int, Numbers]:
-    columns = {i: layout.columns[i] for i, h in named.items() if h.name not in TEXTS}
-    return dict(zip(columns, read_numbers([*columns.values()], comma), strict=True))
+    cells = {i: layout.columns[i] for i, h in named.items() if h.name not in TEXTS}
+    return dict(zip(cells, read_numbers([*cells.values()], comma), strict=True))
+
+
+def _headings(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> dict[int, Heading]:
+    """The heading of each column, by its position; what is wrong is added to the problems.
+
+    Of several columns of one quantity the one that the user mapped is it, else the one that has
+    our own name; the others stay columns of their own.
+    """
+    wanted = _mapped(layout, mapping, columns) if mapping else {}
+    found: dict[int, Heading] = {}
+    for position, text in enumerate(layout.headers):
+        if not text.strip() or text.startswith("Unnamed: "):
+            if not all(map(is_blank, layout.columns[position])):
+                hint = " (a pandas index? write with index=False)" if position == 0 else ""
+                columns.add(f"column {position + 1} has no name{hint}")
+            continue
+        try:
+            ours = wanted.get(position)
+            heading = read_heading(text) if ours is None else mapped_heading(text, ours)
+            if ours is None or read_heading(ours).unit is None:
+                found[position] = with_unit(heading, layout.units.get(position))
+            else:
+                found[position] = heading
+                _say_given(heading, layout.units.get(position), columns)
+        except UnitsError as error:
+            both = str(error).startswith("the row")
+            columns.add(f"header '{clipped(text)}'{' and ' if both else ': '}{error}")
+            if both:  # the column is there, and its unit is not known
+                found[position] = heading
+    _settle(found, columns)
+    names = {heading.name for heading in found.values()}
+    for heading in found.values():
+        near = meant(heading) if heading.rank == UNKNOWN else None
+        near = "diameter" if near == "radius" else near
+        text = clipped(heading.text)
+        if near is not None and near not in names:
+            columns.add(
+                f"header '{text}' is no known word, but nearly '{near}': correct it or its unit, or say "
+                f"what it is with --map {near}='{text}' (or --map '{text}'='{text}')"
+            )
+    return found
+
+
+def _say_given(heading: Heading, row: str | None, columns: Columns) -> None:
+    """Say that the unit of a --map wins over those of the header and of the row of units."""
+    given, own = shown_unit(heading.unit), read_heading(heading.text).unit
+    if others := {shown_unit(unit) for unit in (own, row) if unit is not None} - {given}:
+        columns.understood.append(
+            f"'{clipped(heading.text)}' is in {given}, as --map says, not in "
+            f"{' or '.join(sorted(others))}"
+        )
+
+
+def _mapped(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> dict[int, str]:
+    """Our name by the position of the column that the user says it is."""
+    wanted = dict[int, str]()
+    for ours, theirs in mapping.items():
+        exact = [i for i, text in enumerate(layout.headers) if text == theirs.strip()]
+        alike = [
+            i for i, text in enumerate(layout.headers)
+            if plain(theirs) in (plain(text), plain(re.split(r"[\[(]", text)[0]))
+        ]  # fmt: skip
+        at = exact or alike
+        if len(at) == 1 and at[0] not in wanted:
+            wanted[at[0]] = ours
+            continue
+        what = "no column" if not at else "several columns" if len(at) > 1 else "twice"
+        option = f"--map {clipped(ours)}={clipped(theirs)}"
+        columns.add(f"{option}: {what} '{clipped(theirs)}'. There is: {listed(layout.headers)}")
+    return wanted
+
+
+def _settle(found: dict[int, Heading], columns: Columns) -> None:
+    """Leave one column of each quantity, and give the others their own names."""
+    by_name: dict[str, list[int]] = {}
+    for position, heading in found.items():
+        by_name.setdefault(heading.name, []).append(position)
+    for name, positions in by_name.items():
+        best = min(found[i].rank for i in positions)
+        first, *others = [i for i in positions if found[i].rank == best]
+        if others:
+            columns.add(
+                f"two columns are named '{clipped(name)}' ('{clipped(found[first].text)}' and "
+                f"'{clipped(found[others[0]].text)}'), expected one: remove or rename the other, or say "
+                f"which with --map {clipped(name)}='{clipped(found[first].text)}'"
+            )
+        for i in positions:
+            if i != first:
+                own, text = found[i].text.partition("[")[0].strip(), found[i].text
+                taken = {heading.name for heading in found.values()}
+                own = text if own in taken else own
+                found[i] = found[i]._replace(name=own, rank=UNKNOWN, factor=1.0)
 
 
 def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
+    """Take a column as texts, or as numbers in SI."""
     name, cells = heading.name, columns.cells[heading.name]
     spec = COLUMNS.get(name) or (LAB_COLUMNS.get(name) if heading.rank != UNKNOWN else None)
-    if parsed is None:
-        if shown_unit(heading.unit):
+    if parsed is None or (spec is None and is_label(heading, parsed) and not parsed.blank.all()):
+        if parsed is not None:
+            columns.notes.append(
+                f"column '{clipped(name)}' is text: kept as a label, not used by any model"
+            )
+        elif shown_unit(heading.unit):
             columns.problem(f"unit '{heading.unit}' on a text", name)
-        if name == "contact":
-            cells = [contact_of(shown(cell)) for cell in cells]
-        columns.texts[name] = array_of_texts(cells)
+        texts = [c.strip() if isinstance(c, str) else shown(c) for c in cells]
+        longest = max(texts, key=len)
+        taken = sum(t.nbytes // 4 for t in columns.texts.values())
+        if taken + len(longest) * len(texts) > MOST_CHARACTERS:
+            what = (
+                f"a cell of {len(longest)} characters in a table of {len(texts)} rows: shorten it"
+            )
+            columns.problem(what, name, np.array([texts.index(longest)]))
+            columns.raise_any()
+        texts = [contact_of(text) for text in texts] if name == "contact" else texts
+        columns.texts[name] = np.array(texts, dtype=np.str_)
     elif parsed.blank.all():
         if name in ("load", "diameter"):
             columns.problem("the whole column is blank", name)
         else:
             columns.notes.append(f"column '{clipped(name)}' is blank throughout and is left out")
-    elif spec is None and heading.rank == UNKNOWN and is_label(heading, parsed):
-        columns.texts[name] = array_of_texts(cells)
-        columns.notes.append(
-            f"column '{clipped(name)}' is text: kept as a label, not used by any model"
-        )
     else:
         _take_numbers(columns, heading, parsed, spec or OTHER)
-
-
-# Before a plate touches the soil these are noise around 0: `plates` looks at what is under their range.
-BEFORE_TOUCH = ("load", "sinkage")
 
 
 def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
@@ -249,7 +397,7 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     _check_cells(columns, name, parsed)
     if unit == "%":  # a cell of 20 % is 20 below [%]
         values = np.where(parsed.percent, 100.0 * values, values)
-    elif shown_unit(unit) or shown_unit(expected):
+    elif parsed.percent.any() and (shown_unit(unit) or shown_unit(expected)):
         columns.problem(f"cells in per cent, expected {unit or expected}", name, parsed.percent)
     values = heading.factor * values
     if unit is not None:
@@ -269,11 +417,15 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
 def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
     """Add a problem for values of these rows that no wheel or plate has."""
     no_unit = columns.headings[name].unit is None
-    bad, wanted = spec.bad(values) & rows, spec.expected()
+    bad = spec.bad(values) & rows
     if no_unit and name in ("diameter", "width"):
         # a size that no small wheel has is in another unit, and not in metres
         low, high = spec.usual
         bad |= (values < low) | (values > high)
+    if not bad.any():
+        return
+    wanted = spec.expected()
+    if no_unit and name in ("diameter", "width"):
         wanted = wanted if spec.bad(values[bad]).any() else f"{low:g} to {high:g} m"
     hint = f"; {spec.hint}" if spec.hint else ""
     if spec.unit == "m" and no_unit:
@@ -284,52 +436,47 @@ def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, ro
 def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
     """Add a problem for each text that is no number, and for what is not finite."""
     cells = columns.cells[name]
-    by_text: dict[tuple[str, str], list[int]] = {}
+    by_text: dict[str, list[int]] = {}
     for row, fault in parsed.faults.items():
         # Of cells that are wrong in the same way the first says it all.
         text = shown(cells[row])
         why = fault or next((why for start, why in _ODD_CELLS if re.match(start, text)), "")
-        many = why or len(by_text) >= _MOST_TEXTS
-        key = next((t for t, w in by_text if w == why), text) if many else text
-        by_text.setdefault((key, why), []).append(row)
-    for (text, why), rows in by_text.items():
-        words = f": {why}" if why else ""
+        by_text.setdefault(why or text, []).append(row)
+    for why, rows in by_text.items():
+        text = shown(cells[rows[0]])
+        words = f": {why}" if why != text else ""
         columns.problem(f"'{text}' found, expected a number{words}", name, np.array(rows))
     bad = ~np.isfinite(parsed.values) & ~parsed.blank
     bad[list(parsed.faults)] = False
-    text = shown(cells[int(np.argmax(bad))])
-    wanted = "a finite number, or a blank cell where nothing was measured"
-    columns.problem(f"{text} found, expected {wanted}", name, bad)
+    if bad.any():
+        text = shown(cells[int(np.argmax(bad))])
+        wanted = "a finite number, or a blank cell where nothing was measured"
+        columns.problem(f"{text} found, expected {wanted}", name, bad)
 
 
-def take_size(columns: Columns, name: str, size: float | None) -> None:
-    """Take a diameter or width (m) for all rows, where it is given."""
-    if size is None:
-        return
+def take_size(columns: Columns, name: str, size: float) -> None:
+    """Take a diameter or width (m) for all rows."""
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
         columns.add(f"{name} given as {size!r} m, expected {spec.expected()}")
     elif name in columns.headings:
-        columns.problem(_GIVEN_TWICE.format(name), name)
+        columns.problem(f"{name} {_GIVEN_TWICE}", name)
     columns.numbers[name] = np.full(columns.lines.size, size)
     columns.units[name] = spec.unit
 
 
-def _say(columns: Columns, parsed: Collection[Numbers]) -> None:
+def _say(columns: Columns, parsed: Iterable[Numbers]) -> None:
     """Say in one line each what was understood of the headers and the cells."""
+    parsed = list(parsed)
     for heading in columns.headings.values():
-        if heading.rank == UNKNOWN:
-            continue
         unit = f" [{shown_unit(heading.unit)}]".replace(" []", "")
         weight = ", the weight of that mass" if "*g_0" in str(heading.unit) else ""
         twice = ", twice the radius" if heading.factor == 2.0 else ""
         made = f"{heading.name}{unit}{weight}{twice}"
-        if heading.text not in (heading.name, made, f"{heading.name} [-]", f"{heading.name} [1]"):
+        plainly = (heading.name, made, f"{heading.name} [-]", f"{heading.name} [1]")
+        if heading.rank != UNKNOWN and heading.text not in plainly:
             columns.understood.append(f"'{clipped(heading.text)}' -> {made}")
-    if any(p.comma for p in parsed):
-        columns.understood.append("decimal commas")
-    if any(p.percent.any() for p in parsed):
-        columns.understood.append("cells in per cent")
-    missing = sorted({text for p in parsed for text in p.missing})
-    if missing:
-        columns.understood.append(f"{', '.join(missing[:_MOST_SAID])}: read as blank")
+    columns.understood += ["decimal commas"] if any(p.comma for p in parsed) else []
+    columns.understood += ["cells in per cent"] if any(p.percent.any() for p in parsed) else []
+    if missing := sorted({text for p in parsed for text in p.missing}):
+        columns.understood.append(f"{', '.join(missing[:5])}: read as blank")

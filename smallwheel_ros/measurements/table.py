@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of wheels in soil: the table that everything is compared with.
+"""Measurements of wheels in soil, the table that everything is compared with; and shear tests.
 
 One row is one steady measurement of one wheel.
 """
@@ -23,7 +23,7 @@ from smallwheel_ros.physics.conditions import PLATE, Array, Conditions
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows"]
+__all__ = ["CHANNELS", "Measurements", "MeasurementsError", "Rows", "ShearTests"]
 
 Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
@@ -168,6 +168,35 @@ class Measurements(Result):
         )
 
 
+@dataclass(frozen=True)
+class ShearTests:
+    """Rows of shear tests; SI units, arrays of shape (rows,).
+
+    normal_stress, shear_stress: Pa. displacement: j of the soil at the annulus's middle radius or under
+    the plate, m. run: one test, a curve at one normal stress. soil: "" where the table names none.
+    line: of the file.
+    """
+
+    normal_stress: Array
+    shear_stress: Array
+    displacement: Array
+    run: Texts
+    soil: Texts
+    line: NDArray[np.intp]
+    notes: tuple[str, ...] = ()
+    understood: tuple[str, ...] = ()
+    source: str = ""
+    sha256: str = ""
+
+    def __len__(self) -> int:
+        return int(self.displacement.size)
+
+    def take(self, rows: Mask) -> ShearTests:
+        """Keep the rows of that mask."""
+        arrays = ("normal_stress", "shear_stress", "displacement", "run", "soil", "line")
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+
+
 def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
     """The different values in the order in which they first appear, and each row's index into them.
 
@@ -248,3 +277,13 @@ def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
         "source": ", ".join(table.source for table in tables),
         "sha256": hashlib.sha256(" ".join(t.sha256 for t in tables).encode()).hexdigest(),
     }
+
+
+def joined_shear(tables: Sequence[ShearTests]) -> ShearTests:
+    """The rows of several tables of shear tests, in order."""
+    if len(tables) == 1:
+        return tables[0]
+    names = ("normal_stress", "shear_stress", "displacement", "soil")
+    found = {name: np.concatenate([getattr(t, name) for t in tables]) for name in names}
+    notes = tuple(note for table in tables for note in table.notes)
+    return replace(tables[0], **joined_rows(tables), **found, notes=notes)

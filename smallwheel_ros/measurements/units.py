@@ -5,23 +5,16 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from contextlib import suppress
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.measurements.columns import DIMENSIONLESS, RADIAN, TORQUE, WORDS, Array
 
 if TYPE_CHECKING:
     import pint
-
-Array = NDArray[np.float64]
-
-RADIAN = "rad"
-DIMENSIONLESS = "1"
-TORQUE = "N m"
 
 
 class UnitsError(SmallwheelError):
@@ -78,40 +71,11 @@ def _unit(text: str) -> pint.Unit:
         raise UnitsError(_GRAD)
     try:
         return _registry().parse_units(plain)
-    except Exception as error:  # pint's parser raises whatever its tokenizer meets
-        raise UnitsError(f"unknown unit '{text}'{_near(text, error)}, {_EXAMPLES}") from None
+    except Exception:  # pint's parser raises whatever its tokenizer meets
+        raise UnitsError(f"unknown unit '{text}', {_EXAMPLES}") from None
 
 
-def _near(text: str, error: Exception) -> str:
-    """The unit that would be one in another case: of a compound the part that pint does not know."""
-    import pint
-
-    if not isinstance(error, pint.UndefinedUnitError):
-        return ""
-    part = str(error).split("'")[1] if "'" in str(error) else text
-    for other in (part.lower(), part.capitalize(), part.upper()):
-        with suppress(Exception):  # as above: whatever the parser meets
-            if other != part and _registry().parse_units(other):
-                return f" (case matters: '{other}' exists)"
-    return ""
-
-
-# As labs write units, and as pint reads them. Without accents and in lower case.
-_SPELLINGS = {
-    "kp": "kgf", "kilopond": "kgf", "lbs": "lb", "to": "t", "zoll": "inch", "pouce": "inch",
-    "pouces": "inch", "degres": "deg", "degre": "deg", "prozent": "%", "pct": "%",
-    "pourcent": "%", "percent": "%", "kmh": "km/h", "kph": "km/h", "mps": "m/s",
-    '"': "inch", "″": "inch", "”": "inch",
-    "zentimeter": "cm", "sekunden": "s", "sek": "s",
-}  # fmt: skip
 _GRAD = "'grad' may be a degree or a gon (100 to the right angle): write deg or gon"
-_WRITTEN = (
-    "mm cm dm m km µm in inch ft meter metre millimeter millimetre centimeter centimetre "
-    "N kN daN lbf kgf kg g t lb newton newtons kilonewton kilogram gram "
-    "Pa kPa MPa bar psi pascal N/mm^2 kN/m^2 N/m^2 kN/m2 N/m2 kg/m^3 kg/m3 g/cm^3 g/cm3 "
-    "m/s mm/s cm/s m/min km/h mph s min h Hz rpm deg ° rad % Nm N*m kNm Ncm degC °C K A V W"
-)
-_COMMON = {unit.lower(): unit for unit in _WRITTEN.split()}
 
 
 def _plain(text: str) -> str:
@@ -125,6 +89,12 @@ def is_common(text: str) -> bool:
     if len(text) == 1:
         return text in _COMMON.values()
     return text.lower() in _COMMON or _plain(text) in _SPELLINGS
+
+
+_SPELLINGS = {
+    _plain(text): str(unit) for unit, line in WORDS["spellings"].items() for text in line.split(",")
+}
+_COMMON = {unit.lower(): unit for unit in WORDS["units"].split()}
 
 
 @lru_cache(maxsize=1000)
@@ -210,21 +180,13 @@ def to_base(values: Array, unit: str, expected: str | None = None) -> Array:
     return np.asarray(converted, dtype=float)
 
 
-_NAMES = {
-    "[length]": "a length",
-    "[mass] * [length] / [time] ** 2": "a force",
-    "[length] * [mass] / [time] ** 2": "a force",
-    "[length] / [time]": "a speed",
-    "[mass]": "a mass",
-    "[time]": "a time",
-    "[mass] / [length] / [time] ** 2": "a pressure",
-    "[mass] * [length] ** 2 / [time] ** 2": "an energy or a torque",
-    "[current]": "an electric current",
-}
+_KINDS = {
+    "m": "a length", "N": "a force", "m/s": "a speed", "kg": "a mass", "s": "a time",
+    "Pa": "a pressure", "J": "an energy or a torque", "A": "an electric current",
+    RADIAN: "an angle", DIMENSIONLESS: "a pure number",
+}  # fmt: skip
 
 
 def _describe(unit: pint.Unit) -> str:
-    if unit.dimensionless:
-        return "an angle" if _base(unit) == RADIAN else "a pure number"
-    dimension = str(unit.dimensionality)
-    return _NAMES.get(dimension, f"of dimension {dimension}")
+    base = _base(unit)
+    return _KINDS.get(base, f"of dimension {base}")

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,26 +13,32 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
-from smallwheel_ros.measurements.offers import Offer, offer_of
-from smallwheel_ros.measurements.plates import (
+from smallwheel_ros.measurements.files import read_grid
+from smallwheel_ros.measurements.headers import UNKNOWN, meant
+from smallwheel_ros.measurements.lab import (
+    is_shear,
     keep_rows_on_soil,
     name_curves,
+    shear_tests,
     take_contact,
     take_plates,
 )
-from smallwheel_ros.measurements.reading import Columns, read_columns, take_size
+from smallwheel_ros.measurements.reading import Columns, listed, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
+    ends_of_runs,
     one_row_a_wheel,
     order_columns,
     set_columns,
     setting_codes,
 )
-from smallwheel_ros.measurements.several_sheets import joined_sheets, refuse_other_columns
-from smallwheel_ros.measurements.shear import ShearTests, is_shear, shear_tests
-from smallwheel_ros.measurements.sheets import read_grid
-from smallwheel_ros.measurements.suspicions import suspicions
-from smallwheel_ros.measurements.table import Measurements, codes_of, over_half
-from smallwheel_ros.measurements.words import UNKNOWN, meant
+from smallwheel_ros.measurements.table import (
+    Measurements,
+    ShearTests,
+    codes_of,
+    joined,
+    joined_shear,
+    over_half,
+)
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 
 if TYPE_CHECKING:
@@ -42,6 +48,10 @@ if TYPE_CHECKING:
 _AT_REST = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0}
 # A wheel that moves more across its plane than along it is ploughed, not rolled.
 _PLOUGHED = np.pi / 4
+_SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
+_SLIP_LIMIT = 0.95
+_STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
+_OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _VEHICLE = (
     "each run has one row of each of several wheels: they count as wheels of one vehicle at one "
     "place. If runs are numbered anew for each wheel, give each a name of its own"
@@ -79,10 +89,10 @@ def read_tests(
 ) -> Measurements | ShearTests:
     """Read a table of measurements; everything in SI units afterwards.
 
-    source: a CSV, xlsx, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
+    source: a CSV, xlsx, xls, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
     may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
     there is no such column. compliance: m/N by which the machine gives way; it is taken off the
-    sinkage. map: our name -> their header, for headers that are not understood: {"load": "F3"}. sheet:
+    sinkage. map: our name, with a unit or without, -> their header: {"load [kN]": "F3"}. sheet:
     of a workbook, by name or number; the rows of several are one table. shear: whether a table of shear
     tests is one to read.
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
@@ -90,40 +100,69 @@ def read_tests(
     """
     how: dict[str, Any] = {"diameter": diameter, "width": width, "contact": contact}
     how |= {"compliance": compliance, "shear": shear}
-    several = [] if sheet is None else [sheet] if isinstance(sheet, (str, int)) else [*sheet]
-    grids = [read_grid(source, one) for one in several] or [read_grid(source)]
+    one = sheet is None or isinstance(sheet, (str, int))
+    several: Sequence[Any] = [sheet] if one else list(sheet or ()) or [None]  # type: ignore[arg-type]
+    grids = [read_grid(source, name) for name in several]
     if len(grids) == 1:
-        return _read_or_offer(grids[0], map or {}, how)
-    refuse_other_columns(str(source), grids, map or {})
+        return _read_grid(grids[0], map or {}, **how)
     for grid in grids:
         grid.source = f"{source}, sheet '{clipped(grid.sheet)}'"
-    tables = [_read_or_offer(grid, map or {}, how) for grid in grids]
-    return joined_sheets(str(source), [grid.sheet for grid in grids], tables)
+    _refuse_other_columns(str(source), grids, map or {})
+    tables = [_read_grid(grid, map or {}, **how) for grid in grids]
+    return _joined_sheets(str(source), [clipped(grid.sheet) for grid in grids], tables)
 
 
-def _read_or_offer(
-    grid: Grid, mapping: Mapping[str, str], how: Mapping[str, Any]
+def _refuse_other_columns(path: str, grids: Sequence[Grid], mapping: Mapping[str, str]) -> None:
+    """Refuse sheets of different columns, and a sheet that was asked for twice. Raises MeasurementsError."""
+    names = [clipped(grid.sheet) for grid in grids]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise MeasurementsError(f"{path}: sheet '{twice}' is given twice")
+    first, *others = [_quantities(read_columns(grid, mapping)) for grid in grids]
+    for name, quantities in zip(names[1:], others, strict=True):
+        own = [(names[0], first - quantities), (name, quantities - first)]
+        only = [f"only '{n}' has {listed(sorted(lacks))}" for n, lacks in own if lacks]
+        if only:
+            key = "run" if "run" in first & quantities else "row"
+            raise MeasurementsError(
+                f"{path}: sheets '{names[0]}' and '{name}' have different columns: {'; '.join(only)}. "
+                "Expected the same columns on each, as their rows are put one after the other. Columns of "
+                f"one {key} that stand on several sheets have to be brought side by side in one sheet "
+                "first, in a spreadsheet with XLOOKUP or VLOOKUP"
+            )
+
+
+def _quantities(columns: Columns) -> set[str]:
+    """Columns by our names; a remark of one's own may stand on one sheet only."""
+    headings = columns.headings
+    return {n for n in headings if headings[n].rank != UNKNOWN or n not in columns.texts}
+
+
+def _joined_sheets(
+    path: str, sheets: Sequence[str], tables: Sequence[Measurements | ShearTests]
 ) -> Measurements | ShearTests:
-    """Read a grid, or refuse it with a line to paste where its headers are not understood."""
-    try:
-        return _read_grid(grid, mapping, **how)
-    except MeasurementsError as error:
-        given = [name for name in ("diameter", "width") if how[name] is not None]
-        offer = offer_of(grid, mapping, given)
-        if offer is None:
-            raise
-        raise MeasurementsError(f"{error}\n  {_offered(grid, offer, how)}") from None
-
-
-def _offered(grid: Grid, offer: Offer, how: Mapping[str, Any]) -> str:
-    """The line of an offer, and what is wrong all the same once it is pasted."""
-    said = f"By units, values and near words the headers may be as below: look, and paste\n    {offer.text()}"
-    try:
-        _read_grid(grid, offer.mapping, **how)
-    except MeasurementsError as error:
-        left = str(error).removeprefix(f"{grid.source}, ").removeprefix(f"{grid.source}: ")
-        return f"{said}\n    with it there is left: {left}"
-    return said
+    """The rows of several sheets, in order. Runs of one name on two sheets are different runs."""
+    called = " and ".join(f"'{sheet}'" for sheet in sheets)
+    # the source tells their runs apart
+    named = [replace(table, source=sheet) for sheet, table in zip(sheets, tables, strict=True)]
+    wheels = [table for table in named if isinstance(table, Measurements)]
+    shear = [table for table in named if isinstance(table, ShearTests)]
+    if wheels and shear:
+        raise MeasurementsError(
+            f"{path}: of the sheets {called} some are shear tests, and some are not"
+        )
+    warnings = []
+    understood = [f"rows of the sheets {called}, one after the other"]
+    for sheet, table in zip(sheets, tables, strict=True):
+        understood += [f"sheet '{sheet}': {line}" for line in table.understood]
+        warnings += [f"sheet '{sheet}': {line}" for line in getattr(table, "warnings", ())]
+    found = joined_shear(shear) if shear else replace(joined(wheels), warnings=tuple(warnings))
+    if found.run[0] != tables[0].run[0]:
+        understood.append(
+            "runs of one name on two sheets are different runs, with the sheet before the name: "
+            f"'{tables[0].run[0]}' is '{found.run[0]}'"
+        )
+    return replace(found, understood=tuple(understood), source=path, sha256=tables[0].sha256)
 
 
 def _read_grid(
@@ -142,15 +181,19 @@ def _read_grid(
             return shear_tests(columns)
         columns.add(_SHEAR)
         columns.raise_any()
-    take_size(columns, "diameter", diameter)
-    take_size(columns, "width", width)
+    for name, size in (("diameter", diameter), ("width", width)):
+        if size is not None:
+            take_size(columns, name, size)
     take_contact(columns, contact)
     take_plates(columns, compliance)
     _check_there(columns)
     _check_blanks(columns)
     _check_heights(columns)
+    if grid.shares:
+        _check_shares(columns)
     columns.raise_any()
-    name_curves(columns)
+    if (columns.contact != ROLLING).all():
+        name_curves(columns)
     if (columns.contact != ROLLING).any():
         keep_rows_on_soil(columns, _runs(columns))
     return _measurements(columns)
@@ -215,7 +258,7 @@ def _measurements(columns: Columns) -> Measurements:
         data,
         notes=tuple(notes),
         understood=tuple(columns.understood),
-        warnings=(*columns.warnings, *suspicions(data, columns.place)),
+        warnings=(*columns.warnings, *_suspicions(data)),
     )
 
 
@@ -233,7 +276,8 @@ def _check_there(columns: Columns) -> None:
     if not any(name in columns.headings or name in nearly for name in CHANNELS):
         wanted = ", ".join(CHANNELS)
         lacking.append(f"nothing was measured: expected at least one column of {wanted}")
-    columns.lacking(lacking)
+    if lacking:
+        columns.lacking(lacking)
     if not columns.found and not any(name in columns.numbers for name in CHANNELS):
         columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
@@ -244,8 +288,9 @@ def _check_blanks(columns: Columns) -> None:
     def check(names: Sequence[str], needed: Mask, words: str) -> None:
         for name in names:
             blank = np.isnan(columns.values(name))
-            if not blank.all():  # what is not there or wrong throughout is said elsewhere
-                columns.problem(words, name, blank & needed & columns.sound(name))
+            rows = blank & needed & columns.sound(name)
+            if rows.any() and not blank.all():  # all of them: that is said elsewhere
+                columns.problem(words, name, rows)
 
     check(("load", "diameter"), np.ones(columns.lines.size, dtype=bool), _BLANK)
     check(("width",), columns.contact != PLATE, _BLANK)
@@ -253,7 +298,7 @@ def _check_blanks(columns: Columns) -> None:
         texts = columns.texts.get(name)
         if texts is not None and (texts == "").all():
             del columns.texts[name]
-        elif texts is not None:
+        elif texts is not None and (texts == "").any():
             columns.problem(f"{_BLANK}; merged cells have to be filled", name, texts == "")
     check(SETTINGS, columns.contact == ROLLING, _BLANK_ROLLING)
 
@@ -319,4 +364,87 @@ def _check_heights(columns: Columns) -> None:
     ):
         values = columns.values(name, 0.0)
         over = over_half(values, d) & where & columns.read(name)
-        columns.outside(name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}")
+        if over.any():
+            columns.outside(
+                name, values, over, f"at most {0.5 * d[np.argmax(over)]:.6g} m, {words}"
+            )
+
+
+def _check_shares(columns: Columns) -> None:
+    """Add a problem for shares below a [%] in a workbook, whose cells may be shown in per cent."""
+    for name, heading in columns.headings.items():
+        most = float(np.nanmax(np.abs(columns.values(name)), initial=0.0))
+        if heading.unit == "%" and 0.0 < most <= _SHARES:
+            columns.problem(
+                f"{name} is {100.0 * most:.3g} % at most: are these shares, shown in per cent? Then the "
+                f"header is '{name}', without a unit",
+                name,
+            )
+
+
+def _suspicions(data: Measurements) -> Iterator[str]:
+    """Yield one sentence for each thing that deserves a second look: units, signs, runs."""
+    c, z = data.conditions, data.channels
+    odd: list[tuple[Mask, str]] = []
+    for name, spec in COLUMNS.items():
+        values = c[name] if name in c else np.full(len(data), np.nan)
+        unit = _OTHER_UNIT.get(spec.unit, spec.unit)
+        for rows, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
+            first = values[int(np.argmax(rows))]
+            odd.append(
+                (
+                    rows,
+                    f"{name} is {first:.4g} {spec.unit} {{}}, {word} than expected of a small "
+                    f"wheel: is the unit right? A header names it, like '{name} [{unit}]'",
+                )
+            )
+    blank = np.all([np.isnan(values) for values in z.values()], axis=0)
+    odd.append((blank, "nothing was measured {}"))
+    odd.append((data.sunk_to_axle, "sinkage is over half the diameter {}, where the wheel is dragged "
+                "across its plane: deeper than any model of a rolling wheel holds"))  # fmt: skip
+    depth = z.get("sinkage", np.full(len(data), np.nan))
+    third = (depth > c.diameter / 3) & (c.contact != PLATE) & ~data.sunk_to_axle
+    odd.append((third, "sinkage is over a third of the diameter {}"))
+    if "slip" in c:
+        odd.append(
+            (
+                np.abs(c["slip"]) > _SLIP_LIMIT,
+                f"slip is beyond ±{_SLIP_LIMIT} {{}}: a wheel that "
+                "spins on the spot or is dragged locked, outside the range of the models",
+            )
+        )
+    if "resistance" in z:
+        words = "resistance is negative {}: it is positive against the direction of travel"
+        odd.append((z["resistance"] < 0, words))
+    if "slip" in c and data.written_units.get("slip") == "%":
+        most = float(np.nanmax(np.abs(c["slip"]), initial=0.0))
+        shares = np.full(len(data), 0.0 < most <= _SHARES)
+        odd.append((shares, f"slip is {100.0 * most:.3g} % at most: if the numbers are shares and not "
+                    "per cent, the header is 'slip'"))  # fmt: skip
+    for rows, words in odd:
+        if rows.any():
+            first = f"{data.place} {data.line[int(np.argmax(rows))]}"
+            count = int(rows.sum())
+            yield words.format(
+                f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
+            )
+    if not data.runs_given or one_row_a_wheel(data):
+        return  # the wheels of a vehicle carry different loads, each one load
+    names, index = codes_of(data.run)
+    for what, column in (("wheels", data.wheel), ("soils", data.soil)):
+        low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
+        if (low < high).any():
+            yield (
+                f"run '{names[int(np.argmax(low < high))]}' has rows of several {what}: rows of one run "
+                "are repeats of one setting. If runs are numbered anew for each, give each a name of its own"
+            )
+    low, high = ends_of_runs(c.load, index, len(names))
+    rolling = np.bincount(index, c.rolling) > 0  # what is pressed in is a curve
+    wide = rolling & (high > _STEADY_LOAD * low)
+    if wide.any():
+        at = int(np.argmax(wide))
+        yield (
+            f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[at]}': "
+            f"{low[at]:.4g} to {high[at]:.4g} N): a curve, not repeats. Its rows stay "
+            "together in every split, and say nothing of the repeatability"
+        )

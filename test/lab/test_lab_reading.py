@@ -13,8 +13,7 @@ from lab_truth import plate_rows, shear, write
 
 from smallwheel_ros import api, cli
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.shear import ShearTests
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.table import Measurements, ShearTests
 from smallwheel_ros.measurements.wheels import read_measurements, read_tests
 from smallwheel_ros.model.model_file import read_model
 

@@ -6,9 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from smallwheel_ros.measurements.columns import (
@@ -25,7 +24,6 @@ from smallwheel_ros.measurements.settings import set_columns
 from smallwheel_ros.measurements.table import MeasurementsError
 from smallwheel_ros.measurements.units import to_base
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.physics.stresses import ShearLaw, wheel_forces
 
 GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "slip": "0.1"}
 
@@ -193,57 +191,6 @@ def test_lugs_higher_than_the_radius_are_refused(tmp_path: Path) -> None:
         "expected at most 0.1 m, the wheel's radius: is the unit right? (and 1 more like it: line 4)"
         "; the row begins with '60'"
     )
-
-
-def strongest(load: float, diameter: float, sinkage: float) -> float:
-    """Pull (N) on sand of 45 deg with the whole grip of the arc called on, by the integrals themselves."""
-    shear = ShearLaw(0.0, np.pi / 4, 1e-6)
-    forces = wheel_forces(load, sinkage, diameter, 0.1, 0.9, 1.0, shear)
-    return float(forces.thrust - forces.resistance)
-
-
-@given(st.floats(5.0, 500.0), st.floats(0.1, 0.6), st.floats(0.01, 0.25), st.floats(0.5, 1.5))
-def test_a_pull_that_no_sand_gives_is_a_warning_with_its_line(
-    load: float, diameter: float, depth: float, share: float
-) -> None:
-    """The limit is the largest pull of the balance of stresses, to some per cent of the load."""
-    limit = strongest(load, diameter, depth * diameter)
-    assume(abs(share * limit - limit) > 0.05 * load)
-    frame = pd.DataFrame({
-        "load": load, "diameter": diameter, "width": 0.1, "slip": [0.2, 0.3],
-        "sinkage": depth * diameter, "drawbar_pull": [0.1 * limit, share * limit],
-    })  # fmt: skip
-    said = [w for w in read_measurements(frame).warnings if "drawbar_pull" in w]
-    assert len(said) == (share > 1.0)
-    if said:
-        assert f"drawbar_pull is {share * limit:.4g} N in row 2, more than the " in said[0]
-        assert said[0].endswith("check load, pull and the zero of the sinkage")
-
-
-@pytest.mark.parametrize(
-    ("settings", "pull", "suspicious"),
-    [
-        ({"slip": 0.3}, 61.0, True),  # without a sinkage the load is the limit
-        ({"slip": 0.3}, 59.0, False),
-        ({}, 61.0, True),
-        ({"slip": -0.3}, 61.0, False),  # of a braked wheel the sign is another matter
-    ],
-)
-def test_a_pull_over_the_load_is_suspicious_of_driven_wheels(
-    settings: dict[str, float], pull: float, suspicious: bool
-) -> None:
-    frame = pd.DataFrame(
-        {"load": [60.0], "diameter": 0.2, "width": 0.1, "drawbar_pull": pull} | settings
-    )
-    found = any("can pull on the strongest sand" in w for w in read_measurements(frame).warnings)
-    assert found == suspicious
-
-
-def test_published_wheels_pull_what_sand_can_give(shared_data: Path) -> None:
-    for file in ("published_wheels/ding2011.csv", "published_wheels/kls1.csv",
-                 "cmu_wheel_rig/rolling_smooth_wheel.csv"):  # fmt: skip
-        warnings = read_measurements(shared_data / file).warnings
-        assert not any("drawbar_pull" in warning for warning in warnings), file
 
 
 @given(st.text("xyz_ 0", max_size=20), st.sampled_from(["", "1", "m", "s", "K"]))

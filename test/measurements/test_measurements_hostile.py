@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-import io
 import os
 import tracemalloc
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import messy_tables as messy
 import pytest
 
-from smallwheel_ros.measurements import cells
+from smallwheel_ros.measurements import cells, files, reading
 from smallwheel_ros.measurements.table import MeasurementsError
 from smallwheel_ros.measurements.wheels import read_measurements
 
@@ -85,7 +83,7 @@ def test_many_columns_of_long_texts_are_refused_together(tmp_path: Path) -> None
     path.write_text("\n".join([",".join([HEADER, *names]), *[f"{ROW},{texts}"] * 200]))
     assert len(read_measurements(path)) == 200
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cells, "MOST_CHARACTERS", 200 * 1000 * 29)
+        patch.setattr(reading, "MOST_CHARACTERS", 200 * 1000 * 29)
         assert "a cell of 1000 characters in a table of 200 rows" in fault(path)
 
 
@@ -98,9 +96,9 @@ def test_a_file_of_nothing_but_separators_is_refused(tmp_path: Path, separator: 
 
 def test_too_many_cells_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.csv").write_text("\n".join([HEADER, *[ROW] * 9]))
-    monkeypatch.setattr(cells, "MOST_CELLS", 40)
+    monkeypatch.setattr(files, "MOST_CELLS", 40)
     assert len(read_measurements(tmp_path / "a.csv")) == 9
-    monkeypatch.setattr(cells, "MOST_CELLS", 39)
+    monkeypatch.setattr(files, "MOST_CELLS", 39)
     assert "10 rows of 4 columns, expected at most 39 cells" in fault(tmp_path / "a.csv")
 
 
@@ -172,11 +170,6 @@ def test_what_unpacks_to_more_than_a_table_is_refused_unread(tmp_path: Path) -> 
     assert "bytes once unpacked, expected at most" in fault(path)
 
 
-def test_cells_that_hold_lists_are_refused(tmp_path: Path) -> None:
-    path = parquet(tmp_path / "a.parquet", {"path": [[1.0, 2.0]] * 3})
-    assert "column 'path': its cells are of the kind list<" in fault(path)
-
-
 def test_blank_boolean_and_time_columns_are_read(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     columns = {
@@ -193,22 +186,6 @@ def test_blank_boolean_and_time_columns_are_read(tmp_path: Path) -> None:
 
 
 # Workbooks
-
-
-def changed(book: bytes, part: str, old: bytes, new: bytes) -> bytes:
-    """The workbook with other bytes in one of its parts."""
-    target = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(book)) as before,
-        zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as after,
-    ):
-        for name in before.namelist():
-            content = before.read(name)
-            if name.endswith(part):
-                assert old in content
-                content = content.replace(old, new, 1)
-            after.writestr(name, content)
-    return target.getvalue()
 
 
 XLSX = messy.xlsx(A=[messy.ENGLISH, *map(list, messy.TRUTH)])
@@ -234,7 +211,7 @@ def test_a_workbook_that_unpacks_to_anything_is_refused(
     tmp_path: Path, book: bytes, part: str, old: bytes, new: bytes, words: str
 ) -> None:
     path = tmp_path / "a"
-    path.write_bytes(changed(book, part, old, new))
+    path.write_bytes(messy.changed(book, part, old, new))
     assert words in fault(path)
 
 
@@ -242,6 +219,6 @@ def test_a_stray_cell_in_the_last_corner_takes_no_memory(tmp_path: Path) -> None
     """A reader that makes the whole rectangle asks for 550 GB here."""
     corner = b'<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
     path = tmp_path / "a.xlsx"
-    path.write_bytes(changed(XLSX, "sheet1.xml", b"</sheetData>", corner))
+    path.write_bytes(messy.changed(XLSX, "sheet1.xml", b"</sheetData>", corner))
     with pytest.raises(MeasurementsError, match="column 16384 has no name"):
         read_measurements(path)

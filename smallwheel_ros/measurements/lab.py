@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of plates and pressed wheels in a table: pressure, rectangles, the machine's compliance, curves.
+"""Tests of a lab in a table: plates and pressed wheels (pressure, rectangles, compliance), and shear.
 
 load = pressure x area of the plate
 sinkage = measured sinkage - compliance x load
@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.measurements.columns import COLUMNS, Mask, Texts
+from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, Mask, Texts
 from smallwheel_ros.measurements.reading import BEFORE_TOUCH, Columns, check_range
 from smallwheel_ros.measurements.settings import Index, curves_of_rows
+from smallwheel_ros.measurements.table import ShearTests
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
 
@@ -23,6 +24,8 @@ _REBOUND = 0.002  # of the depth: less is noise of the sinkage
 _IN_ORDER = 0.7
 _FEWEST = 5  # rows of a curve
 _SAME_LOAD = 0.01  # of the load: a load cell reads a constant load to that
+_NEEDED = ("normal_stress", "shear_stress", "shear_displacement")
+_NEW_STRESS = 0.10  # of the normal stress: a change that begins another shear test
 _NO_AREA = (
     "pressure needs the area that it acts on, and that of a wheel changes with its depth: give the "
     "wheel's load; for plates say contact = plate (--contact plate)"
@@ -53,8 +56,10 @@ def take_contact(columns: Columns, given: str | None) -> None:
 def take_plates(columns: Columns, compliance: float | None) -> None:
     """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
-    _take_sizes(columns, plate)
-    _take_pressure(columns, plate)
+    if plate.any():
+        _take_sizes(columns, plate)
+    if columns.read("pressure"):
+        _take_pressure(columns, plate)
     for name in BEFORE_TOUCH:
         if columns.read(name):
             check_range(columns, name, COLUMNS[name], columns.numbers[name], rolling)
@@ -64,8 +69,6 @@ def take_plates(columns: Columns, compliance: float | None) -> None:
 
 def _take_sizes(columns: Columns, plate: Mask) -> None:
     """A round plate has a diameter; a rectangular one width and length, and an equivalent diameter."""
-    if not plate.any():
-        return
     diameter, width = columns.values("diameter"), columns.values("width")
     rectangular = np.zeros(plate.size, dtype=bool)
     if columns.read("length"):
@@ -90,7 +93,7 @@ def _take_pressure(columns: Columns, plate: Mask) -> None:
     """Load from pressure, where a plate's area is known."""
     load = columns.values("load")
     wanted = np.isnan(load)
-    if not columns.read("pressure") or not wanted.any():
+    if not wanted.any():
         return  # a column beside the load: a covariate, as any other
     pressure = columns.numbers.pop("pressure")
     columns.problem(_NO_AREA, "pressure", wanted & ~plate & np.isfinite(pressure))
@@ -124,7 +127,7 @@ def name_curves(columns: Columns) -> None:
     """
     texts, sinkage = columns.texts.get("run"), columns.numbers.get("sinkage")
     named = texts is not None and (texts != "").any()
-    if named or sinkage is None or (columns.contact == ROLLING).any():
+    if named or sinkage is None:
         return
     load, z = columns.numbers["load"], np.nan_to_num(sinkage)
     sizes = [columns.numbers["diameter"], np.nan_to_num(columns.values("width"))]
@@ -202,3 +205,55 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
             f"run '{name}': the load falls while the body goes deeper, and no law of pressure over depth "
             "does that: are load and sinkage in the right columns, with the right signs?"
         )
+
+
+def is_shear(columns: Columns) -> bool:
+    """Whether a table is one of shear tests: it has a shear stress, and no load beside a sinkage."""
+    wheels = columns.there("load") and columns.there("sinkage")
+    return "shear_stress" in columns.headings and not wheels
+
+
+def shear_tests(columns: Columns) -> ShearTests:
+    """The shear tests in the columns of a table.
+
+    Raises MeasurementsError that lists everything that is wrong.
+    """
+    columns.lacking(
+        f"no column '{name}' ({LAB_COLUMNS[name].description})"
+        for name in _NEEDED
+        if name not in columns.headings
+    )
+    sigma = columns.values("normal_stress")
+    columns.outside("normal_stress", sigma, sigma <= 0.0, "over 0")
+    columns.raise_any()
+    for name in (n for n in _NEEDED if n not in columns.numbers):
+        columns.problem("the whole column is blank", name)
+    columns.raise_any()
+    blank = np.any([np.isnan(columns.numbers[name]) for name in _NEEDED], axis=0)
+    if blank.any():
+        columns.understood.append(f"{int(blank.sum())} rows with a blank cell are left out")
+        columns.keep(~blank)
+    sigma, stress, j = (columns.numbers[name] for name in _NEEDED)
+    soil = columns.texts.get("soil", np.full(sigma.size, ""))
+    run = _shear_runs(columns, sigma, j, soil)
+    said = tuple(columns.notes), tuple(columns.understood)
+    return ShearTests(
+        sigma, stress, j, run, soil, columns.lines, *said, columns.source, columns.sha256
+    )
+
+
+def _shear_runs(columns: Columns, sigma: Array, j: Array, soil: Texts) -> Texts:
+    named = columns.texts.get("run")
+    if named is not None and (named != "").all():
+        return named
+
+    def other(first: int, row: int) -> bool:
+        new_stress = abs(sigma[row] - sigma[first]) > _NEW_STRESS * sigma[first]
+        return bool(new_stress or soil[row] != soil[first])
+
+    run = curves_of_rows([j], other)
+    columns.understood.append(
+        f"no column 'run': {int(run[-1]) + 1} tests, each begins where the normal stress changes or the "
+        "displacement begins anew"
+    )
+    return np.array([f"test {i + 1}" for i in run])
