@@ -33,7 +33,7 @@ from smallwheel_ros.common.parameter import Parameter
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 
-from .align import GRAVITY, SPEED_VARIANCE
+from .ground import GRAVITY, SPEED_VARIANCE
 from .tables import SECOND, Array, Columns, Flags, Integers
 from .twist_filter import LONGEST, TwistFilter
 
