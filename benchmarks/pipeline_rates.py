@@ -58,7 +58,7 @@ def rows_of(readings: Sequence[Reading], wheels: tuple[Wheel, ...]) -> Readings:
         return np.array([math.nan if g is None else g for g in given], dtype=float)
 
     onward = np.array([r.onward for r in readings])
-    passes, doubt = rut_of(wheels, number, onward)
+    passes, doubt = rut_of(wheels, number, onward, np.full(len(readings), math.nan))  # no places
     std = "standard_deviation"
     return table_of(
         stamp=np.array([r.stamp for r in readings]), wheel=number, sinkage=value("sinkage"),

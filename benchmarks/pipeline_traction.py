@@ -46,7 +46,7 @@ def rows_of(drive: TractionDrive, settings: OnboardSettings, kind: str) -> Readi
     travel, rim = each(drive.odometry), drive.rim.ravel()
     std = np.full(count, 0.01)
     slip, slip_std, _ = slip_of(travel, std, rim, 0.01 * rim, 0.01)
-    passes, doubt = rut_of(settings.wheels, wheel, yes)
+    passes, doubt = rut_of(settings.wheels, wheel, yes, none)  # these drives tell no places
     return table_of(
         stamp=(each(1e9 * drive.time) + wheel).astype(np.int64), wheel=wheel,
         sinkage=drive.shown_sinkage.ravel(), sinkage_std=np.full(count, 1e-3),
