@@ -59,3 +59,9 @@ def test_imports_go_up_the_list_of_rooms() -> None:
                 wrong.append(f"{inside}: {module}")
     assert not wrong, wrong
     assert set(order) <= met, f"rooms that are gone: {set(order) - met}"
+
+
+def test_no_two_test_files_have_one_name(repository: Path) -> None:
+    """Tests import from each other by name: of two the one that was collected first would be meant."""
+    names = [path.stem for path in (repository / "test").glob("**/*.py")]
+    assert sorted(set(names)) == sorted(names)

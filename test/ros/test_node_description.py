@@ -93,7 +93,10 @@ def test_a_node_without_diameters_waits_for_the_description(
         # One that cannot be read changes nothing, and is in the diagnostics.
         publish(peer, "<robot>")
         peer.spin_until(
-            lambda: "robot description: it is no XML" in getattr(peer.entry("parameters"), "message", ""),
+            lambda: (
+                "robot description: it is no XML"
+                in getattr(peer.entry("parameters"), "message", "")
+            ),
             "a diagnostic",
         )
         assert parameters(peer, *FILLED) == [0.2, 0.4, 1]
