@@ -14,6 +14,7 @@ from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
+from smallwheel_ros.diagnosis.held_out import with_forces
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
@@ -148,22 +149,39 @@ def add_effect(
     wanted = _forms_of(effect, Problem.of(measurements, base), known)
     judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
     problem = judged.problem
-    base_model = Grown.of(problem)
-    grown = base_model.with_effect(problem, wanted)
-    before, after = base_model.held_out(problem), grown.held_out(problem)
+    model, before, after = _step(effect, judged, wanted)
     change = compare_cv(before, after)
     recommended, reason = _recommended(effect, judged, change)
-    form = grown.model.competitors[0]
+    form = next(c for c in model.competitors if c.family == effect)
     return Added(
         effect,
         form.geometry or form.form,
-        replace(problem.result(grown.model.fit), held_out=after.rmse()),
+        replace(problem.result(model.fit), held_out=after.rmse()),
         before,
         after,
         change,
         recommended,
         reason,
     )
+
+
+def _step(
+    effect: str, judged: Diagnosis, forms: Sequence[Competitor]
+) -> tuple[CandidateFit, CvErrors, CvErrors]:
+    """The model with the effect, and the held-out errors without and with it.
+
+    Where the diagnosis adds it to the base as its first step, that step: one step has one error.
+    """
+    if len(judged.steps) > 1 and judged.steps[1].added == effect:
+        first, second = judged.steps[:2]
+        if any(c.family == effect for c in second.model.competitors):
+            return second.model, first.errors, second.errors
+    problem, deciding = judged.problem, judged.problem.judged
+    base = Grown.of(deciding)
+    grown = base.with_effect(deciding, forms)
+    errors = [base.held_out(deciding), grown.held_out(deciding)]
+    before, after = with_forces(problem, [base.model, grown.model], errors)
+    return grown.model, before, after
 
 
 def _check_column(effect: str, measurements: Measurements, registry: Registry) -> None:

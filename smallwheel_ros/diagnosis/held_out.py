@@ -52,7 +52,7 @@ def steps_of(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict
             f"on runs that the choice never saw, the error of {listed(worse)} rises with what is named: "
             "its law does not carry over to settings outside those measured"
         )
-    if judged is not problem:
+    if problem.forces_apart:
         errors = with_forces(problem, models, errors)
         rising = compare_cv(errors[0], errors[-1]).worse
         worse = tuple(words(name) for name in rising if name in problem.points.forces)
@@ -132,7 +132,7 @@ def with_forces(
     problem: Problem, models: Sequence[CandidateFit], errors: list[CvErrors]
 ) -> list[CvErrors]:
     """Errors of models of the judged channels, with those of pull and torque, which had no say in them."""
-    if problem.judged is problem:
+    if not problem.forces_apart:
         return errors
     full = [replace(m, fit=problem.with_all_channels(m.fit)) for m in models]
     return [

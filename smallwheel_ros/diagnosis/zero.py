@@ -25,7 +25,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.problem import Base, Problem, make_fitter
+from smallwheel_ros.fitting.problem import Base, Problem, fit_points
 from smallwheel_ros.measurements.display import listed, number, words
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -82,7 +82,7 @@ def witness(points: Points, registry: Registry, blocked: frozenset[str]) -> Witn
     mine = _as_measured(points)
     if len(mine) < 2:
         return None
-    fitter, none = make_fitter(mine, Base(effects=(_AsShown(),)).vector(mine))
+    fitter, none = fit_points(mine, Base(effects=(_AsShown(),)).vector(mine), working=False)
     share = constants.EXPECTED_EFFECTS / len(registry.families)
     made = [_with(fitter, none, effect, share) for effect in _faults(registry, blocked)]
     found = [one for one in made if one is not None]

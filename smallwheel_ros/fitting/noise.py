@@ -4,7 +4,7 @@
     sigma^2 = absolute^2 + (relative * level)^2    by channel, from sums of squares within points
 
 Where the table states deviations, these are taken times one factor, which repeats determine. The level is
-the size of the value as the model has it; of pull the load, of torque the load times the radius.
+the size of the value as a line through the table has it (`levels_of`).
 """
 
 from __future__ import annotations
@@ -30,9 +30,11 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 Source = Literal["repeats", "declared", "residuals"]
 
 _SMALLEST = 0.05  # of a channel's median: least level of a value
+_VALUES_A_COLUMN = 2  # at least, of a line through the sizes: fewer would follow single values
 _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
 MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
 NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
@@ -52,39 +54,53 @@ def wheel_discrepancy(conditions: Conditions) -> Array:
     return np.where(high, FORCE_LUGS, FORCE_WHEEL)
 
 
-def first_levels(points: Points) -> Array:
-    """The size of each value before any fit: as measured, a curve by its own power law of the load.
+def levels_of(points: Points) -> Array:
+    """The size of each value: a line through the table, which no model and no effect moves.
 
-    A curve along which the load hardly changes (slip was swept) has one size: were each value its own,
-    a model that predicts nothing would have the same relative error all along, and that is what a run
-    may be off by as a whole.
+    By channel, ln size = its soil's own + b . (ln load, ln sizes, slip, slip^2, speed, pass), by least
+    squares of ln value; of pull the load, of torque the load times the radius.
+
+    Not the value itself: relative errors by what was measured pull every fit below it, the more the more
+    values share an error (Peelle's puzzle; Fruehwirth et al. 2012, EPJ Web of Conferences 27, 00008). And
+    not a model's prediction: models are compared by evidence under one and the same variance.
     """
-    level = _of_setting(points)
-    loads = points.column("load")
-    for channel in range(len(points.channels)):
-        mine = points.channel == channel
-        if points.channels[channel] in FORCES:
-            level[mine] = of_load(points.conditions, points.channels[channel])[points.row[mine]]
-            continue
-        for run in np.unique(points.run[mine & points.swept]):
-            curve = np.flatnonzero(mine & points.swept & (points.run == run) & (points.value > 0))
-            if curve.size > 2:
-                load, value = np.log(loads[curve]), np.log(points.value[curve])
-                line = np.polyfit(load, value, 1) if np.ptp(load) > 0.1 else [value.mean()]
-                level[curve] = np.exp(np.polyval(line, load))
+    level = np.maximum(np.abs(points.value), 1e-12)
+    named = points.conditions.soil
+    soil = np.zeros(len(points), dtype=np.intp)
+    if named is not None:
+        soil = np.unique(named, return_inverse=True)[1].reshape(-1)[points.row]
+    columns = _line_columns(points)
+    for name in points.channels:
+        mine = points.of_channel(name)
+        if name in FORCES:
+            level[mine] = of_load(points.conditions, name)[points.row[mine]]
+        elif (use := mine & (points.value > 0)).any():
+            level[mine] = _line(points.value, use, soil, columns)[mine]
     return _floored(points, level)
 
 
-def _of_setting(points: Points) -> Array:
-    """Mean size of the values of one setting and channel, shape (values,); of a curve each its own.
+def _line_columns(points: Points) -> Array:
+    """What a size may depend on, the most likely first, shape (values, columns)."""
+    columns = [np.log(points.column(name)) for name in ("load", "diameter", "width")]
+    for name in ("slip", "pass_number", "speed"):
+        if name in points.conditions:
+            column = points.column(name)
+            columns += [column, column**2] if name == "slip" else [column]
+    return np.column_stack(columns)
 
-    Not each value's own: relative errors of a model that predicts nothing would all be one.
-    """
-    size = np.maximum(np.abs(points.value), 1e-12)
-    key = points.setting * len(points.channels) + points.channel
-    code = np.unique(key, return_inverse=True)[1].reshape(-1)
-    mean = np.exp(np.bincount(code, np.log(size)) / np.bincount(code))
-    return np.where(points.swept, size, mean[code])
+
+def _line(value: Array, use: Mask, soil: Index, columns: Array) -> Array:
+    """The line through the values in use, at each value, within what was measured, shape (values,)."""
+    own = np.eye(int(soil.max()) + 1)[soil]
+    known = np.isfinite(columns).all(axis=0)
+    varied = np.flatnonzero(known & (np.ptp(np.where(known, columns, 0.0)[use], axis=0) > 1e-6))
+    room = int(use.sum()) // _VALUES_A_COLUMN - np.count_nonzero(own[use].any(axis=0))
+    line = np.hstack([own, columns[:, varied[: max(room, 0)]]])
+    # Of small values the logarithm is uncertain, and their size matters least.
+    weight = np.sqrt(np.minimum(value[use] / np.median(value[use]), 1.0))
+    found = np.linalg.lstsq(line[use] * weight[:, None], np.log(value[use]) * weight, rcond=1e-8)[0]
+    ends = np.log([value[use].min(), value[use].max()])
+    return np.asarray(np.exp(np.clip(line @ found, *ends)))
 
 
 def _floored(points: Points, level: Array) -> Array:
@@ -93,15 +109,6 @@ def _floored(points: Points, level: Array) -> Array:
         least = _SMALLEST * float(np.median(level[mine]))
         level[mine] = np.maximum(level[mine], max(least, 1e-9))
     return level
-
-
-def levels_from(points: Points, predicted: Array) -> Array:
-    """The size of each value as a model has it; of pull the load, of torque that times the radius."""
-    level = np.abs(predicted)
-    for name in points.forces:
-        mine = points.of_channel(name)
-        level[mine] = of_load(points.conditions, name)[points.row[mine]]
-    return _floored(points, level)
 
 
 @dataclass(frozen=True)

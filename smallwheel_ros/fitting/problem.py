@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate
-from smallwheel_ros.fitting.noise import first_levels, levels_from, outlier_rows, repeats_of
+from smallwheel_ros.fitting.noise import levels_of, outlier_rows, repeats_of
 from smallwheel_ros.fitting.parameters import (
     SOIL_PARAMETERS,
     STRENGTH_PARAMETERS,
@@ -41,8 +41,6 @@ from smallwheel_ros.physics.traction import ThrustForm
 _GRID = ("log_reference_pressure", "n")  # what a fit begins from a grid in
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
-_LEVELS = 6  # times at most that the levels are taken from the fit itself
-_LEVEL_RESTS = 1e-3  # of a level: estimates then rest to some 0.001 of their deviations
 _ONE_SIZE = 1.02  # wheels that differ by less are of one diameter: m is then not determined
 
 
@@ -246,45 +244,33 @@ def opening(points: Points, vector: ParameterVector) -> Array:
     return theta
 
 
-def make_fitter(
-    points: Points, vector: ParameterVector, start: Array | None = None, *, working: bool = False
+def fit_points(
+    points: Points, vector: ParameterVector, start: Array | None = None, *, working: bool = True
 ) -> tuple[Fitter, Fit]:
-    """A fitter whose levels suit these points, and the fit of that model with it. working: see `Fitter`.
+    """A fitter of these points, and the fit of that model with it. start: theta. working: see `Fitter`.
 
     Raises FittingError where there are too few values.
     """
     if len(points) < 2:
         raise FittingError("one measurement cannot be fitted: measure at least a few loads")
-    level = first_levels(points)
+    level = levels_of(points)
     fitter = Fitter(points, level, repeats_of(points, level), working=working)
     fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
     return fitter, fitter.fit(vector, fit.theta, fit.scatter)
 
 
-def fit_points(
-    points: Points, vector: ParameterVector, start: Array | None = None
-) -> tuple[Fitter, Fit]:
-    """Fit one model for people, with the levels of the noise from its own predictions. start: theta.
-
-    Raises FittingError where there are too few values.
-    """
-    fitter, fit = make_fitter(points, vector, start, working=True)
-    for _ in range(_LEVELS):
-        level = levels_from(points, fit.predicted)
-        if np.allclose(level, fitter.level, rtol=_LEVEL_RESTS, atol=0.0):
-            break
-        fitter = Fitter(points, level, repeats_of(points, level), working=True)
-        fit = fitter.fit(vector, fit.theta, fit.scatter)
-    return fitter, fit
-
-
 @dataclass(frozen=True)
 class Problem:
-    """The points of a table, and the model on them. outliers: rows that were left out."""
+    """The points of a table, and the model on them.
+
+    outliers: rows that were left out. judging: pull and torque are weighed as evidence, by what their
+    law is off by too, and not by their scatter alone as in a fit (`Fitter.working`).
+    """
 
     points: Points
     outliers: NDArray[np.intp]
     base: Base
+    judging: bool = False
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
@@ -316,7 +302,7 @@ class Problem:
 
     @cached_property
     def _made(self) -> tuple[Fitter, Fit]:
-        return make_fitter(self.points, self.vector, working=self.judged is not self)
+        return fit_points(self.points, self.vector, working=not self.judging)
 
     @property
     def fitter(self) -> Fitter:
@@ -356,11 +342,18 @@ class Problem:
     @cached_property
     def judged(self) -> Problem:
         """The channels that decide about effects: all, but pull and torque only where they are alone."""
-        if len(self.points.forces) in (0, len(self.points.channels)):
+        if self.judging or not self.points.forces:
             return self
+        if not self.forces_apart:
+            return replace(self, judging=True)
         points = self.points.only([n for n in self.points.channels if n not in FORCES])
         parts = tuple(self.base.told.get(part.id, part) for part in self.base.parts)
-        return replace(self, points=points, base=replace(self.base, parts=parts))
+        return replace(self, points=points, base=replace(self.base, parts=parts), judging=True)
+
+    @property
+    def forces_apart(self) -> bool:
+        """Whether there are pull and torque that do not decide about effects."""
+        return len(self.points.forces) not in (0, len(self.points.channels))
 
     def _own(self, fit: Fit) -> tuple[ParameterVector, Array]:
         """The parameters of a fit of the judged channels, for all channels, and where they start."""
@@ -374,6 +367,9 @@ class Problem:
         return self.fitter.fit(*self._own(fit), self.fit.scatter)
 
     def result(self, fit: Fit | None = None) -> FitResult:
-        """A model, the base where None, fitted for people and files, with the noise at its own level."""
-        fitter, own = fit_points(self.points, *((self.vector,) if fit is None else self._own(fit)))
-        return result_of(fitter, own, self.outliers)
+        """A model of the judged channels, the base where None, fitted to all, for people and files."""
+        if fit is None:
+            fit = self.fit
+        elif self.points.forces:
+            fit = self.with_all_channels(fit)
+        return result_of(self.fitter, fit, self.outliers)

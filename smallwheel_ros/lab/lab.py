@@ -22,7 +22,7 @@ from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.fitted import FittedParameter, WithParameters
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
-from smallwheel_ros.fitting.problem import Base, Problem, base_of, fit_points
+from smallwheel_ros.fitting.problem import Base, Problem, base_of
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.lab.agreement import Agreement, agreements
 from smallwheel_ros.lab.plates import PlateLaws, laws_document, laws_text, plate_laws
@@ -171,7 +171,7 @@ def fit_lab(
         progress("load and sinkage")
         start = base or (Base() if known is None else base_of(known, measurements))
         problem = Problem.of(measurements, start)
-        fitter, own = fit_points(problem.points, problem.vector)
+        fitter, own = problem.fitter, problem.fit
         errors = problem.held_out()
         held_out = {} if errors is None else errors.rmse()
         fit = replace(result_of(fitter, own, problem.outliers), held_out=held_out)
@@ -203,7 +203,7 @@ def _laws(
         try:
             if not here.all() or problem.base != Base():
                 alone = Problem.of(measurements.take(here))
-                own_fitter, own = fit_points(alone.points, alone.vector)
+                own_fitter, own = alone.fitter, alone.fit
             found.append(plate_laws(own_fitter, own, name or "soil"))
         except FittingError as error:
             notes.append(str(error))

@@ -519,3 +519,26 @@ def test_on_the_rig_every_base_model_leaves_an_error_that_follows_slip() -> None
         assert far.bias > 5e-3  # a wheel that slips digs itself in
         assert near.bias < -3 * repeats
         assert far.rmse > 10 * repeats
+
+
+@pytest.mark.parametrize(
+    "channels", [("sinkage", "resistance"), ("sinkage", "drawbar_pull"), ("drawbar_pull",)]
+)
+def test_the_error_that_is_shown_is_that_of_the_fit(
+    tmp_path: Path, channels: tuple[str, ...]
+) -> None:
+    """One optimum: `fit`, `compare` and `diagnose` fit one law to one table under one noise."""
+    write_table(
+        simulate_rig(RigSettings(seed=31, runs=12, channels=channels)).table, tmp_path / "r.csv"
+    )
+    data = read_measurements(tmp_path / "r.csv")
+    own = fit(data).in_sample.rmse()
+    shown = compare(data, [Contender("plain", "", Base())], standard=False)
+    compared = shown.models[0].in_sample.rmse()
+    held_out = shown.models[0].held_out
+    assert held_out is not None
+    step = diagnose(data).steps[0].errors.rmse()
+    for name, rmse in own.items():
+        assert compared[name] == pytest.approx(rmse, rel=1e-9)
+        if name == "sinkage":
+            assert step[name] == pytest.approx(held_out.rmse()[name], rel=1e-9)

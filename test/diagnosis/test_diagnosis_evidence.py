@@ -180,6 +180,16 @@ def test_what_is_recommended_is_what_is_named() -> None:
     assert "speaks for slip_sinkage" in wrong.reason
 
 
+def test_one_step_has_one_error_whatever_command_asks() -> None:
+    measured = DIGGING.measure(rolled(0, 14), 1)
+    judged, added = diagnose(measured), add_effect("slip_sinkage", Base(), measured)
+    before, after = (step.errors.rmse() for step in judged.steps)
+    assert (added.before.rmse(), added.after.rmse()) == (before, after)
+    base = judged.problem.held_out()
+    assert base is not None
+    assert base.rmse() == pytest.approx(before, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     "name", ["sinkage_gain", pytest.param("slip_sinkage", marks=pytest.mark.slow)]
 )

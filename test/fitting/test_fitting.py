@@ -8,17 +8,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from fitted import fit_model
+from plain_rig import table as plain_table
 
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base, FittingError
 from smallwheel_ros.fitting.fit import Predictor
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.fitting.problem import soil_priors
+from smallwheel_ros.fitting.problem import fit_points, soil_priors
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.prediction.prediction import predict_table
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
@@ -203,3 +206,29 @@ def test_recorded_press_curves(shared_data: Path) -> None:
     np.testing.assert_allclose(fit.predict(at).sinkage, [7.3e-3, 10.7e-3, 22.2e-3], rtol=0.12)
     m = next(p for p in fit.parameters if p.name == "m")
     assert m.status == "held"
+
+
+@pytest.mark.parametrize("share", [0.05, 0.15, 0.3])
+def test_an_error_that_values_share_does_not_bias_a_fit(share: float) -> None:
+    """Peelle's puzzle: with sizes of relative errors taken from the values a fit lies below them."""
+    load, off = np.tile(np.geomspace(20.0, 120.0, 8), 5), []
+    run = np.repeat([f"r{i}" for i in range(5)], 8).tolist()
+    exact = predict(Model(Soil("soil", 1e6, 0.9, 0.0)), Conditions.of(load, 0.2, 0.1)).sinkage
+    for seed in range(12):
+        noise = np.random.default_rng([seed, 5]).normal(0.0, share, load.size)
+        points = points_of(plain_table({"sinkage": exact * (1.0 + noise)}, run, load=load))
+        _, fit = fit_points(points, Base().vector(points))
+        off.append(float(np.mean(fit.predicted / exact)) - 1.0)
+    assert abs(np.mean(off)) < 0.1 * share
+
+
+def test_no_start_changes_a_fit_beyond_its_tolerance(tmp_path: Path) -> None:
+    measurements = table(tmp_path, simulate_rig(RigSettings(seed=2014)).table)
+    points = points_of(measurements)
+    vector = Base().vector(points)
+    _, fit = fit_points(points, vector)
+    deviations = np.sqrt(np.diag(fit.covariance))
+    for sign in (-3.0, 3.0):
+        _, other = fit_points(points, vector, fit.theta + sign * deviations)
+        assert np.all(np.abs(other.theta - fit.theta) < 0.3 * deviations)
+        assert other.evidence == pytest.approx(fit.evidence, abs=0.1)
