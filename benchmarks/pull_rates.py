@@ -217,7 +217,7 @@ def beside_least_squares(problem: Problem) -> tuple[float, float]:
         theta[free] = x
         return np.asarray(((points.value - fitter.predictor(vector, theta)) / fitter.level)[mine])
 
-    low, high = vector.low[free], vector.high[free]
+    low, high = (bound[free] for bound in vector.bounds)
     start = np.clip(fit.theta[free], low + 1e-6 * (high - low), high - 1e-6 * (high - low))
     best = least_squares(errors, start, bounds=(low, high), x_scale=vector.scale[free])
     return float(np.sqrt(np.mean(errors(fit.theta[free]) ** 2))), float(

@@ -17,14 +17,12 @@ VIEWS: dict[str, dict[str, str]] = {
         "Benchmark": "report.benchmark:benchmark_text",
         "Measurements": "report.measured:measured_text",
         "Model": "model.model_file:model_text",
-        "FitResult": "fitting.document:fit_text",
         "Diagnosis": "report.diagnosis:diagnosis_text",
         "Replayed": "replay.report:replay_text",
     },
     "document": {
         "Benchmark": "report.benchmark:benchmark_document",
         "Model": "model.model_file:model_document",
-        "FitResult": "fitting.document:fit_document",
         "Comparison": "compare.shown:comparison_document",
     },
     "rows": {

@@ -16,13 +16,13 @@ from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
 from smallwheel_ros.diagnosis.held_out import with_forces
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
-from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
+from smallwheel_ros.diagnosis.search import Candidate, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
-from smallwheel_ros.fitting.fit import FAILURES, Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import (
     Comparison,
     CvErrors,
@@ -76,16 +76,20 @@ class Added(Result):
         lines = [f"{words(self.effect)} ({self.form}), held-out error before and after"]
         for row in self.rows():
             name = row["channel"]
-            first, second = (
-                shown_value(name, row[when]) + _deviation(name, row[f"{when}_std"])
+            sides = [
+                shown_value(name, row[when])
+                + (
+                    ""
+                    if row[f"{when}_std"] is None
+                    else f" +- {shown_value(name, row[f'{when}_std'])}"
+                )
                 for when in ("before", "after")
-            )
-            lines.append(f"  {words(name)}: {first} -> {second}")
+            ]
+            lines.append(f"  {words(name)}: {' -> '.join(sides)}")
         lines.append(self.reason or "recommended: the diagnosis of this data names it")
-        for p in self.fit.parameters:
-            if p.owner == self.effect:
-                std = "" if p.std is None else f" +- {number(p.std)}"
-                lines.append(f"  {p.full_name} = {number(p.value)}{std}")
+        for p in (p for p in self.fit.parameters if p.owner == self.effect):
+            std = "" if p.std is None else f" +- {number(p.std)}"
+            lines.append(f"  {p.full_name} = {number(p.value)}{std}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -106,18 +110,16 @@ class Added(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """Held-out errors before and after, by channel."""
-        before, after = self.before.scores(), self.after.scores()
-        return [
-            {
-                "channel": name,
-                "unit": CHANNEL_UNITS[name],
-                "before": score.rmse,
-                "before_std": score.rmse_std,
-                "after": after[name].rmse if name in after else None,
-                "after_std": after[name].rmse_std if name in after else None,
-            }
-            for name, score in before.items()
-        ]
+        sides = {"before": self.before.scores(), "after": self.after.scores()}
+        found = []
+        for name in sides["before"]:
+            row: dict[str, Any] = {"channel": name, "unit": CHANNEL_UNITS[name]}
+            for when, scores in sides.items():
+                score = scores.get(name)
+                row[when] = None if score is None else score.rmse
+                row[f"{when}_std"] = None if score is None else score.rmse_std
+            found.append(row)
+        return found
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw the held-out error before and after. channel: the first that was measured if not given."""
@@ -125,10 +127,6 @@ class Added(Result):
 
     def _writers(self) -> dict[str, Writer]:
         return super()._writers() | self.model._writers()
-
-
-def _deviation(channel: str, std: float | None) -> str:
-    return "" if std is None else f" +- {shown_value(channel, std)}"
 
 
 def add_effect(
@@ -152,11 +150,12 @@ def add_effect(
     model, before, after = _step(effect, judged, wanted)
     change = compare_cv(before, after)
     recommended, reason = _recommended(effect, judged, change)
-    form = next(c for c in model.competitors if c.family == effect)
+    named = model.competitors if isinstance(model, Candidate) else ()
+    form = next((c for c in named if c.family == effect), wanted[0])
     return Added(
         effect,
         form.geometry or form.form,
-        replace(problem.result(model.fit), held_out=after.rmse()),
+        replace(problem.result(model), held_out=after.rmse()),
         before,
         after,
         change,
@@ -167,15 +166,14 @@ def add_effect(
 
 def _step(
     effect: str, judged: Diagnosis, forms: Sequence[Competitor]
-) -> tuple[CandidateFit, CvErrors, CvErrors]:
+) -> tuple[Fit, CvErrors, CvErrors]:
     """The model with the effect, and the held-out errors without and with it.
 
     Where the diagnosis adds it to the base as its first step, that step: one step has one error.
     """
     if len(judged.steps) > 1 and judged.steps[1].added == effect:
         first, second = judged.steps[:2]
-        if any(c.family == effect for c in second.model.competitors):
-            return second.model, first.errors, second.errors
+        return second.model, first.errors, second.errors
     problem, deciding = judged.problem, judged.problem.judged
     base = Grown.of(deciding)
     grown = base.with_effect(deciding, forms)
@@ -190,16 +188,13 @@ def _check_column(effect: str, measurements: Measurements, registry: Registry) -
     Any other effect passes. Raises EffectError.
     """
     kind, _, name = effect.partition(":")
-    conditions = measurements.conditions
-    free = [column for column in conditions.covariates if column not in SETTINGS]
+    covariates = measurements.conditions.covariates
+    free = [column for column in covariates if column not in SETTINGS]
     if kind != "covariate" or not name or name in free:
         return
-    if name in ("load", "diameter", "width", *conditions.covariates):
-        follow = [
-            family
-            for family, forms in registry.families.items()
-            if any(name in form.drivers for form in forms)
-        ]
+    if name in ("load", "diameter", "width", *covariates):
+        follow = [family for family, forms in registry.families.items()
+                  if any(name in form.drivers for form in forms)]  # fmt: skip
         known = f" ({', '.join(follow)})" if follow else ""
         why = (
             f"'{name}' is a known setting, and those have effects of their own{known}: add one of "
@@ -209,10 +204,9 @@ def _check_column(effect: str, measurements: Measurements, registry: Registry) -
         why = f"'{name}' is what was measured, no setting"
     elif name in measurements.labels or name in TEXTS:
         why = f"'{name}' is text, expected a column of numbers"
-    elif free:
-        why = f"the table has no column '{name}' of numbers: {nearest(name, free)}"
     else:
-        why = f"the table has no column '{name}' of numbers, nor any but the known settings"
+        there = nearest(name, free) if free else "only the known settings are there"
+        why = f"the table has no column '{name}' of numbers: {there}"
     raise EffectError(f"effect '{effect}' cannot be added: {why}")
 
 
@@ -234,14 +228,14 @@ class Grown:
     model: fitted to all runs. folds: fitted to the training runs of each fold alone (`trainings`).
     """
 
-    model: CandidateFit
-    folds: tuple[CandidateFit, ...]
+    model: Candidate
+    folds: tuple[Candidate, ...]
 
     @classmethod
     def of(cls, problem: Problem) -> Grown:
         """The base itself."""
         fits = [problem.fit, *(problem.fold(training)[1] for training in trainings(problem.points))]
-        model, *folds = [CandidateFit((), fit, fit.evidence) for fit in fits]
+        model, *folds = [Candidate.of(fit) for fit in fits]
         return cls(model, tuple(folds))
 
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
@@ -252,7 +246,7 @@ class Grown:
         fitter = problem.fitter
         made = _extended(fitter, self.model, [(form, form.part.start) for form in forms], 4)
         if not made:
-            fit, said = self.model.fit, f"effect '{forms[0].family}' cannot be fitted to this data"
+            fit, said = self.model, f"effect '{forms[0].family}' cannot be fitted to this data"
             vector = changed(fit.vector, forms[0])
             try:
                 fitter.predictor.with_slopes(vector, vector.begun_at(fit.vector, fit.theta))
@@ -261,7 +255,7 @@ class Grown:
             raise EffectError(said)
         close = [m for m in made if m.weight > made[0].weight - WINDOW]
         near = [
-            (form, m.fit.theta[m.fit.vector.places(form.part.id)])
+            (form, m.theta[m.vector.places(form.part.id)])
             for m in close
             for form in m.competitors[-1:]
         ]
@@ -274,15 +268,15 @@ class Grown:
     def held_out(self, problem: Problem) -> CvErrors:
         """Each run's errors by the fit of the fold without it."""
         folds = iter(self.folds)
-        return cross_validate(problem.points, lambda _: [next(folds).fit.model], 1)[0]
+        return cross_validate(problem.points, lambda _: [next(folds).model], 1)[0]
 
 
 def _extended(
     fitter: Fitter,
-    model: CandidateFit,
+    model: Candidate,
     forms: Sequence[tuple[Competitor, NDArray[np.float64]]],
     turns: int,
-) -> list[CandidateFit]:
+) -> list[Candidate]:
     """The model with one more effect in each of these forms that can be fitted, the best first.
 
     forms: each with where its numbers start.
@@ -293,28 +287,24 @@ def _extended(
 
 def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bool, str]:
     """One verdict for `add` and `diagnose`: what is recommended is what is named."""
-    document = judged.document
-    found: Search | None = judged.search
-    if document["verdict"] == "insufficient_data" or found is None:
+    document, found = judged.document, judged.search
+    if found is None:
         return False, f"{document['reason']}; not recommended"
-    row = next((r for r in document["ranking"] if r["effect"] == effect), None)
     if effect in document["missing_effects"]:
         if change.worse:
             rises = " and ".join(change.worse)
             return False, f"named, but the held-out error of {rises} rises; not recommended alone"
-        if effect in found.field.learnt_from(judged.measurements):
-            return True, "named, but it was learnt from this very data: other data must judge it"
-        return True, ""
+        learnt = effect in found.field.learnt_from(judged.measurements)
+        why = "named, but it was learnt from this very data: other data must judge it"
+        return True, why if learnt else ""
     if effect in document["candidates"]:
         others = ", ".join(c for c in document["candidates"] if c != effect)
         return False, f"this data cannot tell it from {others}; not recommended before it can"
-    chance = 0.0 if row is None else row.get("probability") or 0.0
+    row: dict[str, Any] = next((r for r in document["ranking"] if r["effect"] == effect), {})
+    chance = probability_text(row.get("probability") or 0.0)
     if document["missing_effects"]:
         named = ", ".join(document["missing_effects"])
-        return (
-            False,
-            f"the data speaks for {named} (this one {probability_text(chance)}); not recommended",
-        )
+        return False, f"the data speaks for {named} (this one {chance}); not recommended"
     p = document["lack_of_fit"]["p_value"]
     tested = "" if p is None else f", p {p:.2g}"
-    return False, f"probability {probability_text(chance)}{tested}; not recommended"
+    return False, f"probability {chance}{tested}; not recommended"

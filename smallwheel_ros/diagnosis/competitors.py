@@ -19,22 +19,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.curves import (
-    GENERALISES,
-    UNITS,
-    Span,
-    curve_part,
-    distinct,
-    spans_of,
-)
+from smallwheel_ros.diagnosis.curves import STAGES, Span, curve_part, distinct, spans_of
 from smallwheel_ros.diagnosis.settings import SETTINGS, independent
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import DRIFTS, Registry, is_of_column
-from smallwheel_ros.fitting.constants import (
-    EXPECTED_EFFECTS,
-    FEWEST_VALUES,
-    INSTRUMENT,
-)
+from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, FEWEST_VALUES, INSTRUMENT
 from smallwheel_ros.fitting.parameters import (
     EffectPart,
     ParameterVector,
@@ -49,7 +38,6 @@ from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Geometry, Model
 
 Array = NDArray[np.float64]
-
 Kind = Literal["soil", "instrument", "unknown"]
 
 _MOST_TERMS = 3
@@ -85,9 +73,7 @@ class Competitor:
     @property
     def strength(self) -> int:
         """Index of the parameter at whose neutral value it is absent."""
-        if self.effect is None:
-            return 0
-        known = self.effect.parameters()
+        known = self.effect.parameters() if self.effect else ()
         return next((i for i, p in enumerate(known) if p.neutral is not None), 0)
 
     @property
@@ -149,10 +135,7 @@ class Field:
 
 
 def field_of(
-    points: Points,
-    model: Model,
-    registry: Registry,
-    without: Collection[str] = (),
+    points: Points, model: Model, registry: Registry, without: Collection[str] = ()
 ) -> Field:
     """Every competitor that this data could show, before any residual is looked at.
 
@@ -160,17 +143,14 @@ def field_of(
     """
     found: list[Competitor] = []
     blocked: dict[str, str] = {}
-    kinds: dict[str, Kind] = {}
     columns = independent(points)
     free = [n for n in columns if n not in (*SETTINGS, "load", "diameter", "width")]
-    families = dict(registry.families)
-    own = {need for forms in families.values() for f in forms for need in f.drivers}
+    own = {need for forms in registry.families.values() for f in forms for need in f.drivers}
     ids = [f"covariate:{name}" for name in free if name not in own]
     if points.order:
         ids += [f"{prefix}:{points.order}" for prefix in ("covariate", *DRIFTS)]
-    families |= {id: registry.family(id) for id in ids}
+    families = {**registry.families, **{id: registry.family(id) for id in ids}}
     for family, forms in families.items():
-        kinds[family] = forms[0].kind
         if family in without:
             blocked[family] = "taken out of the competition"
             continue
@@ -180,6 +160,7 @@ def field_of(
             blocked[family] = reason
     if "unknown" not in without:
         found += _curves(points, columns, free)
+    kinds: dict[str, Kind] = {family: forms[0].kind for family, forms in families.items()}
     kinds |= {c.family: c.kind for c in found}
     return Field((), {}, kinds, columns).only(found, blocked)
 
@@ -195,29 +176,23 @@ def _forms(
     present = next((e for e in model.effects if e.id == family), None)
     found: list[Competitor] = []
     reason = ""
-    for kind in forms:
-        if kind.same_as:
-            continue
+    for kind in (form for form in forms if not form.same_as):
         if kind.known_physics:
             why = "known physics: applied where its columns are there, not a discovery"
         elif kind.geometry and model.geometry == kind.geometry:
             why = "the model has this geometry"
         else:
             why = _why_not(family, kind, points, columns)
-        effect = None if why else kind.suited_to(points.conditions)
-        why = why or (effect.objection(points.conditions) if effect else "")
-        if effect is not None and not why:
+        if not why:
+            effect = kind.suited_to(points.conditions)
+            why = effect.objection(points.conditions)
+        if not why:
             found.append(_competitor(family, effect, points, present))
         reason = reason or why
     return found, reason or "no form of it acts on this data"
 
 
-def _why_not(
-    family: str,
-    kind: type[Effect],
-    points: Points,
-    columns: Mapping[str, Array],
-) -> str:
+def _why_not(family: str, kind: type[Effect], points: Points, columns: Mapping[str, Array]) -> str:
     if kind.kind == "instrument" and not set(kind.channels) & set(points.channels):
         return f"{' and '.join(kind.channels)} was not measured"
     known = points.settings
@@ -294,20 +269,16 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
     for name in (n for n in names if n in columns):
         for span in spans_of(name, columns[name]):
             terms = min(_MOST_TERMS, distinct(columns[name], span))
-            if terms < 1:
-                continue
-            for stage in stages:
+            for stage, stands_for in stages.items() if terms > 0 else ():
                 if name == "diameter" and stage in ("stiffness", "sinkage", "shown sinkage"):
                     continue  # m does that
                 # k itself takes up a constant of the stiffness.
-                free_constant = stage != "stiffness" and not span.side
-                first, count = (0, terms + 1) if free_constant else (1, terms)
-                size = _size(UNITS.get(stage, "1"), points)
+                first = 1 if stage == "stiffness" or span.side else 0
+                size = _size(STAGES[stage].unit, points)
                 label = f"unknown:{span.text}@{stage}"
-                part = curve_part(label, stage, span, first, count, size)
-                found.append(_curve(part, stage, span, stages[stage]))
-    found += _depth(points) if "sinkage" in points.channels else []
-    return found
+                part = curve_part(label, stage, span, first, terms + 1 - first, size)
+                found.append(_curve(part, stage, span, stands_for))
+    return found + (_depth(points) if "sinkage" in points.channels else [])
 
 
 def _curve(
@@ -328,10 +299,10 @@ def _stages(points: Points) -> dict[str, tuple[str, ...]]:
     if "resistance" in points.channels:
         shown = ["stiffness", "resistance", "drag", "force"]
         shown += ["sinkage", "shown sinkage", "height"] if "sinkage" in points.channels else []
-        return {stage: GENERALISES[stage] for stage in shown}
-    together = (*GENERALISES["stiffness"], *GENERALISES["shown sinkage"])
+        return {stage: STAGES[stage].stands_for for stage in shown}
     shown = ["sinkage"] if rolling.any() else []
     shown += ["stiffness"] if not rolling.all() else []
+    together = STAGES["stiffness"].stands_for + STAGES["shown sinkage"].stands_for
     return dict.fromkeys(shown, together)
 
 
@@ -341,5 +312,4 @@ def _depth(points: Points) -> list[Competitor]:
     if z.size < 3 or np.ptp(z) < 1.0:  # a factor of e: less depth has no curve
         return []
     span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
-    part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
-    return [_curve(part, "pressure", span)]
+    return [_curve(curve_part("unknown:depth@pressure", "pressure", span, 2, 2), "pressure", span)]

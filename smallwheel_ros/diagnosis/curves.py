@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,100 +91,85 @@ class Curve(Effect):
         return _series(self.coefficients, self.span, x)
 
 
-class AtModulus(Curve):
-    """The soil's stiffness follows the setting."""
-
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.exp(self.log_factor(conditions))
+def _stiffness(self: Curve, conditions: Conditions) -> Array:
+    return np.exp(self.log_factor(conditions))
 
 
-class AtSinkage(Curve):
-    """The wheel digs: sinkage follows the setting, and resistance with it."""
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage * np.exp(self.log_factor(conditions)))
+def _sinkage(self: Curve, sinkage: Array, conditions: Conditions) -> Array:
+    return np.asarray(sinkage * np.exp(self.log_factor(conditions)))
 
 
-class AtShownSinkage(Curve):
-    """What is shown, or dug without compaction: sinkage alone follows the setting."""
-
-    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.where(conditions.rolling, sinkage * np.exp(self.log_factor(conditions)), sinkage)
+def _shown(self: Curve, sinkage: Array, conditions: Conditions) -> Array:
+    return np.where(conditions.rolling, sinkage * np.exp(self.log_factor(conditions)), sinkage)
 
 
-class AtResistance(Curve):
-    """Resistance alone follows the setting, as a share of what compaction costs."""
-
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        work = compaction_resistance(
-            np.maximum(state.sinkage, 0.0), state.width, state.modulus, state.exponent
-        )
-        return np.where(conditions.rolling, work * np.expm1(self.log_factor(conditions)), 0.0)
+def _work(self: Curve, state: WheelState, conditions: Conditions) -> Array:
+    z = np.maximum(state.sinkage, 0.0)
+    work = compaction_resistance(z, state.width, state.modulus, state.exponent)
+    return np.where(conditions.rolling, work * np.expm1(self.log_factor(conditions)), 0.0)
 
 
-class AtDrag(Curve):
-    """Something drags besides compaction: a force that is a share of the load and follows the setting."""
-
-    def added_resistance(self, state: WheelState, conditions: Conditions) -> Array:
-        return np.where(conditions.rolling, _DRAG * state.load * self.log_factor(conditions), 0.0)
+def _drag(self: Curve, state: WheelState, conditions: Conditions) -> Array:
+    return np.where(conditions.rolling, _DRAG * state.load * self.log_factor(conditions), 0.0)
 
 
-class AtForce(Curve):
-    """The same, whatever the load: a force that follows the setting alone."""
-
-    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
-        return np.asarray(resistance + _DRAG * self.size * self.log_factor(conditions))
+def _force(self: Curve, resistance: Array, conditions: Conditions) -> Array:
+    return np.asarray(resistance + _DRAG * self.size * self.log_factor(conditions))
 
 
-class AtHeight(Curve):
-    """The wheel's height is shown wrong, or lifted, by a length that follows the setting alone."""
-
-    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return np.asarray(sinkage + self.size * self.log_factor(conditions))
+def _height(self: Curve, sinkage: Array, conditions: Conditions) -> Array:
+    return np.asarray(sinkage + self.size * self.log_factor(conditions))
 
 
-class AtDepth(Curve):
-    """Pressure is no power of depth. span.middle, half: of ln depth."""
-
-    def pressure_factor(self, depth: Array, conditions: Conditions) -> Array:
-        x = (np.log(np.maximum(depth, 1e-7)) - self.span.middle) / self.span.half
-        return np.exp(_series(self.coefficients, self.span, np.clip(x, -1.5, 1.2)))
+def _depth(self: Curve, depth: Array, conditions: Conditions) -> Array:
+    x = (np.log(np.maximum(depth, 1e-7)) - self.span.middle) / self.span.half
+    return np.exp(_series(self.coefficients, self.span, np.clip(x, -1.5, 1.2)))
 
 
-STAGES: dict[str, type[Curve]] = {
-    "stiffness": AtModulus,
-    "sinkage": AtSinkage,
-    "shown sinkage": AtShownSinkage,
-    "resistance": AtResistance,
-    "drag": AtDrag,
-    "force": AtForce,
-    "height": AtHeight,
-    "pressure": AtDepth,
+class Stage(NamedTuple):
+    """Where a curve acts: the method of an effect, and what it does there.
+
+    stands_for: stages of named effects that it is the most general form of. unit: of one that is added.
+    """
+
+    method: str
+    acts: Callable[..., Array]
+    stands_for: tuple[str, ...]
+    unit: str = "1"
+
+
+STAGES = {
+    # the soil's stiffness
+    "stiffness": Stage("modulus_factor", _stiffness, ("modulus_factor", "exponent_shift")),
+    # the wheel digs, and resistance goes with it
+    "sinkage": Stage("sinkage", _sinkage, ("sinkage",)),
+    # what is shown, or dug without compaction: sinkage alone
+    "shown sinkage": Stage("measured_sinkage", _shown, ("measured_sinkage", "sinkage")),
+    # resistance alone, as a share of what compaction costs
+    "resistance": Stage("added_resistance", _work, ("added_resistance", "measured_resistance")),
+    # something drags besides compaction: a force that is a share of the load
+    "drag": Stage("added_resistance", _drag, ("added_resistance",)),
+    # the same, whatever the load
+    "force": Stage("measured_resistance", _force, ("measured_resistance",), "N"),
+    # the wheel's height is shown wrong, or lifted, by a length
+    "height": Stage("measured_sinkage", _height, ("measured_sinkage",), "m"),
+    # pressure is no power of depth; middle, half of the span: of ln depth
+    "pressure": Stage("pressure_factor", _depth, ("pressure_factor",)),
 }
-UNITS = {"force": "N", "height": "m"}  # of a curve that is added
-# Stages of named effects that such a curve is the most general form of.
-GENERALISES = {
-    "stiffness": ("modulus_factor", "exponent_shift"),
-    "sinkage": ("sinkage",),
-    "shown sinkage": ("measured_sinkage", "sinkage"),
-    "resistance": ("added_resistance", "measured_resistance"),
-    "drag": ("added_resistance",),
-    "force": ("measured_resistance",),
-    "height": ("measured_sinkage",),
-    "pressure": ("pressure_factor",),
-}
+_KINDS = {name: type("Curve", (Curve,), {s.method: s.acts}) for name, s in STAGES.items()}
 
 
 def curve_part(
     name: str, stage: str, span: Span, first: int, terms: int, size: float = 1.0
 ) -> EffectPart:
     """A curve as a part of a fit, with terms of degree `first` on. size: N or m, of one that is added."""
-    kind = STAGES[stage]
-    deviations = [CURVE_SIZE * fall for fall in _FALLS]
-    if first == 0:
-        deviations = [CURVE_SIZE, *deviations]
-    priors = [Prior(0.0, deviation, -_LARGEST, _LARGEST) for deviation in deviations[:terms]]
-    listed = [FreeParameter(name, f"c{first + i}", 0.0, "1", p) for i, p in enumerate(priors)]
+    kind = _KINDS[stage]
+    falls = _FALLS if first else (1.0, *_FALLS)
+    listed = [
+        FreeParameter(name, f"c{first + i}", 0.0, "1",
+                      Prior(0.0, CURVE_SIZE * fall, -_LARGEST, _LARGEST))
+        for i, fall in enumerate(falls[:terms])
+    ]  # fmt: skip
     return EffectPart(
         name, tuple(listed), lambda numbers: kind(span=span, coefficients=numbers, size=size)
     )
@@ -196,12 +181,8 @@ def spans_of(column: str, values: Array) -> list[Span]:
     if column not in ANCHORS:
         return [Span(column, 0.5 * (low + high), 0.5 * (high - low))]
     anchor = ANCHORS[column]
-    found = []
-    for side in (1, -1):
-        reach = float(np.max(side * (values - anchor)))
-        if reach > 0.05 * (high - low):
-            found.append(Span(column, anchor, reach, side))
-    return found
+    reach = {side: float(np.max(side * (values - anchor))) for side in (1, -1)}
+    return [Span(column, anchor, r, side) for side, r in reach.items() if r > 0.05 * (high - low)]
 
 
 def distinct(values: Array, span: Span) -> int:

@@ -16,13 +16,13 @@ from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.held_out import Step, errors_alone
 from smallwheel_ros.diagnosis.misfit import BadRun, of_channels
 from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
-from smallwheel_ros.diagnosis.screen import Screen
-from smallwheel_ros.diagnosis.search import CandidateFit, Search
+from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.diagnosis.zero import Witness
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM, TIE
+from smallwheel_ros.fitting.fit import Fit
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.result import expected_error, posterior_covariance
 from smallwheel_ros.measurements.display import number, probability_text, words
@@ -43,10 +43,32 @@ def plain(value: Any) -> Any:
 
 
 def _short(value: Any) -> Any:
-    if isinstance(value, bool) or value is None or isinstance(value, (str, int)):
+    if value is None or isinstance(value, (bool, str, int)):
         return value
     number = float(value)
     return float(f"{number:.{_DIGITS}g}") if math.isfinite(number) else None
+
+
+def _head(problem: Problem, word: str, reason: str) -> Entry:
+    """What every document has, before there is a result."""
+    measurements = problem.measurements
+    return {
+        "schema": SCHEMA,
+        "verdict": word,
+        "reason": reason,
+        "table": measurements.source,
+        "missing_effects": [],
+        "candidates": [],
+        "closest": [],
+        "channels": {},
+        "lack_of_fit": {"p_value": None},
+        "where_it_fails": [],
+        "ranking": [],
+        "steps": [{"added": None, "held_out_rmse": {}}],
+        "next_measurements": [],
+        "notes": list(measurements.notes),
+        "warnings": list(measurements.warnings),
+    }
 
 
 def insufficient(problem: Problem, reason: str, field: Field | None = None) -> Entry:
@@ -87,8 +109,7 @@ def document_of(
     judged, measurements = problem.judged, problem.measurements
     points, fitter = judged.points, judged.fitter
     base, explained = steps[0].errors, found.ordered[0]
-    best = (verdict.best if verdict.named else explained).fit
-    findings = of_channels(found, verdict, [s.errors for s in steps], points.channels)
+    best = verdict.best if verdict.named else explained
     learnt = found.field.learnt_from(measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, measurements)
@@ -96,25 +117,25 @@ def document_of(
     if told is not None:
         others = [row for row in ranking if row["effect"] != told.part.id]
         ranking = [_told_row(problem, steps, told), *others]
+    failing = where_it_fails(points, base, fitter.level, seed, certain=found.p <= ALARM)
+    channels = of_channels(found, verdict, [s.errors for s in steps], points.channels)
     return _head(problem, verdict.word, "; ".join(verdict.reasons)) | {
         "missing_effects": list(verdict.named),
         "candidates": list(verdict.rivals),
         "unknown": list(verdict.unknown),
         "closest": list(verdict.closest),
-        "channels": _channels(problem, base, expected_error(fitter, best), findings),
+        "channels": _channels(problem, base, expected_error(fitter, best), channels),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,
             "probability_of_none": found.probabilities[()],
         },
-        "where_it_fails": where_it_fails(
-            points, base, fitter.level, seed, certain=found.p <= ALARM
-        ),
+        "where_it_fails": failing,
         "ranking": ranking,
         "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
         "run_scatter": best.scatter.deviations,
         "residuals_left": left,
         "curves": [
-            curve_shown(c.part, c.stage, c.span, points.column(c.span.column), explained.fit)
+            curve_shown(c.part, c.stage, c.span, points.column(c.span.column), explained)
             for c in explained.competitors
             if c.span is not None and c.stage != "pressure"
         ],
@@ -130,7 +151,7 @@ def document_of(
         ],
         "notes": [
             *([_may_learn(measurements, without)] if verdict.word == "unknown_effect" else []),
-            *problem.result(steps[-1].model.fit).notes,
+            *problem.result(steps[-1].model).notes,
             *measurements.notes,
             *(
                 f"{name} was learnt from this very data, so it has no p here: other data must judge it"
@@ -138,28 +159,6 @@ def document_of(
             ),
             *([f"after the best explanation {worst}"] if worst else []),
         ],
-    }
-
-
-def _head(problem: Problem, word: str, reason: str) -> Entry:
-    """What every document has, before there is a result."""
-    measurements = problem.measurements
-    return {
-        "schema": SCHEMA,
-        "verdict": word,
-        "reason": reason,
-        "table": measurements.source,
-        "missing_effects": [],
-        "candidates": [],
-        "closest": [],
-        "channels": {},
-        "lack_of_fit": {"p_value": None},
-        "where_it_fails": [],
-        "ranking": [],
-        "steps": [{"added": None, "held_out_rmse": {}}],
-        "next_measurements": [],
-        "notes": list(measurements.notes),
-        "warnings": list(measurements.warnings),
     }
 
 
@@ -174,10 +173,7 @@ def _may_learn(measurements: Measurements, without: Collection[str]) -> str:
 
 
 def _channels(
-    problem: Problem,
-    errors: CvErrors,
-    floors: Mapping[str, float],
-    findings: Mapping[str, str],
+    problem: Problem, errors: CvErrors, floors: Mapping[str, float], findings: Mapping[str, str]
 ) -> Entry:
     """Errors of each channel beside the noise. floors: what the true model would leave."""
     repeats = repeatability(problem.measurements)
@@ -195,6 +191,9 @@ def _channels(
             "noise": {"absolute": noise.absolute, "relative": noise.relative},
         }
     return found
+
+
+# --- The ranking: a row for each effect
 
 
 def _ranking(
@@ -218,13 +217,16 @@ def _ranking(
     listed.sort(
         key=lambda n: (place.get(n, 99), -chance.get(n, 0.0), found.p_values.get(n, 1.0), n)
     )
-    alike = _alike(found.screen)
-    rows = [_row(found, verdict, n, errors.get(n), base) for n in listed]
-    for row in rows:
-        if row["effect"] in learnt:
-            row["p_value"] = None
-            row["reason"] += "; it was learnt from this data"
-        row["confounded_with"] = alike.get(row["effect"], [])
+    names, cosines = found.screen.cosines()
+    rows = []
+    for name in listed:
+        row = _row(found, verdict, name, errors.get(name), base)
+        if name in learnt:
+            row |= {"p_value": None, "reason": f"{row['reason']}; it was learnt from this data"}
+        alike = zip(names, cosines[names.index(name)], strict=True) if name in names else ()
+        near = sorted((o for o in alike if o[0] != name and o[1] >= _ALIKE), key=lambda o: -o[1])
+        row["confounded_with"] = [{"effect": other, "similarity": c} for other, c in near]
+        rows.append(row)
     blind = [name for name in sorted(field.blocked) if not name.startswith("unknown:")]
     return rows + [_blocked(field, name, "") for name in blind]
 
@@ -246,13 +248,14 @@ def _row(
         status = "significant"
     elif name in verdict.rivals:
         status = "confounded"
-    model = verdict.best if name in verdict.best.families else found.alone(name)
-    competitor, law, parameters = None, None, {}
+    close = found.all_alone(name, within=TIE)
+    model = verdict.best if name in verdict.best.families else next(iter(close), None)
+    competitor, law, parameters, form = None, None, {}, ""
     if model is not None:
         competitor = next(c for c in model.competitors if c.family == name)
-        law, parameters = competitor.effect, _parameters(found, model, competitor)
-    form = "" if competitor is None else competitor.form
-    close = found.all_alone(name, within=TIE)
+        law, form = competitor.effect, competitor.form
+        covariance = posterior_covariance(found.fitter, model)
+        parameters = _parameters(model, covariance, competitor.part.id, law)
     probability = verdict.probabilities.get(name, 0.0)
     return _entry(law, parameters, base, errors) | {
         "effect": name,
@@ -268,18 +271,9 @@ def _row(
 
 def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
     """The row of the fault that pull and torque name, the first of the steps."""
-    name, fit = told.part.id, problem.with_all_channels(steps[-1].model.fit)
+    name, fit = told.part.id, problem.with_all_channels(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
-    parameters = {
-        fit.vector.free[j].field: {
-            "value": float(fit.theta[j]),
-            "std": float(np.sqrt(fit.covariance[j, j])),
-            "unit": fit.vector.free[j].unit,
-            "published_range": None,
-            "plausible": None,
-        }
-        for j in fit.vector.places(name)
-    }
+    parameters = _parameters(fit, fit.covariance, name, None)
     return _entry(law, parameters, steps[0].errors, steps[1].errors) | {
         "effect": name,
         "kind": "instrument",
@@ -313,30 +307,25 @@ def _reduction(before: CvErrors, after: CvErrors) -> float:
     return 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
 
-def _parameters(search: Search, model: CandidateFit, competitor: Competitor) -> dict[str, Any]:
-    fit = model.fit
-    covariance = posterior_covariance(search.fitter, fit)
-    known = {} if competitor.effect is None else {p.name: p for p in competitor.effect.parameters()}
+def _parameters(fit: Fit, covariance: Any, part: str, law: Effect | None) -> Entry:
+    """The numbers of a part of a fit. covariance: of theta. law: whose published ranges are shown."""
+    published = {} if law is None else {p.name: p.published for p in law.parameters()}
     found = {}
-    for j in fit.vector.places(competitor.part.id):
+    for j in fit.vector.places(part):
         free, value = fit.vector.free[j], float(fit.theta[j])
-        published = known[free.field].published if free.field in known else None
-        plausible = None if published is None else published[0] <= value <= published[1]
+        known = published.get(free.field)
         found[free.field] = {
             "value": value,
             "std": None if fit.at_bound[j] else float(np.sqrt(covariance[j, j])),
             "unit": free.unit,
-            "published_range": None if published is None else list(published),
-            "plausible": plausible,
+            "published_range": None if known is None else list(known),
+            "plausible": None if known is None else known[0] <= value <= known[1],
         }
     return found
 
 
 def _reason(
-    status: str,
-    probability: float,
-    competitor: Competitor | None,
-    parameters: Mapping[str, Any],
+    status: str, probability: float, competitor: Competitor | None, parameters: Mapping[str, Any]
 ) -> str:
     said = f"probability {probability_text(probability)}"
     if status == "confounded":
@@ -349,17 +338,6 @@ def _reason(
     if outside and status != "not_significant":
         said += f"; {', '.join(outside)} outside the published range"
     return said
-
-
-def _alike(screen: Screen) -> dict[str, list[Entry]]:
-    """By effect, the others that act alike on this data after the base is refitted."""
-    names, cosines = screen.cosines()
-    found = {}
-    for i, name in enumerate(names):
-        others = [(float(c), o) for o, c in zip(names, cosines[i], strict=True) if o != name]
-        near = sorted((o for o in others if o[0] >= _ALIKE), key=lambda o: -o[0])
-        found[name] = [{"effect": other, "similarity": c} for c, other in near]
-    return found
 
 
 def failing_settings(

@@ -8,11 +8,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from smallwheel_ros.diagnosis.misfit import with_misfit
-from smallwheel_ros.diagnosis.search import CandidateFit, Search, refit
+from smallwheel_ros.diagnosis.search import Candidate, Search, refit
 from smallwheel_ros.diagnosis.verdict import Verdict, demoted, no_help
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import USEFUL
-from smallwheel_ros.fitting.fit import FAILURES
+from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, cross_validate
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import listed, words
@@ -27,7 +27,7 @@ class Step:
     """The base (added None) or an effect that was added, with the held-out errors after it."""
 
     added: str | None
-    model: CandidateFit
+    model: Fit
     errors: CvErrors
 
 
@@ -65,19 +65,15 @@ def steps_of(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict
     return verdict, steps if verdict.named else steps[:1]
 
 
-def _staircase(found: Search, verdict: Verdict) -> list[CandidateFit]:
+def _staircase(found: Search, verdict: Verdict) -> list[Candidate]:
     """The base and the models with one, two, ... of what is named, the one that says most first."""
-    best = verdict.best
+    best, models = verdict.best, [found.none]
     remaining = [c for c in best.competitors if c.family in verdict.named]
-    models = [found.none]
     while remaining:
-        parent = models[-1]
-        for c in remaining:
-            if parent.key_with(c) not in found.models:
-                start = best.fit.theta[best.fit.vector.places(c.part.id)]
-                found.add(refit(found.fitter, parent, c, start))
-        keys = [parent.key_with(c) for c in remaining]
-        known = [found.models[key] for key in keys if key in found.models]
+        made = [
+            found.made(models[-1], c, best.theta[best.vector.places(c.part.id)]) for c in remaining
+        ]
+        known = [m for m in made if m is not None]
         if not known:
             break
         models.append(max(known, key=lambda m: m.weight))
@@ -105,39 +101,35 @@ def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list
             fits = sorted((m for m in made if m is not None), key=lambda m: -m.weight)
             if size < len(chain) - 1:
                 fits = [m for m in fits if m.families == wanted] or fits
-            models += [m.fit.model for m in fits[:1]]
+            models += [m.model for m in fits[:1]]
         return models
 
     return cross_validate(judged.points, choose, len(chain))
 
 
-def of_models(problem: Problem, models: Sequence[CandidateFit]) -> list[CvErrors]:
+def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
     """Held-out errors of models as they are, refitted in each fold from where they were."""
 
     def choose(training: Points) -> list[Model]:
-        fitter = problem.fitter.of_runs(training)
-        made = []
+        fitter, made = problem.fitter.of_runs(training), []
         for m in models:
             try:
-                fit = fitter.fit(m.fit.vector, m.fit.theta, m.fit.scatter, turns=0)
+                made.append(fitter.fit(m.vector, m.theta, m.scatter, turns=0).model)
             except FAILURES:
-                fit = m.fit
-            made.append(fit.model)
+                made.append(m.model)
         return made
 
     return cross_validate(problem.points, choose, len(models)) if models else []
 
 
-def with_forces(
-    problem: Problem, models: Sequence[CandidateFit], errors: list[CvErrors]
-) -> list[CvErrors]:
+def with_forces(problem: Problem, models: Sequence[Fit], errors: list[CvErrors]) -> list[CvErrors]:
     """Errors of models of the judged channels, with those of pull and torque, which had no say in them."""
     if not problem.forces_apart:
         return errors
-    full = [replace(m, fit=problem.with_all_channels(m.fit)) for m in models]
+    full = of_models(problem, [problem.with_all_channels(m) for m in models])
     return [
         replace(e, error={**e.error, **{name: p.error[name] for name in problem.points.forces}})
-        for e, p in zip(errors, of_models(problem, full), strict=True)
+        for e, p in zip(errors, full, strict=True)
     ]
 
 
@@ -152,7 +144,6 @@ def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
 def errors_alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErrors]:
     """Held-out errors of the most probable families, each alone in its best form."""
     families = sorted(found.field.kinds, key=lambda f: -verdict.probabilities.get(f, 0.0))
-    models = {f: m for f in families if (m := found.alone(f)) is not None}
-    listed_families = list(models)[:_LISTED]
-    errors = of_models(judged, [models[f] for f in listed_families])
-    return dict(zip(listed_families, errors, strict=True))
+    models = {f: alone[0] for f in families if (alone := found.all_alone(f))}
+    shown = list(models)[:_LISTED]
+    return dict(zip(shown, of_models(judged, [models[f] for f in shown]), strict=True))

@@ -23,7 +23,7 @@ from smallwheel_ros.diagnosis.residuals import setting_of
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting import constants
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness, taken_up
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.noise import MOST_OUTLIERS, NORMAL, furthest_off, outlier_limit
 from smallwheel_ros.fitting.points import Points
@@ -85,9 +85,9 @@ class BadRun:
 
 def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     """The runs that lie grossly off, the worst of the repeated settings and the worst of the model."""
-    points = fitter.points
-    found = _off_repeats(points) or _off_model(fitter, fit)
-    return found if points.run_count > 2 * _FEWEST else []
+    if fitter.points.run_count <= 2 * _FEWEST:
+        return []
+    return _off_repeats(fitter.points) or _off_model(fitter, fit)
 
 
 def most_bad(runs: int) -> float:
@@ -105,14 +105,11 @@ def _run(points: Points, value: int, deviations: float, against: str) -> BadRun:
 def _off_repeats(points: Points) -> list[BadRun]:
     """Runs far off the others of their setting, where that has at least `_FEWEST`."""
     found = {}
-    for c in range(len(points.channels)):
-        mine = np.flatnonzero((points.channel == c) & ~points.swept)
-        settings = np.unique(points.setting[mine])
-        members = [mine[points.setting[mine] == s] for s in settings]
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name) & ~points.swept)
+        members = [mine[points.setting[mine] == s] for s in np.unique(points.setting[mine])]
         members = [m for m in members if m.size >= _FEWEST]
-        if not members:
-            continue
-        for g, i in furthest_off([points.value[m] for m in members]):
+        for g, i in furthest_off([points.value[m] for m in members]) if members else ():
             others = np.delete(points.value[members[g]], i)
             ratio = float(points.value[members[g][i]] / np.median(others))
             bad = _run(points, int(members[g][i]), ratio, "times the others of its setting")
@@ -123,21 +120,16 @@ def _off_repeats(points: Points) -> list[BadRun]:
 def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
     """The run that lies furthest off what the model predicts of it from the others."""
     points = fitter.points
-    stiff = stiffness(fit.vector, fit.slopes)
-    v = fitter.variance.covariance(fit.scatter, stiff, taken_up(fit.vector, fit.theta, fit.slopes))
-    pulled = v.solve(points.value - fit.predicted + fit.slopes @ (fit.theta - fit.vector.centre))
+    s = fitter.covariance(fit, fit.taken_up)
+    pulled, inverse = s.solve(fit.away(points.value)), s.solve(np.eye(len(points)))
     off = np.full(len(points), np.nan)
-    for index, parts in zip(fitter.variance.blocks, v.inverse_parts(), strict=True):
-        for block, part in zip(index, parts, strict=True):
-            for run in np.unique(points.run[block]):
-                place = np.flatnonzero((points.run[block] == run) & ~points.swept[block])
-                if place.size:
-                    covariance = np.linalg.inv(part[np.ix_(place, place)])
-                    away = covariance @ pulled[block[place]]
-                    off[block[place]] = away / np.sqrt(np.diag(covariance))
+    for run in np.unique(points.run[~points.swept]):
+        place = np.flatnonzero((points.run == run) & ~points.swept)
+        covariance = np.linalg.inv(inverse[np.ix_(place, place)])
+        off[place] = covariance @ pulled[place] / np.sqrt(np.diag(covariance))
     worst, furthest = -1, 0.0
-    for c in range(len(points.channels)):
-        mine = np.flatnonzero((points.channel == c) & np.isfinite(off))
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name) & np.isfinite(off))
         if mine.size <= 2 * _FEWEST:
             continue
         size = np.abs(off[mine]) / (NORMAL * float(np.median(np.abs(off[mine]))))
@@ -169,13 +161,13 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     r the relative residual of a run, m the mean of a setting's n runs. No law is exact: u is what laws
     are usually off by, at most. Only channels with settings that several runs repeat.
     """
-    points = fitter.points
+    points, found = fitter.points, {}
     share = (points.value - fit.predicted) / fitter.level
-    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
-    leverage = np.sum((fit.slopes @ fit.covariance) * v.solve(fit.slopes), axis=1)
-    usual, found = constants.LACK_OF_FIT * np.exp(constants.SPREAD), {}
-    for c, name in enumerate(points.channels):
-        mine = np.flatnonzero((points.channel == c) & ~points.swept)
+    pulled = fitter.covariance(fit).solve(fit.slopes)
+    leverage = np.sum((fit.slopes @ fit.covariance) * pulled, axis=1)
+    usual = constants.LACK_OF_FIT * np.exp(constants.SPREAD)
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name) & ~points.swept)
         setting = np.unique(points.setting[mine], return_inverse=True)[1].reshape(-1)
         count = np.bincount(setting)
         spare = count.size - float(leverage[mine].sum())
@@ -214,10 +206,9 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
     resolution.
     """
     points, found = fitter.points, {}
-    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
-    deviation = np.sqrt(v.variance())
-    for c, name in enumerate(points.channels):
-        mine = np.flatnonzero((points.channel == c) & ~points.swept)
+    deviation = np.sqrt(np.diag(fitter.covariance(fit).matrix))
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name) & ~points.swept)
         measured, predicted = points.value[mine], fit.predicted[mine]
         if name in FORCES or mine.size < 2 * _PLATEAU:
             continue
@@ -251,8 +242,8 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
     twice the usual range, something is left that no law here describes.
     """
     alone = verdict.named and not verdict.rivals and not verdict.unknown
-    model = (verdict.best if alone else found.ordered[0]).fit
-    judged = found.none.fit if verdict.word == "adequate" else model
+    model = verdict.best if alone else found.ordered[0]
+    judged = found.none if verdict.word == "adequate" else model
     misfits = lack_of_fit(found.fitter, judged)
     rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= constants.ALARM}
     if rejected and verdict.word in ("adequate", "missing_effect"):
@@ -270,19 +261,14 @@ def with_misfit(found: Search, verdict: Verdict) -> Verdict:
                 f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
                 f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
             )
-    sizes = model.scatter.deviations
-    for name, size in sizes.items():
+    for name, size in model.scatter.deviations.items():
         component, _, channel = name.partition(":")
-        if component not in _UNUSUAL:
-            continue
-        usual, said = _UNUSUAL[component]
+        usual, said = _UNUSUAL.get(component, (np.inf, ""))
         if size <= usual * np.exp(constants.SPREAD):
             continue
         reason = said.format(channel=words(channel), size=percent(size))
-        if verdict.word == "adequate" and size > usual * np.exp(2.0 * constants.SPREAD):
-            verdict = verdict.not_described(reason)
-        else:
-            verdict = verdict.saying(reason)
+        beyond = size > usual * np.exp(2.0 * constants.SPREAD) and verdict.word == "adequate"
+        verdict = verdict.not_described(reason) if beyond else verdict.saying(reason)
     return verdict
 
 

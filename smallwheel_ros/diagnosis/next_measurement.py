@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from smallwheel_ros.diagnosis.search import CandidateFit, Search, exchanged
+from smallwheel_ros.diagnosis.search import Candidate, Search
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
-from smallwheel_ros.fitting.fit import FAILURES, Fitter, Predictor, stiffness
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, Predictor, stiffness
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import effect_words, setting_words, words
 from smallwheel_ros.model.model import predict
@@ -54,16 +54,14 @@ class Proposal:
 
 def _levels(column: Array, name: str, limits: Limits) -> list[float]:
     if name in limits:
-        given = limits[name]
-        return [float(v) for v in given]
+        return [float(v) for v in limits[name]]
     values = np.unique(column)
     if values.size <= _LEVELS or name in ("diameter", "width", "pass_number"):
-        picks = values[np.unique(np.linspace(0, values.size - 1, _LEVELS).round().astype(int))]
-        return [float(v) for v in picks]
+        picks = np.unique(np.linspace(0, values.size - 1, _LEVELS).round().astype(int))
+        return [float(v) for v in values[picks]]
     low, high = np.quantile(column, [0.02, 0.98])
-    if low > 0 and high > 8.0 * low:
-        return [float(v) for v in np.geomspace(low, high, _LEVELS)]
-    return [float(v) for v in np.linspace(low, high, _LEVELS)]
+    spaced = np.geomspace if low > 0 and high > 8.0 * low else np.linspace
+    return [float(v) for v in spaced(low, high, _LEVELS)]
 
 
 def _rounded(value: float) -> float:
@@ -83,11 +81,11 @@ def candidate_runs(points: Points, limits: Limits) -> tuple[Conditions, list[dic
     choices = [_levels(columns.get(n, points.column(n)), n, limits) for n in used]
     combined = np.array([[_rounded(v) for v in run] for run in itertools.product(*choices)])
     count = len(combined)
-    made: dict[str, Array] = {}
+    made = dict(zip(used, combined.T, strict=True))
     for name in ("load", "diameter", "width", *conditions.covariates):
         column = points.column(name)
         middle = column[np.argmin(np.abs(column - np.median(column)))]  # one that exists
-        made[name] = combined[:, used.index(name)] if name in used else np.full(count, middle)
+        made.setdefault(name, np.full(count, middle))
     shown = dict.fromkeys(("load", "diameter", "width", *used))
     settings = [{name: _rounded(made[name][i]) for name in shown} for i in range(count)]
     soil = None
@@ -97,7 +95,8 @@ def candidate_runs(points: Points, limits: Limits) -> tuple[Conditions, list[dic
     rolling = conditions.rolling[points.row].any()
     contact = np.full(count, ROLLING if rolling else conditions.contact[points.row[0]])
     load, diameter, width = (made.pop(name) for name in ("load", "diameter", "width"))
-    return Conditions(load, diameter, width, contact, soil, made), settings
+    covariates = {name: made[name] for name in conditions.covariates}
+    return Conditions(load, diameter, width, contact, soil, covariates), settings
 
 
 def _enough(points: Points, there: Conditions, used: Sequence[str]) -> NDArray[np.bool_]:
@@ -107,14 +106,13 @@ def _enough(points: Points, there: Conditions, used: Sequence[str]) -> NDArray[n
         column = points.column(name)
         span = max(float(np.ptp(column)), 1e-12)
         near &= np.abs(there[name][:, None] - column[None, :]) <= _SAME * span
-    runs = [np.unique(points.run[row]).size for row in near]
-    return np.asarray(np.array(runs) >= RUNS)
+    return np.array([np.unique(points.run[row]).size >= RUNS for row in near])
 
 
 def propose(
     fitter: Fitter,
-    first: CandidateFit,
-    second: CandidateFit,
+    first: Fit,
+    second: Fit,
     names: tuple[str, str],
     hint: str = "",
     limits: Limits | None = None,
@@ -128,18 +126,17 @@ def propose(
     count, channels = len(there), len(points.channels)
     channel, row = np.divmod(np.arange(channels * count), count)
     predictor = Predictor(there, points.channels, channel, row)
-    a = predictor(first.fit.vector, first.fit.theta).reshape(channels, count)
-    predicted, slopes = predictor.with_slopes(second.fit.vector, second.fit.theta)
+    a = predictor(first.vector, first.theta).reshape(channels, count)
+    predicted, slopes = predictor.with_slopes(second.vector, second.theta)
     b = predicted.reshape(channels, count)
-    stiff = stiffness(second.fit.vector, slopes).reshape(channels, count)
+    stiff = stiffness(second.vector, slopes).reshape(channels, count)
     slopes = slopes.reshape(channels, count, -1)
-    spread = np.einsum("cip,pq,diq->icd", slopes, second.fit.covariance, slopes)
+    spread = np.einsum("cip,pq,diq->icd", slopes, second.covariance, slopes)
     variance = spread + _scatter(fitter, second, b, stiff) / RUNS
-    apart = (a - b).T
-    gain = np.einsum("ic,icd,id->i", apart, np.linalg.inv(variance), apart)
+    gain = np.einsum("ic,icd,id->i", (a - b).T, np.linalg.inv(variance), (a - b).T)
     bad = _enough(points, there, [n for n in settings[0] if n in independent(points)])
-    for model in (first, second):
-        said = predict(model.fit.vector.model(model.fit.theta), there, with_forces=False)
+    for model in (first.model, second.model):
+        said = predict(model, there, with_forces=False)
         bad |= said.immobilised | ~(said.sinkage > 0) | (said.sinkage > _DEEPEST * there.diameter)
     gain = np.where(bad | ~np.isfinite(gain), -1.0, gain)
     best = int(np.argmax(gain))
@@ -147,53 +144,48 @@ def propose(
         return None
     power = float(norm.cdf(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
     shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings[best].items())
-    text = f"{RUNS} runs at {shown} tell {effect_words(names[0])} from {effect_words(names[1])}" + (
-        f"; {hint}" if hint else ""
-    )
-    return Proposal(settings[best], names, RUNS, power, text)
+    text = f"{RUNS} runs at {shown} tell {effect_words(names[0])} from {effect_words(names[1])}"
+    return Proposal(settings[best], names, RUNS, power, text + (f"; {hint}" if hint else ""))
 
 
-def _scatter(fitter: Fitter, model: CandidateFit, level: Array, stiff: Array) -> Array:
+def _scatter(fitter: Fitter, fit: Fit, level: Array, stiff: Array) -> Array:
     """Covariance of one run's mean, by channel, at each candidate: (count, channels, channels)."""
-    channels, count = level.shape
-    deviations = model.fit.scatter.deviations
-    found = np.zeros((count, channels, channels))
+    deviations = fit.scatter.deviations
+    found = deviations["tau"] ** 2 * np.einsum("ci,di->icd", stiff, stiff)
     for c, name in enumerate(fitter.points.channels):
         noise = fitter.repeats.channels[name].variance(level[c]) / _ROWS_PER_RUN
         own = deviations[f"own:{name}"] * level[c]
         zero = deviations.get(f"zero:{name}", 0.0) * float(np.median(np.abs(level[c])))
-        found[:, c, c] = noise + own**2 + zero**2
-    found += deviations["tau"] ** 2 * np.einsum("ci,di->icd", stiff, stiff)
-    return found
+        found[:, c, c] += noise + own**2 + zero**2
+    return np.asarray(found)
 
 
 def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]:
     """Runs that would decide between the best explanation and those that come next."""
     ordered = found.ordered
     first = ordered[0] if verdict.word != "missing_effect" else verdict.best
-    pairs: list[tuple[CandidateFit, CandidateFit]] = []
-    if verdict.rivals:
-        models = [_explained_by(found, verdict, rival) for rival in verdict.rivals]
-        known = [m for m in models if m is not None]
-        pairs += [(known[0], other) for other in known[1:]]
+    models = [_explained_by(found, verdict, rival) for rival in verdict.rivals]
+    known = [m for m in models if m is not None]
+    pairs = [(known[0], other) for other in known[1:]]
     pairs += [(first, m) for m in ordered if m.families != first.families][:_MOST_PROPOSALS]
-    found_runs: list[Proposal] = []
+    made: list[Proposal] = []
     for one, other in pairs:
-        names = _told_apart(one, other)
-        if names is None or any(set(p.separates) == set(names) for p in found_runs):
+        apart = one.families - other.families, other.families - one.families
+        names = tuple(min(families, default="none") for families in apart)
+        if not any(apart) or any(set(p.separates) == set(names) for p in made):
             continue
         hints = [c.effect.next_step for m in (one, other) for c in m.competitors
                  if c.family in names and c.effect is not None and c.effect.next_step]  # fmt: skip
+        hint = hints[0] if hints else ""
         try:
-            made = propose(found.fitter, one, other, names, hints[0] if hints else "", limits)
+            one_of = propose(found.fitter, one, other, (names[0], names[1]), hint, limits)
         except FAILURES:
             continue
-        if made is not None and made.expected_power > LEAST_POWER:
-            found_runs.append(made)
-    return found_runs[:_MOST_PROPOSALS]
+        made += [one_of] if one_of is not None and one_of.expected_power > LEAST_POWER else []
+    return made[:_MOST_PROPOSALS]
 
 
-def _explained_by(found: Search, verdict: Verdict, rival: str) -> CandidateFit | None:
+def _explained_by(found: Search, verdict: Verdict, rival: str) -> Candidate | None:
     """The best model with a rival. One that is only tied was not fitted: it takes the name's place."""
     known = next((m for m in found.ordered if rival in m.families), None)
     named = next((m for m in found.ordered if verdict.rivals[0] in m.families), None)
@@ -201,13 +193,5 @@ def _explained_by(found: Search, verdict: Verdict, rival: str) -> CandidateFit |
         return known
     tied = next(c for c in named.competitors if c.family == verdict.rivals[0])
     forms = [c for c in found.field.competitors if c.family == rival]
-    made = [exchanged(found, named, tied, form) for form in forms]
+    made = [found.made(named, form, out=tied) for form in forms]
     return max((m for m in made if m is not None), key=lambda m: m.weight, default=None)
-
-
-def _told_apart(one: CandidateFit, other: CandidateFit) -> tuple[str, str] | None:
-    """What differs between two models: one name of each, `none` where one has nothing instead."""
-    first, second = sorted(one.families - other.families), sorted(other.families - one.families)
-    if not first and not second:
-        return None
-    return (first[0] if first else "none", second[0] if second else "none")

@@ -12,7 +12,7 @@ import numpy as np
 
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
-from smallwheel_ros.diagnosis.competitors import Field, field_of
+from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.held_out import Step, steps_of
 from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, most_bad
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
@@ -83,7 +83,7 @@ class Diagnosis(Result):
     def fitted(self, step: int) -> FitResult:
         """The model of a step fitted to all runs and channels, for people and for model files."""
         held_out = self.document["steps"][step]["held_out_rmse"]
-        return replace(self.problem.result(self.steps[step].model.fit), held_out=held_out)
+        return replace(self.problem.result(self.steps[step].model), held_out=held_out)
 
     def headline(self) -> str:
         """The verdict in a sentence."""
@@ -142,29 +142,31 @@ def diagnose(
         Where nothing usable was measured.
     """
     known = registry or default_registry()
+
+    def searched(problem: Problem) -> Search:
+        judged = problem.judged
+        model = judged.vector.model(judged.vector.start)
+        field = field_of(judged.points, model, known, without)
+        return search(judged.fitter, judged.fit, field, seed=seed)
+
     progress("fitting the base model")
     problem = Problem.of(measurements, base)
     reason = _insufficient(problem.judged.points)
-    if len(problem.points) < 2:
-        return Diagnosis(written.insufficient(problem, reason or "one measurement only"), problem)
-    if reason:
-        field = _field(problem, known, without)
-        return Diagnosis(written.insufficient(problem, reason, field), problem)
+    if reason or len(problem.points) < 2:
+        return _too_little(problem, reason, known, without)
     progress("testing each effect")
     plain, told = problem, fault_told(problem, known, without)
     if told is not None:
         problem = problem.with_part(told.part, told.told)
     most = most_bad(problem.judged.points.run_count)
-    found = _searched(problem, known, without, seed)
+    found = searched(problem)
     with_all = verdict = decide(found)
     bad: list[BadRun] = []
-    while more := bad_runs(found.fitter, found.ordered[0].fit):
-        if len(bad) + len(more) > most:
-            break
+    while (more := bad_runs(found.fitter, found.ordered[0])) and len(bad) + len(more) <= most:
         bad += more
         rows = np.concatenate([one.rows for one in more])
         plain, problem = plain.without(rows), problem.without(rows)
-        found = _searched(problem, known, without, seed)
+        found = searched(problem)
         verdict = decide(found)
     for one in bad:
         verdict = verdict.saying(one.words(measurements))
@@ -183,15 +185,15 @@ def diagnose(
     return Diagnosis(written.plain(document), problem, found, verdict, tuple(steps))
 
 
-def _field(problem: Problem, known: Registry, without: Collection[str]) -> Field:
-    """Who competes against the base, by the channels that decide."""
+def _too_little(
+    problem: Problem, reason: str, known: Registry, without: Collection[str]
+) -> Diagnosis:
+    """The diagnosis of a table that nothing can be told from."""
+    if len(problem.points) < 2:
+        return Diagnosis(written.insufficient(problem, reason or "one measurement only"), problem)
     judged = problem.judged
-    return field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
-
-
-def _searched(problem: Problem, known: Registry, without: Collection[str], seed: int) -> Search:
-    field = _field(problem, known, without)
-    return search(problem.judged.fitter, problem.judged.fit, field, seed=seed)
+    field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
+    return Diagnosis(written.insufficient(problem, reason, field), problem)
 
 
 def _changes(before: Verdict, after: Verdict, count: int) -> str:

@@ -44,42 +44,43 @@ def where_it_fails(
     of the channel. bias, rmse: m or N.
     """
     generator = np.random.default_rng([seed, 13])
-    columns = _cut_by(points)
     found: list[Entry] = []
-    for c, channel in enumerate(points.channels):
-        mine = np.flatnonzero(points.channel == c)
+    for channel in points.channels:
+        mine = np.flatnonzero(points.of_channel(channel))
         error = np.array([np.mean(errors.error[channel][points.rows[i]]) for i in mine])
+        mine, error = mine[np.isfinite(error)], error[np.isfinite(error)]
         runs = np.unique(points.run[mine], return_inverse=True)[1].reshape(-1)
-        good = np.isfinite(error)
-        if np.unique(runs[good]).size < 2 * _FEWEST_RUNS:
+        if np.unique(runs).size < 2 * _FEWEST_RUNS:
             continue
-        mine, error, runs = mine[good], error[good], runs[good]
         signs = generator.choice([-1.0, 1.0], size=(_REPLICATES, int(runs.max()) + 1))
-        share = error / level[mine]
-        values = np.vstack([share, share * signs[:, runs]])
-        cuts = [
-            (name, *cut)
-            for name, column in columns.items()
-            if (cut := _worst_cut(column[mine], values, runs)) is not None
-        ]
-        if not cuts:
-            continue
-        null = np.max([cut[1][1:] for cut in cuts], axis=0)
-        for name, statistic, threshold in cuts:
-            p = float((1 + np.sum(null >= statistic[0])) / (1 + null.size))
-            if p <= _SHOWN or certain:
-                rows = [points.rows[i] for i in mine]
-                above = columns[name][mine] > threshold
-                here, elsewhere, sign = _worse_side(above, errors.error[channel], rows)
-                found.append({
-                    "region": f"{name} {sign} {threshold:.3g}",
-                    "rows": int(here.size),
-                    "channel": channel,
-                    "bias": float(np.mean(here)),
-                    "rmse": float(np.sqrt(np.mean(here**2))),
-                    "rmse_elsewhere": float(np.sqrt(np.mean(elsewhere**2))),
-                    "p_value": p,
-                })  # fmt: skip
+        share = np.vstack([error, error * signs[:, runs]]) / level[mine]
+        worst: dict[str, tuple[Array, Mask, float]] = {}
+        for name, column in _cut_by(points).items():
+            above, thresholds = _cuts(column[mine], runs)
+            if thresholds.size:
+                statistic = _apart(share, above)
+                best = int(np.argmax(statistic[0]))
+                worst[name] = statistic.max(axis=1), above[best], thresholds[best]
+        null = np.max([statistic[1:] for statistic, _, _ in worst.values()], axis=0, initial=0.0)
+        for name, (statistic, high, threshold) in worst.items():
+            p = float((1 + np.sum(null >= statistic[0])) / (1 + _REPLICATES))
+            if p > _SHOWN and not certain:
+                continue
+            sides = [
+                np.concatenate([errors.error[channel][points.rows[i]] for i in mine[side]])
+                for side in (high, ~high)
+            ]
+            sizes = [float(np.mean(side**2)) for side in sides]
+            here, elsewhere = (0, 1) if sizes[0] >= sizes[1] else (1, 0)
+            found.append({
+                "region": f"{name} {'><'[here]} {threshold:.3g}",
+                "rows": int(sides[here].size),
+                "channel": channel,
+                "bias": float(np.mean(sides[here])),
+                "rmse": float(np.sqrt(sizes[here])),
+                "rmse_elsewhere": float(np.sqrt(sizes[elsewhere])),
+                "p_value": p,
+            })  # fmt: skip
     found.sort(key=lambda r: (r["p_value"], -r["rmse"] / max(r["rmse_elsewhere"], 1e-300)))
     sure = [region for region in found if region["p_value"] <= _SHOWN]
     return sure[:_MOST] or found[:1]
@@ -96,41 +97,25 @@ def _cut_by(points: Points) -> dict[str, Array]:
     return columns
 
 
-def _worst_cut(setting: Array, values: Array, runs: NDArray[np.intp]) -> tuple[Array, float] | None:
-    """Largest statistic over the cuts of a setting, for each row of values, and the first's cut."""
-    order = np.argsort(setting, kind="stable")
-    ordered, run = setting[order], runs[order]
-    size = ordered.size
-    step = 1e-3 * np.ptp(ordered)
-    first_seen = np.array([np.unique(run[:i]).size for i in range(size + 1)])
-    last_seen = np.array([np.unique(run[i:]).size for i in range(size + 1)])
-    places = [
-        i
-        for i in range(1, size)
-        if ordered[i] - ordered[i - 1] > step
-        and first_seen[i] >= _FEWEST_RUNS
-        and last_seen[i] >= _FEWEST_RUNS
-    ]
-    if not places:
-        return None
-    v = values[:, order]
-    at = np.array(places)
-    running = np.cumsum(v, axis=1)[:, at - 1]
-    total, square = v.sum(axis=1, keepdims=True), (v**2).sum(axis=1, keepdims=True)
-    low, high = running / at, (total - running) / (size - at)
-    within = np.maximum(square - at * low**2 - (size - at) * high**2, 1e-12)
-    spread = np.sqrt(within / max(size - 2, 1) * (1.0 / at + 1.0 / (size - at)))
-    statistic = np.abs(high - low) / spread
-    best = places[int(np.argmax(statistic[0]))]
-    return statistic.max(axis=1), float(0.5 * (ordered[best - 1] + ordered[best]))
+def _cuts(setting: Array, runs: Index) -> tuple[Mask, Array]:
+    """Masks of what lies above each cut, shape (cuts, values), and the cuts; enough runs on both sides."""
+    levels = np.unique(setting)
+    wide = np.diff(levels) > 1e-3 * np.ptp(levels)
+    cuts = (0.5 * (levels[1:] + levels[:-1]))[wide]
+    above = setting > cuts[:, None]
+    enough = [min(np.unique(runs[a]).size, np.unique(runs[~a]).size) >= _FEWEST_RUNS for a in above]
+    return above[enough], cuts[enough]
 
 
-def _worse_side(above: Mask, error: Array, rows: list[Index]) -> tuple[Array, Array, str]:
-    """Errors on the side of a cut where they are larger, those of the other, and which side it is."""
-    low, high = (
-        np.concatenate([error[rows[i]] for i in np.flatnonzero(side)]) for side in (~above, above)
-    )
-    return (low, high, "<") if np.mean(high**2) < np.mean(low**2) else (high, low, ">")
+def _apart(share: Array, above: Mask) -> Array:
+    """Difference of the two sides' means over its standard error, shape (data sets, cuts)."""
+    size, high = above.shape[1], above.sum(axis=1)
+    total, square = share.sum(axis=1, keepdims=True), (share**2).sum(axis=1, keepdims=True)
+    mean_high = share @ above.T.astype(float) / high
+    mean_low = (total - mean_high * high) / (size - high)
+    within = np.maximum(square - high * mean_high**2 - (size - high) * mean_low**2, 1e-12)
+    spread = np.sqrt(within / max(size - 2, 1) * (1.0 / high + 1.0 / (size - high)))
+    return np.asarray(np.abs(mean_high - mean_low) / spread)
 
 
 def setting_of(points: Points, values: Index) -> str:
@@ -143,9 +128,12 @@ def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
     """Mean relative residual of a fit, by channel, in thirds of each setting and by group of rows."""
     points = fitter.points
     share = (points.value - fit.predicted) / fitter.level
+    first = np.array([rows[0] for rows in points.rows])
+    table = points.measurements
+    groups = {"wheel": table.wheel, "soil": table.soil, **table.labels}
     found: list[Entry] = []
-    for c, channel in enumerate(points.channels):
-        mine = points.channel == c
+    for channel in points.channels:
+        mine = points.of_channel(channel)
         for name, column in points.varied.items():
             edges = np.unique(np.quantile(column[mine], np.linspace(0, 1, _PARTS + 1)))
             place = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, edges.size - 2)
@@ -156,7 +144,8 @@ def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
                 if mask.any()
             ]
             found.append({"channel": channel, "setting": name, "parts": parts})
-        for name, label in _groups(points).items():
+        for name, labels in groups.items():
+            label = np.asarray(labels)[first]
             values = np.unique(label[mine])
             if 1 < values.size <= _MOST_GROUPS:
                 masks = [mine & (label == value) for value in values]
@@ -175,14 +164,6 @@ def _part(share: Array, run: Index) -> Entry:
     return {"runs": int(means.size), "mean": float(means.mean()), "std": error}
 
 
-def _groups(points: Points) -> dict[str, NDArray[np.str_]]:
-    """Labels of each value: the wheel, the soil, and every column of text."""
-    measurements = points.measurements
-    first = np.array([rows[0] for rows in points.rows])
-    columns = {"wheel": measurements.wheel, "soil": measurements.soil, **measurements.labels}
-    return {name: np.asarray(column)[first] for name, column in columns.items()}
-
-
 def worst_left(left: list[Entry], measurements: Measurements) -> str:
     """The setting or group over which the residual differs most, in words; "" where none does."""
     parts = [
@@ -191,10 +172,10 @@ def worst_left(left: list[Entry], measurements: Measurements) -> str:
         for part in entry["parts"]
         if part["std"] and part["runs"] >= _FEWEST_RUNS
     ]
-    parts = [found for found in parts if found[0] > _FAR_OFF]
-    if not parts:
+    none: tuple[float, Entry, Entry] = (0.0, {}, {})
+    size, entry, part = max(parts, key=lambda found: found[0], default=none)
+    if size <= _FAR_OFF:
         return ""
-    _, entry, part = max(parts, key=lambda found: found[0])
     if "group" in entry:
         where = f"{entry['group']} is {part['at']}"
     else:

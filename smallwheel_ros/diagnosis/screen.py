@@ -7,8 +7,8 @@ deviation does to the predictions) has
     ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
 
 averaged over V on the way from the fitted scatter to the usual one, since a missing effect inflates the
-scatter. The same
-arithmetic on data drawn from the null model gives the law of the statistic "is anything missing".
+scatter. The same arithmetic on data drawn from the null model gives the law of the statistic "is anything
+missing".
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor, changed
 from smallwheel_ros.fitting.constants import HIDE, SPREAD
-from smallwheel_ros.fitting.covariance import Covariance
-from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, stiffness, taken_up
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
+from smallwheel_ros.fitting.variance import Covariance
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Column:
 
 def columns_of(fitter: Fitter, fit: Fit, competitors: Sequence[Competitor]) -> list[Column]:
     """Columns of each competitor at a fit; one that has no finite prediction there is left out."""
-    found = []
+    found: list[Column] = []
     for competitor in competitors:
         try:
             found += _columns(fitter, fit, competitor)
@@ -59,19 +59,21 @@ def columns_of(fitter: Fitter, fit: Fit, competitors: Sequence[Competitor]) -> l
 def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     listed = competitor.part.parameters
     vector = changed(fit.vector, competitor)
-    begun = vector.begun_at(fit.vector, fit.theta)
-    base = np.delete(begun, vector.places(competitor.part.id))
+    base = np.delete(vector.begun_at(fit.vector, fit.theta), vector.places(competitor.part.id))
+
+    def moved(starts: Array) -> Array:
+        thetas = np.hstack([np.tile(base, (len(starts), 1)), starts])
+        return fitter.predictor.many(vector, thetas) - fit.predicted
+
     if competitor.geometry is not None:
-        shift = fitter.predictor(vector, base) - fit.predicted
-        return [Column(competitor, shift[:, None], np.zeros(0))]
+        none = np.zeros((1, 0))
+        return [Column(competitor, moved(none).T, none[0])]
     if competitor.kind == "unknown":
         steps = np.array([_NUDGE * p.prior.deviation for p in listed])
-        thetas = np.hstack([np.tile(base, (steps.size, 1)), np.diag(steps)])
-        moved = fitter.predictor.many(vector, thetas)
-        return [Column(competitor, ((moved - fit.predicted) / _NUDGE).T, np.zeros(steps.size))]
+        return [Column(competitor, (moved(np.diag(steps)) / _NUDGE).T, np.zeros(steps.size))]
     main, start = competitor.strength, competitor.part.start
-    present, prior = start[main], listed[main].prior
-    absent = present if competitor.replaces else 0.0
+    prior = listed[main].prior
+    absent = start[main] if competitor.replaces else 0.0
     if prior.low < 0.0 or competitor.replaces:
         sizes = (absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation)
     else:
@@ -80,11 +82,10 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     starts = np.tile(start, (len(sizes), 1))
     starts[:, main] = np.clip(sizes, prior.low, prior.high)
     starts = starts[np.abs(starts[:, main] - absent) > 1e-12]
-    moved = fitter.predictor.many(vector, np.hstack([np.tile(base, (len(starts), 1)), starts]))
-    scale = max(prior.deviation, abs(prior.centre - absent))
+    scale = max(prior.deviation, abs(prior.centre - absent)) / (starts[:, main] - absent)
     return [
-        Column(competitor, ((f - fit.predicted) * scale / (s[main] - absent))[:, None], s)
-        for f, s in zip(moved, starts, strict=True)
+        Column(competitor, shift[:, None], at)
+        for shift, at in zip(moved(starts) * scale[:, None], starts, strict=True)
     ]
 
 
@@ -93,14 +94,13 @@ class Screen:
 
     def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[Column]) -> None:
         self.fitter, self.fit, self.columns = fitter, fit, list(columns)
-        self._kernels = fitter.variance.kernels(
-            stiffness(fit.vector, fit.slopes), fit.scatter.log_length
-        )
-        self._spread = taken_up(fit.vector, fit.theta, fit.slopes)
-        none = np.zeros((len(fitter.points), 0))
-        self._stacked = np.hstack([none, *(c.shift for c in self.columns)])
-        ends = np.cumsum([0] + [c.shift.shape[1] for c in self.columns])
+        self._kernels = fitter.variance.kernels(fit.stiffness, fit.scatter.log_length)
+        self._stacked = np.hstack([np.zeros((len(fitter.points), 0)), *(c.shift for c in columns)])
+        ends = np.cumsum([0] + [c.shift.shape[1] for c in columns])
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+
+    def _under(self, log_deviation: Array) -> Covariance:
+        return self.fitter.variance.total(log_deviation, self._kernels, self.fit.taken_up)
 
     @cached_property
     def _ways(self) -> Sequence[tuple[Covariance, float, Array, Array]]:
@@ -109,51 +109,52 @@ class Screen:
         The columns of a competitor are turned so that each adds to the evidence by itself: of the last
         the diagonal remains.
         """
-        model, scatter = self.fitter.variance, self.fit.scatter
-        away, found = scatter.log_deviation - model.log_median, []
+        model, found = self.fitter.variance, []
+        away = self.fit.scatter.log_deviation - model.log_median
         for share in _WAY:
             log_deviation = model.log_median + np.minimum(away, share * away)
-            inside = model.total(log_deviation, self._kernels, self._spread)
-            level = model.log_prior(replace(scatter, log_deviation=log_deviation))
+            inside = self._under(log_deviation)
             white, size = inside.whiten(self._stacked), np.ones(self._stacked.shape[1])
             for mine in self._places:
                 gram, turned = np.linalg.eigh(white[:, mine].T @ white[:, mine])
                 white[:, mine], size[mine] = white[:, mine] @ turned, 1.0 + gram
-            found.append((inside, level - inside.log_root, white, size))
+            level = model.log_prior(log_deviation) - inside.log_root
+            found.append((inside, level, white, size))
         return found
 
     @cached_property
     def _shown(self) -> Array:
-        """C' S^-1 C of all columns, under no more scatter than is usual."""
+        """C' S^-1 C of all columns, under no more scatter than is usual.
+
+        What a missing effect adds to the scatter must not hide another one from the search.
+        """
         usual = np.minimum(self.fit.scatter.log_deviation, self.fitter.variance.log_median)
-        inside = self.fitter.variance.total(usual, self._kernels, self._spread)
-        white = inside.whiten(self._stacked)
+        white = self._under(usual).whiten(self._stacked)
         return white.T @ white
 
     def testability(self) -> list[float]:
-        """Of each column, the squared deviations by which its prior's scale moves the predictions.
-
-        Under scatter as soils and rigs usually have it: what a missing effect adds to the scatter
-        must not hide another one from the search.
-        """
+        """Of each column, the squared deviations by which its prior's scale moves the predictions."""
         return [float(np.max(np.diag(self._shown)[p])) for p in self._places]
 
     def cosines(self) -> tuple[list[str], Array]:
         """Families with one column, and how alike they act after the base is refitted."""
-        chosen = [i for i in self._clearest() if self._places[i].size == 1]
-        at = np.array([self._places[i][0] for i in chosen], dtype=np.intp)
+        best: dict[str, tuple[float, int]] = {}
+        for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
+            family = column.competitor.family
+            if family not in best or size > best[family][0]:
+                best[family] = size, i
+        chosen = {f: self._places[i][0] for f, (_, i) in best.items() if self._places[i].size == 1}
+        at = np.array([*chosen.values()], dtype=np.intp)
         gram = self._shown[np.ix_(at, at)]
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        names = [self.columns[i].competitor.family for i in chosen]
-        return names, np.asarray(np.abs(gram) / np.outer(size, size))
+        return list(chosen), np.asarray(np.abs(gram) / np.outer(size, size))
 
     def draws(self, count: int, seed: int) -> Array:
         """Errors drawn from the null model, shape (values, count)."""
-        model, shape = self.fitter.variance, (len(self.fitter.points), count)
-        most = model.log_median + HIDE * SPREAD
-        capped = np.minimum(self.fit.scatter.log_deviation, most)
-        null = model.total(capped, self._kernels)
-        return null.drawn(np.random.default_rng(seed).normal(size=shape))
+        model = self.fitter.variance
+        capped = np.minimum(self.fit.scatter.log_deviation, model.log_median + HIDE * SPREAD)
+        noise = np.random.default_rng(seed).normal(size=(len(self.fitter.points), count))
+        return np.asarray(model.total(capped, self._kernels).root @ noise)
 
     def evidence(self, errors: Array) -> tuple[Array, Array]:
         """ln evidence of none (data sets,) and of each column (columns, data sets), less a constant."""
@@ -168,14 +169,6 @@ class Screen:
         together = np.logaddexp.reduce
         return np.asarray(together(np.array(none))), np.asarray(together(np.array(each)))
 
-    def _clearest(self) -> list[int]:
-        best: dict[str, tuple[float, int]] = {}
-        for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
-            family = column.competitor.family
-            if family not in best or size > best[family][0]:
-                best[family] = size, i
-        return [i for _, i in best.values()]
-
     def by_family(self, errors: Array) -> dict[str, Array]:
         """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
         none, each = self.evidence(errors)
@@ -184,7 +177,5 @@ class Screen:
         for column, row in zip(self.columns, each, strict=True):
             c = column.competitor
             value = row - none + np.log(c.share / count[c.key])
-            found[c.family] = np.logaddexp(
-                found.get(c.family, np.full(value.shape, -np.inf)), value
-            )
+            found[c.family] = np.logaddexp(found.get(c.family, -np.inf), value)
         return found

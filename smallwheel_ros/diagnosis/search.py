@@ -9,8 +9,8 @@ Models are found by linearised evidence (`screen`), refitted, and extended while
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,47 +39,55 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 
 @dataclass(frozen=True)
-class CandidateFit:
+class Candidate(Fit):
     """A fitted model with some competitors. weight: ln of evidence times prior odds."""
 
-    competitors: tuple[Competitor, ...]
-    fit: Fit
-    weight: float
+    competitors: tuple[Competitor, ...] = ()
+    weight: float = -np.inf
+
+    @classmethod
+    def of(cls, fit: Fit, competitors: Sequence[Competitor] = ()) -> Candidate:
+        """A fit as a model of these competitors."""
+        odds = sum(float(np.log(c.share)) for c in competitors)
+        known = {name: getattr(fit, name) for name in Fit.__dataclass_fields__}
+        return cls(**known, competitors=tuple(competitors), weight=fit.evidence + odds)
 
     @property
     def key(self) -> Key:
         """What tells the model from others."""
-        return tuple(sorted(c.key for c in self.competitors))
-
-    def key_with(self, put_in: Competitor | None, out: Competitor | None = None) -> Key:
-        """The key of the model with one competitor more, or less, or another in its place."""
-        kept = [c.key for c in self.competitors if out is None or c.key != out.key]
-        return tuple(sorted([*kept, *([] if put_in is None else [put_in.key])]))
+        return _key(self.competitors)
 
     @property
     def families(self) -> frozenset[str]:
         """Families of its competitors."""
         return frozenset(c.family for c in self.competitors)
 
+    def exchanged(self, out: Competitor | None, put_in: Competitor | None) -> list[Competitor]:
+        """Its competitors with one more, or less, or another in its place."""
+        kept = [c for c in self.competitors if out is None or c.key != out.key]
+        return kept if put_in is None else [*kept, put_in]
+
+
+def _key(competitors: Sequence[Competitor]) -> Key:
+    return tuple(sorted(c.key for c in competitors))
+
 
 def refit(
     fitter: Fitter,
-    model: CandidateFit,
+    near: Candidate,
     put_in: Competitor | None = None,
     start: Array | None = None,
     out: Competitor | None = None,
     turns: int = 4,
-) -> CandidateFit | None:
+) -> Candidate | None:
     """A model fitted from where it was, with one competitor more, or less, or another in its place.
 
     start: of the new competitor's numbers. None where it cannot be fitted.
     """
-    near, vector = model.fit, model.fit.vector
-    competitors = [c for c in model.competitors if out is None or c.key != out.key]
+    vector = near.vector
     if out is not None:
         vector = vector.with_parts([part for part in vector.parts if part.id != out.part.id])
     if put_in is not None:
-        competitors.append(put_in)
         vector = changed(vector, put_in)
     theta = vector.begun_at(near.vector, near.theta)
     if put_in is not None:
@@ -91,8 +99,7 @@ def refit(
         fit = fitter.fit(vector, theta, scatter, turns=turns)
     except FAILURES:
         return None
-    odds = sum(float(np.log(c.share)) for c in competitors)
-    return CandidateFit(tuple(competitors), fit, fit.evidence + odds)
+    return Candidate.of(fit, near.exchanged(out, put_in))
 
 
 @dataclass
@@ -107,30 +114,26 @@ class Search:
     fitter: Fitter
     field: Field
     screen: Screen
-    models: dict[Key, CandidateFit]
     p_drawn: float
     p_values: dict[str, float]
+    models: dict[Key, Candidate]
 
-    @cached_property
-    def ordered(self) -> list[CandidateFit]:
+    @property
+    def ordered(self) -> list[Candidate]:
         """Models, the most probable first."""
         return sorted(self.models.values(), key=lambda m: -m.weight)
 
     @property
-    def none(self) -> CandidateFit:
+    def none(self) -> Candidate:
         """The base model."""
         return self.models[()]
 
-    def all_alone(self, family: str, within: float = np.inf) -> list[CandidateFit]:
+    def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
         """The family alone in its forms that were refitted, the best first, within some nats of it."""
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
         return [m for m in found if m.weight > found[0].weight - within]
 
-    def alone(self, family: str) -> CandidateFit | None:
-        """The family alone, in its best form; None where it was not refitted."""
-        return next(iter(self.all_alone(family)), None)
-
-    @cached_property
+    @property
     def probabilities(self) -> dict[Key, float]:
         """Posterior probability of each model."""
         weights = np.array([m.weight for m in self.models.values()])
@@ -150,12 +153,21 @@ class Search:
         bound = _PRIOR_ODDS * none / max(1.0 - none, 1e-12)
         return max(min(self.p_drawn, bound), 1.0 / (1.0 + REPLICATES))
 
-    def add(self, model: CandidateFit | None) -> None:
-        """Keep a further model."""
-        if model is not None and np.isfinite(model.weight):
-            self.models[model.key] = model
-            self.__dict__.pop("ordered", None)
-            self.__dict__.pop("probabilities", None)
+    def made(
+        self,
+        near: Candidate,
+        put_in: Competitor | None = None,
+        start: Array | None = None,
+        out: Competitor | None = None,
+    ) -> Candidate | None:
+        """A known model with one competitor in the place of another (None: of none), else a new one."""
+        key = _key(near.exchanged(out, put_in))
+        rules = out is not None and any(c is not None and c.geometry for c in (out, put_in))
+        if key not in self.models and not rules:  # a rule of contact has no number to take out
+            model = refit(self.fitter, near, put_in, start, out)
+            if model is not None and np.isfinite(model.weight):
+                self.models[key] = model
+        return self.models.get(key)
 
 
 def search(
@@ -164,8 +176,7 @@ def search(
     """Search the models that explain the data. most: effects of the largest; with 0 only p is found."""
     screen = Screen(fitter, base, columns_of(fitter, base, field.competitors))
     field, screen = _testable(screen, field)
-    none = CandidateFit((), base, base.evidence)
-    found = Search(fitter, field, screen, {(): none}, *_tested(screen, seed))
+    found = Search(fitter, field, screen, *_tested(screen, seed), {(): Candidate.of(base)})
     for size in range(1, most + 1 if screen.columns else 0):
         if not _extend(found, size):
             break
@@ -177,11 +188,9 @@ def _tested(screen: Screen, seed: int) -> tuple[float, dict[str, float]]:
     if not screen.columns:
         return 1.0, {}
     errors = (screen.fitter.points.value - screen.fit.predicted)[:, None]
-    drawn = np.hstack([errors, screen.draws(REPLICATES, seed)])
-    families = screen.by_family(drawn)
+    families = screen.by_family(np.hstack([errors, screen.draws(REPLICATES, seed)]))
     masses = np.array(list(families.values()))
-    missing = np.logaddexp.reduce(masses)
-    largest = np.max(masses[:, 1:], axis=0)
+    missing, largest = np.logaddexp.reduce(masses), np.max(masses[:, 1:], axis=0)
 
     def p_value(null: Array, seen: float) -> float:
         return float((1 + np.sum(null >= seen)) / (1 + REPLICATES))
@@ -191,7 +200,7 @@ def _tested(screen: Screen, seed: int) -> tuple[float, dict[str, float]]:
 
 
 def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
-    """Without the families that no data of this design could show."""
+    """Without the families that no data of this design could show, and forms that do the same as another."""
     power: dict[str, float] = {}
     for column, size in zip(screen.columns, screen.testability(), strict=True):
         family = column.competitor.family
@@ -206,88 +215,60 @@ def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
         for family, size in power.items()
         if size < TESTABLE
     }
-    seen = [c for c in field.competitors if c.family not in blind]
-    field = field.only(_different(screen.columns, seen), blind)
-    kept = {c.key: c for c in field.competitors}
+    kept: list[tuple[Competitor, Array]] = []
+    for c in field.competitors:
+        mine = [column.shift for column in screen.columns if column.competitor is c]
+        if not mine or c.family in blind:
+            continue
+        shift = np.hstack(mine)
+        twins = [o for k, o in kept if k.family == c.family and o.shape == shift.shape]
+        if not any(np.allclose(shift, other) for other in twins):
+            kept.append((c, shift))
+    field = field.only([c for c, _ in kept], blind)
+    known = {c.key: c for c in field.competitors}
     columns = [
-        replace(c, competitor=kept[c.competitor.key])
+        replace(c, competitor=known[c.competitor.key])
         for c in screen.columns
-        if c.competitor.key in kept
+        if c.competitor.key in known
     ]
     return field, Screen(screen.fitter, screen.fit, columns)
-
-
-def _different(columns: list[Column], competitors: list[Competitor]) -> list[Competitor]:
-    """Without forms that do the same as an earlier one of their family on this data."""
-    shifts: dict[tuple[str, str], list[Array]] = {}
-    for column in columns:
-        shifts.setdefault(column.competitor.key, []).append(column.shift)
-    kept: list[Competitor] = []
-    for c in competitors:
-        mine = shifts.get(c.key, [])
-        twin = any(
-            len(other) == len(mine) and all(np.allclose(a, b) for a, b in zip(mine, other, strict=True))
-            for k in kept if k.family == c.family and (other := shifts.get(k.key))
-        )  # fmt: skip
-        if mine and not twin:
-            kept.append(c)
-    return kept
 
 
 def _extend(found: Search, size: int) -> bool:
     """Refit the most promising extensions of the best models of the size before."""
     parents = [m for m in found.ordered if len(m.competitors) == size - 1]
     parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][:PARENTS]
-    best = found.ordered[0].weight
-    reached = -np.inf
+    best, reached = found.ordered[0].weight, -np.inf
+    most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
     for parent in parents:
         here = found.screen if size == 1 else _screen_at(found, parent)
-        none, each = here.evidence((found.fitter.points.value - parent.fit.predicted)[:, None])
+        none, each = here.evidence((found.fitter.points.value - parent.predicted)[:, None])
         gain = each[:, 0] - none[0] + np.log([c.competitor.share for c in here.columns])
-        most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
         for column in _promising(here.columns, gain, most, forms):
-            if parent.key_with(column.competitor) in found.models:
+            if _key(parent.exchanged(None, column.competitor)) in found.models:
                 continue
-            made = refit(found.fitter, parent, column.competitor, column.start)
-            found.add(made)
-            if made is not None:
-                reached = max(reached, made.weight)
+            made = found.made(parent, column.competitor, column.start)
+            reached = reached if made is None else max(reached, made.weight)
     return bool(reached > best - _REST)
 
 
 def _promising(columns: list[Column], gain: Array, most: int, forms: int) -> list[Column]:
     chosen: dict[tuple[str, str], Column] = {}
     for i in np.argsort(-gain):
-        column = columns[int(i)]
-        key = column.competitor.key
-        if key in chosen or sum(k[0] == key[0] for k in chosen) >= forms:
-            continue
-        chosen[key] = column
-        if len(chosen) >= most:
-            break
-    return list(chosen.values())
+        key = columns[i].competitor.key
+        if key not in chosen and sum(family == key[0] for family, _ in chosen) < forms:
+            chosen[key] = columns[i]
+    return list(chosen.values())[:most]
 
 
-def _screen_at(found: Search, parent: CandidateFit) -> Screen:
+def _screen_at(found: Search, parent: Candidate) -> Screen:
     """The columns of the other families at a larger model: as the same shares of its predictions."""
-    base = found.none.fit.predicted
-    ratio = parent.fit.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
-    points = found.fitter.points
+    base, points = found.none.predicted, found.fitter.points
+    ratio = parent.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
     for name in points.forces:
-        ratio = np.where(points.of_channel(name), 1.0, ratio)
+        ratio[points.of_channel(name)] = 1.0
     ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, 1.0)
     others = [c for c in found.screen.columns if c.competitor.family not in parent.families]
-    shifted = [replace(c, shift=c.shift * ratio[:, None]) for c in others]
-    return Screen(found.fitter, parent.fit, shifted)
-
-
-def exchanged(
-    found: Search, model: CandidateFit, out: Competitor | None, put_in: Competitor | None
-) -> CandidateFit | None:
-    """The model with one competitor in the place of another; None stands for none. It is kept."""
-    key = model.key_with(put_in, out)
-    if key not in found.models:
-        if any(c is not None and c.geometry is not None for c in (out, put_in)):
-            return None
-        found.add(refit(found.fitter, model, put_in, out=out))
-    return found.models.get(key)
+    return Screen(
+        found.fitter, parent, [replace(c, shift=c.shift * ratio[:, None]) for c in others]
+    )

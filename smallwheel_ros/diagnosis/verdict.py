@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.search import CandidateFit, Key, Search, exchanged
+from smallwheel_ros.diagnosis.search import Candidate, Key, Search
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
     ALARM,
@@ -58,7 +58,7 @@ class Verdict:
     rivals: tuple[str, ...]
     unknown: tuple[str, ...]
     probabilities: Mapping[str, float]
-    best: CandidateFit
+    best: Candidate
     reasons: tuple[str, ...] = ()
     closest: tuple[str, ...] = ()
 
@@ -87,33 +87,30 @@ def family_of(search: Search, competitor: Competitor) -> str:
 
 def decide(search: Search) -> Verdict:
     """Turn a search into a verdict."""
+    best, share = search.ordered[0], search.probabilities
     speaks = {c.family: family_of(search, c) for m in search.models.values() for c in m.competitors}
-    share = search.probabilities
     members = {key: {speaks[family] for family, _ in key} for key in search.models}
-    families = sorted({f for m in members.values() for f in m})
-    probability = {f: sum(share[k] for k, m in members.items() if f in m) for f in families}
-    ordered = sorted(families, key=lambda f: -probability[f])
+    families = {f for m in members.values() for f in m}
+    probability = {f: sum(share[k] for k, m in members.items() if f in m) for f in sorted(families)}
     if search.p > ALARM:
         return Verdict("adequate", (), (), (), probability, search.none)
+    ordered = [f for f in sorted(probability, key=lambda f: -probability[f])
+               if probability[f] >= MENTIONED]  # fmt: skip
     named = [f for f in ordered if probability[f] >= NAMED]
-    rest = [f for f in ordered if f not in named and probability[f] >= MENTIONED]
-    groups = _rival_groups(rest, probability, members, share)
-    if not named and not groups:
-        groups = [[f for f in ordered if probability[f] >= MENTIONED]]
-    best = search.ordered[0]
+    rest = [f for f in ordered if f not in named]
+    groups = _rival_groups(rest, probability, members, share) or ([] if named else [rest])
     named, unknown = _without_a_law(search, best, named, speaks)
     # A set that has the truth holds what is likely, too.
-    rivals = list(
-        dict.fromkeys([*(groups[0] if groups else []), *[f for f in rest if probability[f] > 0.5]])
-    )
+    rivals = [*(groups[0] if groups else []), *(f for f in rest if probability[f] > 0.5)]
     reasons: list[str] = []
     library = _by_library(search, best, named)
     for name in list(named):
         tied = _tied(search, library, name)
         if tied:
             named.remove(name)
-            rivals = [name, *(t for t in tied if t not in rivals and t not in named), *rivals]
+            rivals = [name, *(t for t in tied if t not in (*named, *rivals)), *rivals]
             reasons.append(f"{listed([name, *tied])} were varied together")
+    rivals = list(dict.fromkeys(rivals))
     if len(rivals) == 1 and named:
         rivals = []
     word: Word = (
@@ -121,20 +118,16 @@ def decide(search: Search) -> Verdict:
     )
     if not named and unknown and not groups:
         word = "unknown_effect"
+    closest: list[str] = []
     if word == "unknown_effect":
         unknown = unknown or [r for r in rivals if r.startswith("unknown:")]
+        closest, rivals = [r for r in rivals if r not in unknown], []
     if unknown:
         reasons.append(f"there is {listed(unknown)}, and no law of the library does")
     return Verdict(
-        word,
-        tuple(named),
-        tuple(dict.fromkeys(rivals)) if word != "unknown_effect" else (),
-        tuple(unknown),
-        probability,
-        library if named else best,
-        tuple(reasons),
-        tuple(r for r in rivals if r not in unknown) if word == "unknown_effect" else (),
-    )
+        word, tuple(named), tuple(rivals), tuple(unknown), probability, library if named else best,
+        tuple(reasons), tuple(closest),
+    )  # fmt: skip
 
 
 def no_help(names: Sequence[str]) -> str:
@@ -163,26 +156,28 @@ def _rival_groups(
     share: Mapping[Key, float],
 ) -> list[list[str]]:
     """Sets of families that exclude each other and together are as probable as a name must be."""
-    groups = []
-    left = list(rest)
+
+    def mass(keys: set[Key]) -> float:
+        return sum(share[k] for k in keys)
+
+    models = {f: {k for k, m in members.items() if f in m} for f in rest}
+    groups, left = [], list(rest)
     while left:
-        group = [left[0]]
-        covered = {k for k, m in members.items() if left[0] in m}
+        group, covered = left[:1], models[left[0]]
         for other in left[1:]:
-            if sum(share[k] for k in covered) >= NAMED and probability[other] < 1.0 - NAMED:
+            if mass(covered) >= NAMED and probability[other] < 1.0 - NAMED:
                 break
-            new = {k for k, m in members.items() if other in m} - covered
-            if sum(share[k] for k in new) >= APART * probability[other]:
+            if mass(models[other] - covered) >= APART * probability[other]:
                 group.append(other)
-                covered |= new
-        if sum(share[k] for k in covered) >= NAMED:
+                covered = covered | models[other]
+        if mass(covered) >= NAMED:
             groups.append(group)
         left = [f for f in left if f not in group]
     return groups
 
 
 def _without_a_law(
-    search: Search, best: CandidateFit, named: list[str], speaks: Mapping[str, str]
+    search: Search, best: Candidate, named: list[str], speaks: Mapping[str, str]
 ) -> tuple[list[str], list[str]]:
     """Names for which only a free curve does: what follows that setting has no law here."""
     kept, unknown = [], []
@@ -194,18 +189,18 @@ def _without_a_law(
         if not curves or any(c.family == name for c in best.competitors):
             kept.append(name)
             continue
-        rest = tuple(c for c in best.competitors if c not in curves)
-        without = search.models.get(tuple(sorted(c.key for c in rest)))
-        least = -np.inf if without is None else without.fit.evidence
+        rest = tuple(sorted(c.key for c in best.competitors if c not in curves))
+        without = search.models.get(rest)
+        least = -np.inf if without is None else without.evidence
         law = _best_form(search, best, curves[0], name)
-        if name in law.families and law.fit.evidence > least + BEATS:
+        if name in law.families and law.evidence > least + BEATS:
             kept.append(name)
         else:
             unknown.append(curves[0].family)
     return kept, unknown
 
 
-def _by_library(search: Search, best: CandidateFit, named: list[str]) -> CandidateFit:
+def _by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
     """The best model with laws of the library for exactly what is named, of all their forms."""
     wanted, model = frozenset(named), best
     for competitor in best.competitors:
@@ -216,36 +211,37 @@ def _by_library(search: Search, best: CandidateFit, named: list[str]) -> Candida
         model = _best_form(search, model, None, family)
     for competitor in model.competitors:
         if competitor.family not in wanted:
-            model = exchanged(search, model, competitor, None) or model
+            model = search.made(model, out=competitor) or model
     for competitor in model.competitors:
         model = _best_form(search, model, competitor, competitor.family)
-    listed = [m for m in search.ordered if m.families == model.families]
-    return max([model, *listed], key=lambda m: m.weight)
+    known = [m for m in search.ordered if m.families == model.families]
+    return max([model, *known], key=lambda m: m.weight)
 
 
-def _best_form(
-    search: Search, model: CandidateFit, out: Competitor | None, family: str
-) -> CandidateFit:
+def _best_form(search: Search, model: Candidate, out: Competitor | None, family: str) -> Candidate:
     """The model with the family's best form in the place of a competitor, or beside all it has."""
     forms = [c for c in search.field.competitors if c.family == family]
-    made = [exchanged(search, model, out, c) for c in forms if out is None or c.key != out.key]
+    made = [
+        search.made(model, form, out=out) for form in forms if out is None or form.key != out.key
+    ]
     good = [m for m in made if m is not None]
     if out is not None and out.family == family:
         good.append(model)
     return max(good, key=lambda m: m.weight, default=model)
 
 
-def _tied(search: Search, best: CandidateFit, name: str) -> list[str]:
+# --- Settings that were varied together
+
+
+def _tied(search: Search, best: Candidate, name: str) -> list[str]:
     """Rivals of a name: the same law, driven by a setting that moved with its own, does as well."""
     law = next((c for c in best.competitors if c.family == name), None)
-    if law is None or law.effect is None or not law.drivers:
+    columns = search.field.columns
+    if law is None or law.effect is None or not law.drivers or law.drivers[0] not in columns:
         return []
-    driver, columns = law.drivers[0], search.field.columns
-    if driver not in columns:
-        return []
-    rivals = []
+    rivals, own = [], columns[law.drivers[0]]
     for other, column in columns.items():
-        r = _correlation(columns[driver], column) if other != driver else 0.0
+        r = _correlation(own, column) if other != law.drivers[0] else 0.0
         if r * r < TIED or (r * r < TOGETHER and not _does_as_well(search, best, law, other)):
             continue
         known = [c.family for c in search.field.competitors
@@ -261,10 +257,10 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 class _Driven:
-    """A law that reads another setting in the place of its own, by the line that ties the two."""
+    """A law that reads another setting in the place of its own: driver, by what `column` makes of it."""
 
-    def __init__(self, law: Effect, driver: str, other: str, line: Array, ends: Array) -> None:
-        self._law, self._names, self._line, self._ends = law, (driver, other), line, ends
+    def __init__(self, law: Effect, driver: str, column: Any) -> None:
+        self._law, self._driver, self._column = law, driver, column
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._law, name)
@@ -273,28 +269,28 @@ class _Driven:
         return lambda *arguments: found(*arguments[:-1], self._swapped(arguments[-1]))
 
     def _swapped(self, conditions: Conditions) -> Conditions:
-        driver, other = self._names
-        column = np.clip(np.polyval(self._line, conditions[other]), *self._ends)
-        if driver in conditions.covariates:
-            return replace(conditions, covariates={**conditions.covariates, driver: column})
-        return replace(conditions, **{driver: column})
+        column = self._column(conditions)
+        if self._driver in conditions.covariates:
+            return replace(conditions, covariates={**conditions.covariates, self._driver: column})
+        return replace(conditions, **{self._driver: column})
 
 
-def _does_as_well(search: Search, best: CandidateFit, law: Competitor, other: str) -> bool:
+def _does_as_well(search: Search, best: Candidate, law: Competitor, other: str) -> bool:
     """Whether the model keeps its evidence when a law reads another setting, put in its own's place."""
-    conditions, driver = search.fitter.points.conditions, law.drivers[0]
-    column, source = conditions[driver], conditions[other]
-    line = np.polyfit(source, column, 1)
-    ends = np.array([column.min(), column.max()])
+    driver, conditions = law.drivers[0], search.fitter.points.conditions
+    own = conditions[driver]
+    line = np.polyfit(conditions[other], own, 1)
+
+    def column(of: Conditions) -> Array:
+        return np.clip(np.polyval(line, of[other]), own.min(), own.max())
 
     def build(numbers: Mapping[str, Any]) -> Effect:
-        return cast(Effect, _Driven(law.part.build(numbers), driver, other, line, ends))
+        return cast(Effect, _Driven(law.part.build(numbers), driver, column))
 
-    vector = best.fit.vector
+    vector = best.vector
     parts = [replace(p, build=build) if p.id == law.part.id else p for p in vector.parts]
-    swapped = replace(vector, parts=tuple(parts))
     try:
-        fit = search.fitter.fit(swapped, best.fit.theta, best.fit.scatter)
+        fit = search.fitter.fit(vector.with_parts(parts), best.theta, best.scatter)
     except FAILURES:
         return False
-    return fit.evidence > best.fit.evidence - TIE
+    return fit.evidence > best.evidence - TIE

@@ -8,7 +8,6 @@ over that without. A table of one load, whose sinkage a soil can always imitate,
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -16,7 +15,6 @@ from typing import ClassVar
 import numpy as np
 
 from smallwheel_ros.diagnosis.held_out import Step
-from smallwheel_ros.diagnosis.search import CandidateFit
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.effects.base import Array, Effect
 from smallwheel_ros.effects.registry import Registry
@@ -48,11 +46,6 @@ class Witness:
     evidence: float
     probability: float
 
-    @property
-    def named(self) -> bool:
-        """Whether it is sure enough for a name."""
-        return self.probability >= constants.NAMED
-
 
 @dataclass(frozen=True)
 class _AsShown(Effect):
@@ -72,27 +65,28 @@ class _AsShown(Effect):
         return np.maximum(shown, _LEAST)
 
 
-def witness(points: Points, registry: Registry, blocked: frozenset[str]) -> Witness | None:
-    """The fault of the shown sinkage that pull and torque ask for most, None where they cannot speak.
-
-    points: of all channels. blocked: ids that are taken out of the competition, or in the model.
-    """
-    if not points.forces or "sinkage" not in points.channels:
+def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
+    """The fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
+    points = problem.points
+    if points.run_count < constants.FEWEST_RUNS or "sinkage" not in points.channels:
         return None
-    mine = _as_measured(points)
-    if len(mine) < 2:
+    if not points.forces or len(mine := _as_measured(points)) < 2:
         return None
     fitter, none = fit_points(mine, Base(effects=(_AsShown(),)).vector(mine), working=False)
     share = constants.EXPECTED_EFFECTS / len(registry.families)
-    made = [_with(fitter, none, effect, share) for effect in _faults(registry, blocked)]
-    found = [one for one in made if one is not None]
-    return max(found, key=lambda one: one.evidence, default=None)
+    faults = _faults(registry, {*without, *problem.base.names})
+    made = [one for fault in faults if (one := _with(fitter, none, fault, share)) is not None]
+    told = max(made, key=lambda one: one.evidence, default=None)
+    if told is None or told.probability < constants.NAMED:
+        return None
+    before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
+    useful = before is not None and after is not None and compare_cv(before, after).helps
+    return told if useful else None
 
 
-def _faults(registry: Registry, blocked: frozenset[str]) -> Iterator[Effect]:
+def _faults(registry: Registry, blocked: Collection[str]) -> Iterator[Effect]:
     """Effects of one number that change what the instrument shows, in proportion or by a constant."""
-    forms = itertools.chain.from_iterable(registry.families.values())
-    for form in forms:
+    for form in (form for forms in registry.families.values() for form in forms):
         alone = form.stage == "measured_sinkage" and not form.needs and form.id not in blocked
         if form.kind == "instrument" and alone and len(form.parameters()) == 1:
             yield form()
@@ -115,8 +109,7 @@ def _with(fitter: Fitter, none: Fit, effect: Effect, share: float) -> Witness | 
     (known,) = effect.parameters()
     middle = float(known.neutral or 0.0)
     wide = constants.SHOWN_SINKAGE if known.unit == "m" else constants.INSTRUMENT
-    prior = Prior(middle, wide, *known.bounds)
-    plain = part_of(effect, {known.name: prior})
+    plain = part_of(effect, {known.name: Prior(middle, wide, *known.bounds)})
     part = replace(plain, build=lambda numbers: _AsShown(with_values(effect, numbers)))
     vector = replace(none.vector, fixed=()).with_parts([part])
     fits = []
@@ -136,16 +129,6 @@ def _with(fitter: Fitter, none: Fit, effect: Effect, share: float) -> Witness | 
     return Witness(plain, part_of(effect, {known.name: told}), evidence, odds / (1.0 + odds))
 
 
-def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
-    """A fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
-    told = witness(problem.points, registry, frozenset({*without, *problem.base.names}))
-    if told is None or not told.named or problem.points.run_count < constants.FEWEST_RUNS:
-        return None
-    before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
-    useful = before is not None and after is not None and compare_cv(before, after).helps
-    return told if useful else None
-
-
 def with_fault(
     plain: Problem, verdict: Verdict, steps: list[Step], told: Witness
 ) -> tuple[Verdict, list[Step]]:
@@ -153,7 +136,7 @@ def with_fault(
 
     plain: the problem without it.
     """
-    name, errors, fit = told.part.id, plain.held_out(), plain.judged.fit
+    name, errors = told.part.id, plain.held_out()
     assert errors is not None  # as it was named
     verdict = replace(
         verdict,
@@ -164,5 +147,5 @@ def with_fault(
         f"{words(name)} is told by {listed([words(n) for n in plain.points.forces])}: their law holds at the "
         f"sinkage as it is shown {number(told.evidence, 2)} nats worse than at one that is corrected"
     )
-    base = Step(None, CandidateFit((), fit, fit.evidence), errors)
+    base = Step(None, plain.judged.fit, errors)
     return verdict, [base, replace(steps[0], added=name), *steps[1:]]

@@ -227,7 +227,7 @@ class Session:
             for name in chosen:
                 if name not in self.chosen:
                     grown = grown.with_effect(problem.judged, self.forms[name])
-            fit, errors = problem.result(grown.model.fit), grown.held_out(problem.judged)
+            fit, errors = problem.result(grown.model), grown.held_out(problem.judged)
         except FAILURES as error:
             raise ExploreError(f"without run '{run}' the fit failed: {error}") from error
         return [*_errors_moved(before, errors, rows), *_numbers_moved(before.fit, fit)]
@@ -241,7 +241,7 @@ class Session:
             problem = self._problem(kept)
             grown = self._grown(kept, tuple(name for name in names if name not in self.chosen))
             self.progress = (len(names), 1 + len(names))
-            fit = problem.result(grown.model.fit)
+            fit = problem.result(grown.model)
             after = with_forces(problem, [grown.model], [grown.held_out(problem.judged)])[0]
         before = after if names == self.chosen else self.view(self.chosen).after
         return View(names, fit, before, after, compare_cv(before, after))

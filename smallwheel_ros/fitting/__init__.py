@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from smallwheel_ros.fitting.fitted import FittedParameter
+from smallwheel_ros.fitting.named import FittedParameter
 from smallwheel_ros.fitting.parameters import SoilPrior
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem

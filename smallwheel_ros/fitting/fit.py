@@ -27,11 +27,10 @@ from threadpoolctl import ThreadpoolController
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.fitting.covariance import Covariance
 from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
-from smallwheel_ros.fitting.variance import Scatter, VarianceModel
+from smallwheel_ros.fitting.variance import Covariance, Scatter, VarianceModel
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
@@ -73,11 +72,6 @@ class Predictor:
         self._tiled: dict[int, Conditions] = {}
         self._with_forces = not set(FORCES).isdisjoint(channels)
         self._takes_arrays: dict[tuple[str, ...], bool] = {(): True}
-        names = conditions.soil
-        codes = np.zeros(len(conditions), dtype=np.intp)
-        if names is not None:
-            codes = np.unique(names, return_inverse=True)[1].reshape(-1)
-        self._soil = codes.astype(str)
 
     @classmethod
     def of(cls, points: Points) -> Predictor:
@@ -86,13 +80,7 @@ class Predictor:
 
     def __call__(self, vector: ParameterVector, theta: Array) -> Array:
         """Predictions, shape (values,)."""
-        return np.asarray(self._values(vector.model(theta), self.conditions, 1)[0])
-
-    def _values(self, model: Model, conditions: Conditions, count: int) -> Array:
-        """The values of each copy of the conditions, shape (copies, values)."""
-        predicted = predict(model, conditions, with_forces=self._with_forces)
-        columns = np.stack([getattr(predicted, n).reshape(count, -1) for n in self.channels])
-        return np.asarray(columns[self.channel, :, self.row].T)
+        return np.asarray(self._together(vector, theta[None, :])[0])
 
     def many(self, vector: ParameterVector, thetas: Array) -> Array:
         """Predictions of each parameter vector, shape (vectors, values).
@@ -102,8 +90,7 @@ class Predictor:
         key = tuple(part.id for part in vector.parts)
         if len(thetas) > 1 and self._takes_arrays.get(key, True):
             try:
-                model = vector.tiled_model(thetas, len(self.conditions))
-                found = self._values(model, self._copies(len(thetas)), len(thetas))
+                found = self._together(vector, thetas)
                 if key not in self._takes_arrays:
                     alone = self(vector, thetas[-1])
                     same = np.allclose(found[-1], alone, rtol=_AGREE, atol=0.0, equal_nan=True)
@@ -116,19 +103,22 @@ class Predictor:
                 self._takes_arrays[key] = False
         return np.stack([self(vector, theta) for theta in thetas])
 
-    def _copies(self, count: int) -> Conditions:
+    def _together(self, vector: ParameterVector, thetas: Array) -> Array:
+        """Predictions of copies of the rows, one for each parameter vector, shape (copies, values)."""
+        count, c = len(thetas), self.conditions
+        names = [soil.name for soil in vector.soils]
+        code: Index = np.zeros(len(c), dtype=np.intp)
+        if c.soil is not None and len(names) > 1:
+            code = np.array([names.index(str(name)) for name in c.soil], dtype=np.intp)
+        numbers = thetas[0] if count == 1 else np.repeat(thetas.T, len(c), axis=1)
+        effects = vector.effects(numbers)
+        model = Model(vector.soils[:1], vector.geometry, effects, vector.thrust_form)
         if count not in self._tiled:
-            c = self.conditions
-            tags = np.concatenate([np.char.add(f"{i}:", self._soil) for i in range(count)])
-            self._tiled[count] = Conditions(
-                np.tile(c.load, count),
-                np.tile(c.diameter, count),
-                np.tile(c.width, count),
-                np.tile(c.contact, count),
-                tags,
-                {name: np.tile(column, count) for name, column in c.covariates.items()},
-            )
-        return self._tiled[count]
+            self._tiled[count] = c.take(np.tile(np.arange(len(c)), count))
+        soil = vector.soil_columns(thetas, code)
+        said = predict(model, self._tiled[count], with_forces=self._with_forces, soil=soil)
+        columns = np.stack([getattr(said, n).reshape(count, -1) for n in self.channels])
+        return np.asarray(columns[self.channel, :, self.row].T)
 
     def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
         """Predictions (values,) and their slopes by parameter (values, parameters).
@@ -136,9 +126,8 @@ class Predictor:
         Raises FittingError where the model has no finite prediction there.
         """
         steps = vector.steps(theta)
-        thetas = np.vstack([theta, theta + np.diag(steps)])
         with np.errstate(all="ignore"):  # what is no number is refused below
-            found = self.many(vector, thetas)
+            found = self.many(vector, np.vstack([theta, theta + np.diag(steps)]))
         bad = np.flatnonzero(~np.isfinite(found).all(axis=0))
         if bad.size:
             raise FittingError(self._no_number(vector, theta, int(bad[0])))
@@ -146,15 +135,13 @@ class Predictor:
 
     def _no_number(self, vector: ParameterVector, theta: Array, value: int) -> str:
         """Say of which effects the model gives no finite prediction, and at which setting."""
-        effects = vector.model(theta).effects
+        effects, row = vector.model(theta).effects, self.row[value]
         needs = dict.fromkeys(name for effect in effects for name in effect.needs)
-        row = self.row[value]
-        setting = [
-            f"{n} {self.conditions[n][row]:g}" for n in ("load", "diameter", "width", *needs)
-        ]
+        names = ("load", "diameter", "width", *needs)
+        setting = ", ".join(f"{n} {self.conditions[n][row]:g}" for n in names)
         return (
             f"the model with {', '.join(e.id for e in effects) or 'no effect'} gives no finite "
-            f"{self.channels[self.channel[value]]} at {', '.join(setting)} for the numbers tried"
+            f"{self.channels[self.channel[value]]} at {setting} for the numbers tried"
         )
 
 
@@ -182,9 +169,30 @@ class Fit:
     @property
     def at_bound(self) -> NDArray[np.bool_]:
         """Parameters that sit at a bound, shape (parameters,)."""
-        low, high = self.vector.low, self.vector.high
+        low, high = self.vector.bounds
         room = _AT_BOUND * (high - low)
         return np.asarray((self.theta <= low + room) | (self.theta >= high - room))
+
+    @property
+    def stiffness(self) -> Array:
+        """df / d ln k of each value: each row has one soil."""
+        return stiffness(self.vector, self.slopes)
+
+    @property
+    def taken_up(self) -> Array:
+        """U with U U' = J P^-1 J': what the parameters can take up of the errors, (values, parameters)."""
+        precision = self.vector.precision(self.theta)
+        return np.asarray(self.slopes @ np.linalg.cholesky(np.linalg.inv(precision)))
+
+    def away(self, observed: Array) -> Array:
+        """Errors of what the priors' centres predict, to first order: y - f(centre), shape (values,)."""
+        return observed - self.predicted + self.slopes @ (self.theta - self.vector.centre)
+
+
+def stiffness(vector: ParameterVector, slopes: Array) -> Array:
+    """df / d ln k of each value: each row has one soil."""
+    mine = [j for j, p in enumerate(vector.of_soils) if p.field == "log_reference_pressure"]
+    return np.asarray(slopes[:, mine].sum(axis=1))
 
 
 def inverse(matrix: Array) -> Array:
@@ -231,10 +239,8 @@ class Fitter:
     @cached_property
     def variance(self) -> VarianceModel:
         """The variance that is worked with."""
-        known = self.repeats
-        return VarianceModel(
-            self.points, self.level, known.variance, known.stated, working=self.working
-        )
+        r = self.repeats
+        return VarianceModel(self.points, self.level, r.variance, r.stated, working=self.working)
 
     @cached_property
     def true_variance(self) -> VarianceModel:
@@ -255,6 +261,10 @@ class Fitter:
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
         return replace(self, points=training, level=self.level[keep], repeats=part)
 
+    def covariance(self, fit: Fit, spread: Array | None = None) -> Covariance:
+        """V of a fit, with U U' where what parameters can take up is given."""
+        return self.variance.covariance(fit.scatter, fit.stiffness, spread)
+
     @one_thread
     def fit(
         self,
@@ -269,92 +279,75 @@ class Fitter:
         turns: 0 fits theta only, under the components given.
         Raises FittingError where the model cannot be evaluated at the start.
         """
-        theta = np.clip(vector.start if start is None else start, vector.low, vector.high)
+        theta = np.clip(vector.start if start is None else start, *vector.bounds)
         scatter = self.variance.start if scatter is None else self.variance.suited(scatter)
         predicted, slopes = self.predictor.with_slopes(vector, theta)
-        last = -np.inf
+        now = Fit(vector, theta, predicted, slopes, scatter, -np.inf, np.zeros((0, 0)))
         for _ in range(max(turns, 1)):
-            v = self.variance.covariance(scatter, stiffness(vector, slopes))
-            theta, predicted, slopes = self._climb(vector, theta, predicted, slopes, v)
+            last = now.evidence
+            now = self._climb(now)
             if turns > 0:
-                away = self.points.value - predicted + slopes @ (theta - vector.centre)
-                spread = taken_up(vector, theta, slopes)
-                scatter = self.variance.fit(away, spread, stiffness(vector, slopes), scatter)
-            evidence, covariance = self._evidence(vector, theta, predicted, slopes, scatter)
-            if abs(evidence - last) < _RESTS:
+                away = now.away(self.points.value)
+                found = self.variance.fit(away, now.taken_up, now.stiffness, now.scatter)
+                now = replace(now, scatter=found)
+            now = self._with_evidence(now)
+            if abs(now.evidence - last) < _RESTS:
                 break
-            last = evidence
-        return Fit(vector, theta, predicted, slopes, scatter, evidence, covariance)
+        return now
 
-    def _climb(
-        self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, v: Covariance
-    ) -> tuple[Array, Array, Array]:
+    def _climb(self, now: Fit) -> Fit:
         """Gauss-Newton steps with Levenberg's damping, inside the bounds."""
-        observed = self.points.value
+        observed, vector, v = self.points.value, now.vector, self.covariance(now)
+        low, high = vector.bounds
 
-        def objective(at: Array, f: Array) -> float:
-            white = v.whiten(observed - f)
-            return float(-0.5 * white @ white) + vector.log_prior(at)
+        def objective(fit: Fit) -> float:
+            white = v.whiten(observed - fit.predicted)
+            return float(-0.5 * white @ white) + vector.log_prior(fit.theta)
 
-        value, damping = objective(theta, predicted), 1e-3
+        value, damping = objective(now), 1e-3
         for _ in range(_STEPS):
-            white = v.whiten(np.column_stack([slopes, observed - predicted]))
-            precision = vector.precision(theta)
+            white = v.whiten(np.column_stack([now.slopes, observed - now.predicted]))
+            precision = vector.precision(now.theta)
             normal = white[:, :-1].T @ white[:, :-1] + precision
-            pull = white[:, :-1].T @ white[:, -1] - precision @ (theta - vector.centre)
+            pull = white[:, :-1].T @ white[:, -1] - precision @ (now.theta - vector.centre)
             # What a bound holds does not move, and does not hold back the others.
-            held = ((theta <= vector.low) & (pull < 0)) | ((theta >= vector.high) & (pull > 0))
+            held = ((now.theta <= low) & (pull < 0)) | ((now.theta >= high) & (pull > 0))
             free = np.flatnonzero(~held)
-            improved = False
             for _ in range(6):
                 damped = normal[np.ix_(free, free)]
                 damped = damped + damping * np.diag(np.diag(damped))
-                step = np.zeros(theta.size)
-                step[free] = np.linalg.solve(damped, pull[free])
-                tried = np.clip(theta + step, vector.low, vector.high)
+                tried = now.theta.copy()
+                tried[free] += np.linalg.solve(damped, pull[free])
+                tried = np.clip(tried, low, high)
                 try:
                     f, j = self.predictor.with_slopes(vector, tried)
                 except (SmallwheelError, ArithmeticError):
                     damping *= 10.0
                     continue
-                reached = objective(tried, f)
+                there = replace(now, theta=tried, predicted=f, slopes=j)
+                reached = objective(there)
                 if reached > value:
-                    improved = True
                     break
                 damping = max(8.0 * damping, 1e-2)
-            if not improved:
+            else:
                 break
-            gain, value = reached - value, reached
-            theta, predicted, slopes = tried, f, j
+            gain, value, now = reached - value, reached, there
             damping *= 0.2
             if gain < _RESTS:
                 break
-        return theta, predicted, slopes
+        return now
 
-    def _evidence(
-        self, vector: ParameterVector, theta: Array, predicted: Array, slopes: Array, s: Scatter
-    ) -> tuple[float, Array]:
-        v = self.variance.covariance(s, stiffness(vector, slopes))
-        white = v.whiten(np.column_stack([slopes, self.points.value - predicted]))
-        posterior = white[:, :-1].T @ white[:, :-1] + vector.precision(theta)
+    def _with_evidence(self, fit: Fit) -> Fit:
+        v, vector = self.covariance(fit), fit.vector
+        white = v.whiten(np.column_stack([fit.slopes, self.points.value - fit.predicted]))
+        posterior = white[:, :-1].T @ white[:, :-1] + vector.precision(fit.theta)
         covariance = inverse(posterior)
-        value = -v.log_root - 0.5 * white[:, -1] @ white[:, -1]
-        value += vector.log_prior(theta) + self.variance.log_prior(s)
-        value += 0.5 * theta.size * np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(posterior)[1]
-        for j in range(vector.base_size, theta.size):
-            deviation = np.sqrt(covariance[j, j])
-            low, high = (b - theta[j] for b in (vector.low[j], vector.high[j]))
-            value += np.log(max(ndtr(high / deviation) - ndtr(low / deviation), 1e-9))
-        return float(value), covariance
-
-
-def stiffness(vector: ParameterVector, slopes: Array) -> Array:
-    """df / d ln k of each value: each row has one soil."""
-    mine = [j for j, p in enumerate(vector.of_soils) if p.field == "log_reference_pressure"]
-    return np.asarray(slopes[:, mine].sum(axis=1))
-
-
-def taken_up(vector: ParameterVector, theta: Array, slopes: Array) -> Array:
-    """U with U U' = J P^-1 J': what the parameters can take up of the errors, (values, parameters)."""
-    root = np.linalg.cholesky(np.linalg.inv(vector.precision(theta)))
-    return np.asarray(slopes @ root)
+        value = -v.log_root - 0.5 * white[:, -1] @ white[:, -1] + vector.log_prior(fit.theta)
+        value += self.variance.log_prior(fit.scatter.log_deviation)
+        value += 0.5 * fit.theta.size * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(posterior)[1]
+        of_effects = slice(vector.base_size, None)
+        deviation = np.sqrt(np.diag(covariance))
+        low, high = ((bound - fit.theta) / deviation for bound in vector.bounds)
+        inside = (ndtr(high) - ndtr(low))[of_effects]
+        value += np.sum(np.log(np.maximum(inside, 1e-9)))
+        return replace(fit, evidence=float(value), covariance=covariance)

@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
-from smallwheel_ros.fitting.points import Points, filled
+from smallwheel_ros.fitting.points import Index, Mask, Points, filled
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 _FEWEST_RUNS = 3  # from which runs' differences have a deviation
 
@@ -58,7 +56,7 @@ class CvErrors:
         if not known.any():
             return None
         error = self.error[name][known]
-        squares = self._by_run(error**2, known)
+        squares = self.by_run(error**2, known)
         rmse, std = float(np.sqrt(np.mean(error**2))), None
         if squares.size >= _FEWEST_RUNS and rmse > 0.0:
             std = float(np.std(squares, ddof=1) / np.sqrt(squares.size)) / (2.0 * rmse)
@@ -76,7 +74,7 @@ class CvErrors:
         """Standard error of the rmse by channel."""
         return {name: score.rmse_std for name, score in self.scores().items()}
 
-    def _by_run(self, values: Array, rows: Mask) -> Array:
+    def by_run(self, values: Array, rows: Mask) -> Array:
         """Mean of these rows' values in each run that has some, shape (runs,)."""
         count = np.bincount(self.run[rows])
         return np.asarray((np.bincount(self.run[rows], values) / np.maximum(count, 1))[count > 0])
@@ -115,7 +113,7 @@ def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
         squares = first[both] ** 2, second[both] ** 2
         rmse = [float(np.sqrt(s.mean())) for s in squares]
         reduction[name] = 1.0 - rmse[1] / rmse[0] if rmse[0] > 0 else 0.0
-        change = before._by_run(squares[0], both) - before._by_run(squares[1], both)
+        change = before.by_run(squares[0], both) - before.by_run(squares[1], both)
         spread = float(np.std(change, ddof=1) / np.sqrt(change.size)) if change.size > 1 else np.inf
         z_score[name] = float(change.mean()) / max(spread, 1e-300) if np.any(change) else 0.0
     return Comparison(reduction, z_score)
@@ -128,9 +126,8 @@ def folds_of(points: Points) -> Index:
     """
     runs = np.unique(points.run)
     folds = runs.size if runs.size <= 2 * FOLDS else FOLDS
-    dealt = np.random.default_rng(5).permutation(np.arange(runs.size) % folds)
     found = np.zeros(len(points.runs), dtype=np.intp)
-    found[runs] = dealt
+    found[runs] = np.random.default_rng(5).permutation(np.arange(runs.size) % folds)
     return found
 
 
@@ -148,10 +145,10 @@ def leave_out(group: Index) -> Iterator[Mask]:
 def rows_of(points: Points) -> dict[str, Index]:
     """By channel, the rows of the table that are in its points, and so are judged."""
     found = {}
-    for c, name in enumerate(points.channels):
-        parts = [points.rows[i] for i in np.flatnonzero(points.channel == c)]
-        if parts:
-            found[name] = np.sort(np.concatenate(parts)).astype(np.intp)
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name))
+        if mine.size:
+            found[name] = np.sort(np.concatenate([points.rows[i] for i in mine])).astype(np.intp)
     return found
 
 
@@ -159,38 +156,37 @@ def row_errors(
     measurements: Measurements, model: Model, rows: Mapping[str, Index]
 ) -> dict[str, Array]:
     """Measured less predicted of these rows, by channel, shape (rows of the table,), else NaN."""
-    conditions = filled(measurements.conditions)
     used = np.unique(np.concatenate(list(rows.values())))
-    predicted = predict(model, conditions.take(used))
+    predicted = predict(model, filled(measurements.conditions).take(used))
     found: dict[str, Array] = {}
     for name, index in rows.items():
-        error = np.full(len(measurements), np.nan)
-        values = np.asarray(getattr(predicted, name))
-        error[index] = measurements.channels[name][index] - values[np.searchsorted(used, index)]
-        found[name] = error
+        found[name] = np.full(len(measurements), np.nan)
+        said = np.asarray(getattr(predicted, name))[np.searchsorted(used, index)]
+        found[name][index] = measurements.channels[name][index] - said
     return found
 
 
-Chooser = Callable[[Points], list[Model]]
+def in_sample(points: Points, model: Model) -> CvErrors:
+    """Errors of a model as it stands."""
+    return CvErrors(row_errors(points.measurements, model, rows_of(points)), _row_runs(points))
 
 
 def cross_validate(
-    points: Points, chooser: Chooser, steps: int, fold: Index | None = None
+    points: Points, chooser: Callable[[Points], list[Model]], steps: int, fold: Index | None = None
 ) -> list[CvErrors]:
     """Held-out errors of each of the models that `chooser` makes of a fold's training points.
 
     chooser: gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
     the rest. fold: of each value, shape (values,); that of its run (`folds_of`) where None.
     """
-    measurements = points.measurements
     fold = folds_of(points)[points.run] if fold is None else fold
-    blank = np.full(len(measurements), np.nan)
+    blank = np.full(len(points.measurements), np.nan)
     errors = [{name: blank.copy() for name in points.channels} for _ in range(steps)]
     for out in leave_out(fold):
         models, mine = chooser(points.take(~out)), rows_of(points.take(out))
         for step in range(steps):
             model = models[min(step, len(models) - 1)]
-            for name, error in row_errors(measurements, model, mine).items():
+            for name, error in row_errors(points.measurements, model, mine).items():
                 errors[step][name][mine[name]] = error[mine[name]]
     return [CvErrors(e, _row_runs(points)) for e in errors]
 
@@ -205,9 +201,3 @@ def _row_runs(points: Points) -> Index:
     for i, rows in enumerate(points.rows):
         run[rows] = points.run[i]
     return run
-
-
-def in_sample(points: Points, model: Model) -> CvErrors:
-    """Errors of a model as it stands."""
-    rows = rows_of(points)
-    return CvErrors(row_errors(points.measurements, model, rows), _row_runs(points))

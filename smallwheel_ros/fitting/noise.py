@@ -17,21 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from smallwheel_ros.fitting.constants import (
-    CLEAN,
-    FORCE_LUGS,
-    FORCE_WHEEL,
-    OUTLIER,
-    ROW_NOISE,
-)
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.constants import CLEAN, FORCE_LUGS, FORCE_WHEEL, OUTLIER, ROW_NOISE
+from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-Source = Literal["repeats", "declared", "residuals"]
 
 _SMALLEST = 0.05  # of a channel's median: least level of a value
 _VALUES_A_COLUMN = 2  # at least, of a line through the sizes: fewer would follow single values
@@ -66,9 +58,10 @@ def levels_of(points: Points) -> Array:
     """
     level = np.maximum(np.abs(points.value), 1e-12)
     named = points.conditions.soil
-    soil = np.zeros(len(points), dtype=np.intp)
+    codes = np.zeros(len(points.conditions), dtype=np.intp)
     if named is not None:
-        soil = np.unique(named, return_inverse=True)[1].reshape(-1)[points.row]
+        codes = np.unique(named, return_inverse=True)[1].reshape(-1)
+    soil = codes[points.row]
     columns = _line_columns(points)
     for name in points.channels:
         mine = points.of_channel(name)
@@ -117,7 +110,7 @@ class RowNoise:
 
     absolute: float
     relative: float
-    source: Source
+    source: Literal["repeats", "declared", "residuals"]
     freedom: int
 
     def variance(self, level: Array) -> Array:
@@ -138,6 +131,34 @@ class Repeats:
     stated: Array
 
 
+def repeats_of(points: Points, level: Array) -> Repeats:
+    """Repeatability of each channel, and the variance that it leaves in each value."""
+    channels: dict[str, RowNoise] = {}
+    variance, stated = np.zeros(len(points)), np.zeros(len(points))
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name))
+        measured, count = points.measurements.channels[name], points.count[mine]
+        apart = [_apart(measured[points.rows[i]], bool(points.swept[i])) for i in mine]
+        squares, freedom = (
+            np.array([(d @ d, free) for d, free in apart if free > 0]).reshape(-1, 2).T
+        )
+        kept = mine[[free > 0 for _, free in apart]]
+        declared = points.declared[mine]
+        if freedom.size and np.isfinite(declared).all():
+            noise, factor = _scaled(squares, freedom, points.declared[kept])
+            variance[mine] = factor * declared**2 / count
+        elif freedom.size:
+            noise = _two_terms(squares, freedom, level[kept])
+            variance[mine] = noise.variance(level[mine]) / count
+        elif np.isfinite(declared).all():
+            noise = RowNoise(float(np.sqrt(np.mean(declared**2))), 0.0, "declared", 0)
+            stated[mine] = declared**2 / count
+        else:
+            noise = RowNoise(0.0, ROW_NOISE, "residuals", 0)
+        channels[name] = noise
+    return Repeats(channels, variance, stated)
+
+
 def _apart(values: Array, swept: bool) -> tuple[Array, int]:
     """What rows of one point are off their mean (a line along a swept run), and degrees of freedom."""
     n = values.size
@@ -148,19 +169,46 @@ def _apart(values: Array, swept: bool) -> tuple[Array, int]:
     return np.asarray(apart - x * (x @ apart) / (x @ x)), n - 2
 
 
+def _scaled(squares: Array, freedom: Array, declared: Array) -> tuple[RowNoise, float]:
+    """Declared deviations times one factor; before the repeats it is 1, as sure as one repeat."""
+    factor = float((np.sum(squares / declared**2) + 1.0) / (freedom.sum() + 1.0))
+    size = float(np.sqrt(factor * np.mean(declared**2)))
+    return RowNoise(size, 0.0, "repeats", int(freedom.sum())), factor
+
+
+def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
+    """Absolute and relative noise: the mean over a grid of shares, each by its likelihood.
+
+    The mean, not the best: few repeats hardly say which of the two it is. `ROW_NOISE` counts as one
+    repeat.
+    """
+    middle = float(np.sqrt(np.mean(level**2)))
+    total = float(freedom.sum()) + 1.0
+    shape = (1.0 - _SHARES)[:, None] + _SHARES[:, None] * (level / middle) ** 2
+    scale = (np.sum(squares / shape, axis=1) + (ROW_NOISE * middle) ** 2) / total
+    cost = total * np.log(scale) + np.sum(freedom * np.log(shape), axis=1)
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    weight /= weight.sum()
+    absolute = float(np.sqrt(np.sum(weight * (1.0 - _SHARES) * scale)))
+    relative = float(np.sqrt(np.sum(weight * _SHARES * scale))) / middle
+    return RowNoise(absolute, relative, "repeats", int(freedom.sum()))
+
+
+# --- Values that do not belong
+
+
 def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
     """Group and place of each value that lies grossly off the others of its group, a few at most.
 
     Deviations from the group's median over their robust deviation, relative to the group's size. Only the
     worst of a group, since it pulls the others.
     """
-    off = [values - np.median(values) for values in groups]
-    size = np.array([max(abs(float(np.median(values))), 1e-12) for values in groups])
+    middles = np.array([np.median(values) for values in groups])
+    size = np.maximum(np.abs(middles), 1e-12)
     size = np.maximum(size, 0.1 * np.median(size))
-    shares = [np.abs(o) / s for o, s in zip(off, size, strict=True)]
+    shares = [np.abs(v - m) / s for v, m, s in zip(groups, middles, size, strict=True)]
     known = np.concatenate([np.delete(share, np.argmin(share)) for share in shares])
-    deviation = max(NORMAL * float(np.median(known)), 1e-6)
-    limit = outlier_limit(known.size) * deviation
+    limit = outlier_limit(known.size) * max(NORMAL * float(np.median(known)), 1e-6)
     found = [(g, int(np.argmax(s))) for g, s in enumerate(shares) if float(s.max()) > limit]
     return found if len(found) <= max(1.0, MOST_OUTLIERS * len(groups)) else []
 
@@ -185,61 +233,3 @@ def outlier_rows(points: Points) -> Index:
             far = furthest_off([measured[rows] for rows in members])
             found += [int(members[g][i]) for g, i in far]
     return np.unique(np.array(found, dtype=np.intp))
-
-
-def repeats_of(points: Points, level: Array) -> Repeats:
-    """Repeatability of each channel, and the variance that it leaves in each value."""
-    channels: dict[str, RowNoise] = {}
-    variance, stated = np.zeros(len(points)), np.zeros(len(points))
-    for name in points.channels:
-        mask = points.of_channel(name)
-        measured = points.measurements.channels[name]
-        squares, freedom, levels, declared = [], [], [], []
-        for i in np.flatnonzero(mask):
-            apart, free = _apart(measured[points.rows[i]], bool(points.swept[i]))
-            if free > 0:
-                squares.append(float(apart @ apart))
-                freedom.append(free)
-                levels.append(float(level[i]))
-                declared.append(float(points.declared[i]))
-        known = np.isfinite(points.declared[mask]).all()
-        if freedom and known:
-            noise, factor = _scaled(np.array(squares), np.array(freedom), np.array(declared))
-            variance[mask] = factor * points.declared[mask] ** 2 / points.count[mask]
-        elif freedom:
-            noise = _two_terms(np.array(squares), np.array(freedom), np.array(levels))
-            variance[mask] = noise.variance(level[mask]) / points.count[mask]
-        elif known:
-            size = float(np.sqrt(np.mean(points.declared[mask] ** 2)))
-            noise = RowNoise(size, 0.0, "declared", 0)
-            stated[mask] = points.declared[mask] ** 2 / points.count[mask]
-        else:
-            noise = RowNoise(0.0, ROW_NOISE, "residuals", 0)
-        channels[name] = noise
-    return Repeats(channels, variance, stated)
-
-
-def _scaled(squares: Array, freedom: Array, declared: Array) -> tuple[RowNoise, float]:
-    """Declared deviations times one factor; before the repeats it is 1, as sure as one repeat."""
-    total = freedom.sum() + 1.0
-    factor = float((np.sum(squares / declared**2) + 1.0) / total)
-    size = float(np.sqrt(factor * np.mean(declared**2)))
-    return RowNoise(size, 0.0, "repeats", int(freedom.sum())), factor
-
-
-def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
-    """Absolute and relative noise: the mean over a grid of shares, each by its likelihood.
-
-    The mean, not the best: few repeats hardly say which of the two it is. `ROW_NOISE` counts as one
-    repeat.
-    """
-    middle = float(np.sqrt(np.mean(level**2)))
-    total = float(freedom.sum()) + 1.0
-    shape = (1.0 - _SHARES)[:, None] + _SHARES[:, None] * (level / middle) ** 2
-    scale = (np.sum(squares / shape, axis=1) + (ROW_NOISE * middle) ** 2) / total
-    cost = total * np.log(scale) + np.sum(freedom * np.log(shape), axis=1)
-    weight = np.exp(-0.5 * (cost - cost.min()))
-    weight /= weight.sum()
-    absolute = float(np.sqrt(np.sum(weight * (1.0 - _SHARES) * scale)))
-    relative = float(np.sqrt(np.sum(weight * _SHARES * scale))) / middle
-    return RowNoise(absolute, relative, "repeats", int(freedom.sum()))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.stats import t as student
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.constants import STUDENT
 from smallwheel_ros.model.model import Geometry, Model
-from smallwheel_ros.physics.soil import Soil, k_from_reference
+from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, k_from_reference
 from smallwheel_ros.physics.traction import ThrustForm
 
 Array = NDArray[np.float64]
@@ -51,9 +51,7 @@ class Prior:
         low, high = ((b - self.centre) / self.deviation for b in (self.low, self.high))
         inside = max(float(student.cdf(high, STUDENT) - student.cdf(low, STUDENT)), 1e-9)
         constant = gammaln((STUDENT + 1) / 2) - gammaln(STUDENT / 2)
-        return float(
-            np.log(inside) + np.log(self.deviation) + 0.5 * np.log(STUDENT * np.pi) - constant
-        )
+        return float(np.log(inside * self.deviation) + 0.5 * np.log(STUDENT * np.pi) - constant)
 
     def log_density(self, value: float) -> float:
         """Logarithm of the prior's density."""
@@ -64,10 +62,9 @@ class Prior:
 
     def precision(self, value: float) -> float:
         """Weight of the Gaussian that touches the prior there (for Student's t: its majoriser)."""
-        if not self.heavy:
-            return self.deviation**-2
         u = (value - self.centre) / self.deviation
-        return (STUDENT + 1) / (STUDENT + u * u) / self.deviation**2
+        weight = (STUDENT + 1) / (STUDENT + u * u) if self.heavy else 1.0
+        return weight / self.deviation**2
 
 
 # Middle of what the soils of the library and of Wong (2008) show: n 0.1 to 1.6, |m| up to 0.5.
@@ -97,38 +94,26 @@ USUAL_STRENGTH = {
 }
 
 
-@lru_cache
 def soil_numbers(soil: Soil) -> dict[str, float]:
     """The soil in the numbers that a fit works with."""
-    return {
-        "log_reference_pressure": soil.log_reference_pressure,
-        "n": soil.n,
-        "m": soil.m,
-        "friction_angle": soil.friction_angle,
-        "log_shear_displacement": float(np.log(soil.shear_displacement)),
-        "cohesion": soil.cohesion,
-        "rolling_share": soil.rolling_share,
-        "rim_friction": soil.rim_friction,
-        "pressure_peak": soil.pressure_peak,
-    }
+    found = {name: float(getattr(soil, name)) for name in SOIL_NUMBERS}
+    found["log_shear_displacement"] = float(np.log(found.pop("shear_displacement")))
+    return found | {"log_reference_pressure": soil.log_reference_pressure}
+
+
+def numbers_of_soil(known: Mapping[str, Any]) -> dict[str, Any]:
+    """The numbers of `SOIL_NUMBERS` from those that a fit works with, floats or arrays."""
+    found = {name: known[name] for name in SOIL_NUMBERS if name in known}
+    found["shear_displacement"] = np.exp(known["log_shear_displacement"])
+    found["k"] = k_from_reference(known["log_reference_pressure"], known["n"], known["m"])
+    return found
 
 
 def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
     """The soil with these of its numbers replaced, under another name where one is given."""
-    v = soil_numbers(soil) | dict(values)
-    return Soil(
-        name or soil.name,
-        float(k_from_reference(v["log_reference_pressure"], v["n"], v["m"])),
-        v["n"],
-        v["m"],
-        v["cohesion"],
-        v["friction_angle"],
-        float(np.exp(v["log_shear_displacement"])),
-        soil.source,
-        v["rolling_share"],
-        v["rim_friction"],
-        v["pressure_peak"],
-    )
+    made = numbers_of_soil(soil_numbers(soil) | dict(values))
+    changes: dict[str, Any] = {number: float(value) for number, value in made.items()}
+    return replace(soil, name=name or soil.name, **changes)
 
 
 @dataclass(frozen=True)
@@ -155,9 +140,6 @@ class FreeParameter:
         return f"{self.owner}.{self.field}"
 
 
-Build = Callable[[Mapping[str, Any]], Effect]
-
-
 @dataclass(frozen=True)
 class EffectPart:
     """One effect of a fit: its free numbers, and how the effect is made from them.
@@ -168,7 +150,7 @@ class EffectPart:
 
     id: str
     parameters: tuple[FreeParameter, ...]
-    build: Build
+    build: Callable[[Mapping[str, Any]], Effect]
     replaces: str = ""
 
     @property
@@ -184,12 +166,10 @@ def part_of(
 
     priors: by parameter; where none is given, the bounds hold it and a prior as wide as they are.
     """
-    known = priors or {}
-    values = dict(effect.values())
-    listed = []
+    values, listed = dict(effect.values()), []
     for p in effect.parameters():
         low, high = p.bounds
-        prior = known.get(p.name) or Prior(values[p.name], high - low, low, high)
+        prior = (priors or {}).get(p.name) or Prior(values[p.name], high - low, low, high)
         listed.append(FreeParameter(effect.id, p.name, float(values[p.name]), p.unit, prior))
     return EffectPart(effect.id, tuple(listed), partial(with_values, effect), replaces)
 
@@ -229,20 +209,16 @@ class ParameterVector:
         """Names of the free parameters."""
         return tuple(p.name for p in self.free)
 
-    @cached_property
+    @property
     def start(self) -> Array:
         """Where a fit starts, shape (parameters,)."""
         return np.array([p.start for p in self.free])
 
     @cached_property
-    def low(self) -> Array:
-        """Lower bounds, shape (parameters,)."""
-        return np.array([p.prior.low for p in self.free])
-
-    @cached_property
-    def high(self) -> Array:
-        """Upper bounds, shape (parameters,)."""
-        return np.array([p.prior.high for p in self.free])
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds, each of shape (parameters,)."""
+        limits = np.array([(p.prior.low, p.prior.high) for p in self.free]).reshape(-1, 2)
+        return limits[:, 0], limits[:, 1]
 
     @cached_property
     def centre(self) -> Array:
@@ -273,7 +249,7 @@ class ParameterVector:
     def steps(self, theta: Array) -> Array:
         """Finite differences, inward where a bound is near."""
         h = _STEP * self.scale
-        return np.where(theta + h > self.high, -h, h)
+        return np.where(theta + h > self.bounds[1], -h, h)
 
     def precision(self, theta: Array) -> Array:
         """Precision of the Gaussian that touches the prior at theta, shape (parameters,) * 2."""
@@ -290,42 +266,42 @@ class ParameterVector:
         away = theta[:base] - self.centre[:base]
         value = -0.5 * float(away @ self.soil_precision @ away)
         value += 0.5 * float(np.linalg.slogdet(self.soil_precision / (2.0 * np.pi))[1])
-        for p, v in zip(self.free[base:], theta[base:], strict=True):
-            value += p.prior.log_density(float(v))
-        return value
+        others = zip(self.free[base:], theta[base:], strict=True)
+        return value + sum(p.prior.log_density(float(v)) for p, v in others)
 
     def model(self, theta: Array) -> Model:
         """The model with these parameters, shape (parameters,)."""
-        return self.tiled_model(theta[None, :], 1)
+        soils = [
+            soil_from(soil, {p.field: float(v) for p, v in zip(self.of_soils, theta, strict=False)
+                             if p.owner == soil.name})
+            for soil in self.soils
+        ]  # fmt: skip
+        return Model(soils, self.geometry, self.effects(theta), self.thrust_form)
 
-    def tiled_model(self, thetas: Array, rows: int) -> Model:
-        """One model for the rows repeated once for each parameter vector, shape (copies, parameters).
+    def soil_columns(self, thetas: Array, codes: Index) -> dict[str, Array]:
+        """`SOIL_NUMBERS` of rows repeated for each parameter vector, shape (copies * rows,).
 
-        Copy c of a row of soil s has the soil `c:s`; numbers of effects are arrays over the rows.
+        thetas: shape (copies, parameters). codes: index of each row's soil, shape (rows,).
         """
-        many = len(thetas) > 1
-        soils = []
-        for copy, theta in enumerate(thetas):
-            for i, soil in enumerate(self.soils):
-                values = {p.field: float(v) for p, v in zip(self.of_soils, theta, strict=False)
-                          if p.owner == soil.name}  # fmt: skip
-                soils.append(soil_from(soil, values, f"{copy}:{i}" if many else ""))
-        effects = list(self.fixed)
-        j = self.base_size
+        numbers = [soil_numbers(soil) for soil in self.soils]
+        of_soil = {name: i for i, name in enumerate(soil.name for soil in self.soils)}
+        known = {n: np.tile([one[n] for one in numbers], (len(thetas), 1)) for n in numbers[0]}
+        for j, p in enumerate(self.of_soils):
+            known[p.field][:, of_soil[p.owner]] = thetas[:, j]
+        return {n: v[:, codes].reshape(-1) for n, v in numbers_of_soil(known).items()}
+
+    def effects(self, numbers: Array) -> list[Effect]:
+        """Its effects. numbers: of all parameters, shape (parameters,) or (parameters, rows)."""
+        found, j = list(self.fixed), self.base_size
         for part in self.parts:
-            columns = thetas[:, j : j + len(part.parameters)].T
-            j += len(columns)
-            numbers = {
-                p.field: np.repeat(column, rows) if many else float(column[0])
-                for p, column in zip(part.parameters, columns, strict=True)
-            }
-            effect = part.build(numbers)
-            held = [i for i, e in enumerate(effects) if e.id == part.replaces]
+            effect = part.build({p.field: numbers[j + i] for i, p in enumerate(part.parameters)})
+            j += len(part.parameters)
+            held = [i for i, e in enumerate(found) if e.id == part.replaces]
             if held:
-                effects[held[0]] = effect
+                found[held[0]] = effect
             else:  # new, or what it replaces was a part itself and is gone
-                effects.append(effect)
-        return Model(soils, self.geometry, effects, self.thrust_form)
+                found.append(effect)
+        return found
 
     def with_parts(self, parts: Sequence[EffectPart]) -> ParameterVector:
         """The same soils with other effects."""

@@ -37,6 +37,7 @@ _FEWEST_BINS = 4  # a curve's level, slope and bend, and one to check them
 _STRETCHES = MOST_POINTS // 8  # of a long record: so that two channels have four points in each
 _TOUCHED = 0.01  # of a curve's depth: before it the body has not settled on the soil
 _ALONG = np.radians(10.0)  # slip angle up to which the law of pull is as good as along the plane
+_OF_VALUES = ("value", "row", "channel", "run", "setting", "swept", "path", "declared")
 
 
 class FittingError(SmallwheelError):
@@ -99,12 +100,8 @@ class Points:
 
     def take(self, keep: Mask) -> Points:
         """The values of that mask, on the same points."""
-        index = np.flatnonzero(keep)
-        kept = {
-            name: getattr(self, name)[keep]
-            for name in ("value", "row", "channel", "run", "setting", "swept", "path", "declared")
-        }
-        return replace(self, **kept, rows=tuple(self.rows[i] for i in index))
+        kept = {name: getattr(self, name)[keep] for name in _OF_VALUES}
+        return replace(self, **kept, rows=tuple(self.rows[i] for i in np.flatnonzero(keep)))
 
     def column(self, name: str) -> Array:
         """A setting at each value, shape (values,)."""
@@ -125,13 +122,67 @@ class Points:
     @cached_property
     def order(self) -> str:
         """The column that tells best when each run was made, "" where none does for enough runs."""
-        found = {}
-        for name in order_columns(self.measurements):
-            column = self.column(name)
-            if np.isfinite(column).all():
-                found[name] = np.unique(column).size
+        columns = {name: self.column(name) for name in order_columns(self.measurements)}
+        found = {n: np.unique(c).size for n, c in columns.items() if np.isfinite(c).all()}
         best = max(found, key=lambda name: found[name], default="")
         return best if found.get(best, 0) >= FEWEST_VALUES else ""
+
+
+def points_of(measurements: Measurements, outliers: Index | None = None) -> Points:
+    """Reduce the measurements to points. outliers: rows that are left out.
+
+    Raises FittingError where nothing usable is measured.
+    """
+    conditions = filled(measurements.conditions)
+    usable, notes = _usable(measurements, conditions)
+    for mask in usable.values() if outliers is not None else ():
+        mask[outliers] = False
+    if not any(mask.any() for mask in usable.values()):
+        raise FittingError(
+            f"{measurements.source or 'the measurements'}: no row has a usable sinkage, resistance "
+            "or drawbar_pull or torque (which need slip): measure at least one of them"
+        )
+    names, run = runs_of(measurements)
+    some = np.any(list(usable.values()), axis=0)
+    groups = _groups_of(measurements, run, some)
+    there, kept = (np.unique(run[r]).size for r in (some, [group.rows[0] for group in groups]))
+    if kept < there:
+        notes.append(
+            f"of {there} runs {kept}, drawn at random, are fitted and judged: more take longer and say "
+            "the same"
+        )
+    # A value for each channel and group of rows that has it.
+    values = [
+        (name, g, rows)
+        for name, mask in usable.items()
+        for g, group in enumerate(groups)
+        if (rows := group.rows[mask[group.rows]]).size
+    ]
+    channels = tuple(dict.fromkeys(name for name, _, _ in values))
+    row = np.array([g for _, g, _ in values], dtype=np.intp)
+    swept = np.array([group.swept for group in groups])
+    first = np.array([group.rows[0] for group in groups], dtype=np.intp)
+    mean = _mean_conditions(conditions, groups)
+    measured = [
+        _mean(measurements.channels[name][rows], swept[g] and name == "sinkage")
+        for name, g, rows in values
+    ]
+    return Points(
+        measurements,
+        mean,
+        channels,
+        names,
+        np.array(measured),
+        row,
+        np.array([channels.index(name) for name, _, _ in values], dtype=np.intp),
+        run[first][row],
+        settings_of_rows(replace(measurements.take(first), conditions=mean))[row],
+        swept[row],
+        np.array([group.path for group in groups])[row],
+        np.array([_declared(measurements, name, rows) for name, _, rows in values]),
+        tuple(rows for *_, rows in values),
+        tuple(notes),
+    )
 
 
 def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
@@ -144,74 +195,6 @@ def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
         rows = np.flatnonzero(measurements.wheel == wheel)
         stretch[rows] = np.arange(rows.size) * _STRETCHES // rows.size
     return tuple(f"stretch {i + 1}" for i in range(_STRETCHES)), stretch
-
-
-class Group(NamedTuple):
-    """Rows of one point. swept: part of a run in which a setting was changed; path: place along it."""
-
-    rows: Index
-    swept: bool
-    path: float
-
-
-def groups_of(measurements: Measurements, run: Index, usable: Mask) -> list[Group]:
-    """The rows of each point; of more runs than `MOST_POINTS` has room for, those of a sample."""
-    setting = settings_of_rows(measurements)
-    used = np.flatnonzero(usable)
-    used = used[np.argsort(run[used], kind="stable")]
-    runs = np.split(used, np.flatnonzero(np.diff(run[used])) + 1)
-    swept = [_is_swept(measurements.conditions, rows) for rows in runs]
-    room = MOST_POINTS // max(1, len(measurements.channels))
-    most = max(1, room // (_FEWEST_BINS if any(swept) else 1))
-    kept = np.arange(len(runs))
-    if kept.size > most:
-        kept = np.sort(np.random.default_rng(5).choice(kept, most, replace=False))
-    bins = int(np.clip(room // kept.size, _FEWEST_BINS, CURVE_POINTS))
-    groups: list[Group] = []
-    for i in kept:
-        rows = runs[i]
-        parts = [rows]
-        if swept[i]:
-            parts = _along(measurements, rows, setting, bins)
-        last = max(len(parts) - 1, 1)
-        groups += [Group(part, len(parts) > 1, i / last) for i, part in enumerate(parts)]
-    return groups
-
-
-def _is_swept(conditions: Conditions, rows: Index) -> bool:
-    """Whether a setting was changed within the run, by more than it wavers.
-
-    Of the middle four fifths of its rows, so that it does not depend on how many there are.
-    """
-    low, high = np.quantile(conditions.load[rows], [0.1, 0.9])
-    if high > 1.5 * low:
-        return True
-    for name in ("slip", "slip_angle"):
-        if name in conditions and np.isfinite(conditions[name][rows]).all():
-            low, high = np.quantile(conditions[name][rows], [0.1, 0.9])
-            if high - low > 0.1:
-                return True
-    kept = [conditions.diameter, conditions.width]
-    kept += [conditions[n] for n in ("pass_number", "grouser_height") if n in conditions]
-    return any(np.ptp(np.nan_to_num(column[rows])) > 1e-3 for column in kept)
-
-
-def _along(measurements: Measurements, rows: Index, setting: Index, bins: int) -> list[Index]:
-    """The rows of a swept run by setting where those are few, else in bins along its path."""
-    codes = np.unique(setting[rows], return_inverse=True)[1].reshape(-1)
-    if codes.max() < bins:
-        parts = [rows[codes == c] for c in range(int(codes.max()) + 1)]
-        return sorted(parts, key=lambda part: float(measurements.conditions.load[part].mean()))
-    depth = measurements.channels.get("sinkage")
-    if measurements.conditions.rolling[rows].all() or depth is None:
-        parts = [part for part in np.array_split(rows, bins) if part.size]
-        steady = [part for part in parts if not _is_swept(measurements.conditions, part)]
-        return steady or parts
-    settled = rows[depth[rows] > _TOUCHED * np.nanmax(depth[rows])]
-    z = depth[settled]
-    edges = np.linspace(z.min(), z.max(), bins + 1)[1:-1]
-    place = np.searchsorted(edges, z)
-    return [settled[place == b] for b in range(bins) if (place == b).any()]
 
 
 def filled(conditions: Conditions) -> Conditions:
@@ -228,74 +211,6 @@ def filled(conditions: Conditions) -> Conditions:
     return replace(conditions, covariates=covariates, width=np.nan_to_num(conditions.width))
 
 
-def points_of(measurements: Measurements, outliers: Index | None = None) -> Points:
-    """Reduce the measurements to points. outliers: rows that are left out.
-
-    Raises FittingError where nothing usable is measured.
-    """
-    conditions = filled(measurements.conditions)
-    usable, notes = _usable(measurements, conditions)
-    if outliers is not None:
-        for mask in usable.values():
-            mask[outliers] = False
-    if not any(mask.any() for mask in usable.values()):
-        raise FittingError(
-            f"{measurements.source or 'the measurements'}: no row has a usable sinkage, resistance "
-            "or drawbar_pull or torque (which need slip): measure at least one of them"
-        )
-    channels = tuple(name for name in CHANNELS if name in usable and usable[name].any())
-    names, run = runs_of(measurements)
-    groups = groups_of(measurements, run, np.any([usable[c] for c in channels], axis=0))
-    there = np.unique(run[np.any(list(usable.values()), axis=0)]).size
-    kept = np.unique(run[[group.rows[0] for group in groups]]).size
-    if kept < there:
-        notes.append(
-            f"of {there} runs {kept}, drawn at random, are fitted and judged: more take longer and say "
-            "the same"
-        )
-    # Rows of a swept run that belong to no steady part are in no group.
-    channels = tuple(c for c in channels if any(usable[c][group.rows].any() for group in groups))
-    # A value for each channel and group of rows that has it.
-    values = [
-        (c, g, used)
-        for c, name in enumerate(channels)
-        for g, group in enumerate(groups)
-        if (used := group.rows[usable[name][group.rows]]).size
-    ]
-    channel, row = np.array([value[:2] for value in values], dtype=np.intp).T
-    swept = np.array([group.swept for group in groups])
-    first = np.array([group.rows[0] for group in groups], dtype=np.intp)
-    mean = _mean_conditions(conditions, groups)
-    setting = settings_of_rows(replace(measurements.take(first), conditions=mean))
-    return Points(
-        measurements,
-        mean,
-        channels,
-        names,
-        np.array([
-            _mean(measurements.channels[channels[c]][used], swept[g] and channels[c] == "sinkage")
-            for c, g, used in values
-        ]),
-        row,
-        channel,
-        run[first][row],
-        setting[row],
-        swept[row],
-        np.array([group.path for group in groups])[row],
-        np.array([_declared(measurements, channels[c], used) for c, _, used in values]),
-        tuple(used for *_, used in values),
-        tuple(notes),
-    )  # fmt: skip
-
-
-def _declared(measurements: Measurements, channel: str, rows: Index) -> float:
-    """Stated deviation of one of these rows, NaN where the table does not state it for each."""
-    stated = measurements.declared_std.get(channel)
-    if stated is None or not np.isfinite(stated[rows]).all():
-        return float("nan")
-    return float(np.sqrt(np.mean(stated[rows] ** 2)))
-
-
 def _usable(
     measurements: Measurements, conditions: Conditions
 ) -> tuple[dict[str, Mask], list[str]]:
@@ -308,9 +223,7 @@ def _usable(
             "where no model of a rolling wheel holds"
         )
     found = {}
-    for name in CHANNELS:
-        if name not in measurements.channels:
-            continue
+    for name in (n for n in CHANNELS if n in measurements.channels):
         there = np.isfinite(measurements.channels[name]) & ~deep
         usable = there if name == "sinkage" else there & conditions.rolling
         if usable.sum() < there.sum():
@@ -334,6 +247,78 @@ def _usable(
     return found, notes
 
 
+class _Group(NamedTuple):
+    """Rows of one point. swept: part of a run in which a setting was changed; path: place along it."""
+
+    rows: Index
+    swept: bool
+    path: float
+
+
+def _groups_of(measurements: Measurements, run: Index, usable: Mask) -> list[_Group]:
+    """The rows of each point; of more runs than `MOST_POINTS` has room for, those of a sample."""
+    setting = settings_of_rows(measurements)
+    used = np.flatnonzero(usable)
+    used = used[np.argsort(run[used], kind="stable")]
+    runs = np.split(used, np.flatnonzero(np.diff(run[used])) + 1)
+    swept = [_is_swept(measurements.conditions, rows) for rows in runs]
+    room = MOST_POINTS // max(1, len(measurements.channels))
+    most = max(1, room // (_FEWEST_BINS if any(swept) else 1))
+    kept = np.arange(len(runs))
+    if kept.size > most:
+        kept = np.sort(np.random.default_rng(5).choice(kept, most, replace=False))
+    bins = int(np.clip(room // kept.size, _FEWEST_BINS, CURVE_POINTS))
+    groups: list[_Group] = []
+    for i in kept:
+        parts = _along(measurements, runs[i], setting, bins) if swept[i] else [runs[i]]
+        last = max(len(parts) - 1, 1)
+        groups += [_Group(part, len(parts) > 1, j / last) for j, part in enumerate(parts)]
+    return groups
+
+
+def _is_swept(conditions: Conditions, rows: Index) -> bool:
+    """Whether a setting was changed within the run, by more than it wavers.
+
+    Of the middle four fifths of its rows, so that it does not depend on how many there are.
+    """
+    low, high = np.quantile(conditions.load[rows], [0.1, 0.9])
+    if high > 1.5 * low:
+        return True
+    for name in ("slip", "slip_angle"):
+        if name in conditions and np.isfinite(conditions[name][rows]).all():
+            low, high = np.quantile(conditions[name][rows], [0.1, 0.9])
+            if high - low > 0.1:
+                return True
+    kept = ("diameter", "width", "pass_number", "grouser_height")
+    columns = [conditions[n] for n in kept if n in conditions]
+    return any(np.ptp(np.nan_to_num(column[rows])) > 1e-3 for column in columns)
+
+
+def _along(measurements: Measurements, rows: Index, setting: Index, bins: int) -> list[Index]:
+    """The rows of a swept run by setting where those are few, else in bins along its path."""
+    codes = np.unique(setting[rows], return_inverse=True)[1].reshape(-1)
+    if codes.max() < bins:
+        parts = [rows[codes == c] for c in range(int(codes.max()) + 1)]
+        return sorted(parts, key=lambda part: float(measurements.conditions.load[part].mean()))
+    depth = measurements.channels.get("sinkage")
+    if measurements.conditions.rolling[rows].all() or depth is None:
+        parts = [part for part in np.array_split(rows, bins) if part.size]
+        steady = [part for part in parts if not _is_swept(measurements.conditions, part)]
+        return steady or parts
+    settled = rows[depth[rows] > _TOUCHED * np.nanmax(depth[rows])]
+    z = depth[settled]
+    place = np.searchsorted(np.linspace(z.min(), z.max(), bins + 1)[1:-1], z)
+    return [settled[place == b] for b in range(bins) if (place == b).any()]
+
+
+def _declared(measurements: Measurements, channel: str, rows: Index) -> float:
+    """Stated deviation of one of these rows, NaN where the table does not state it for each."""
+    stated = measurements.declared_std.get(channel)
+    if stated is None or not np.isfinite(stated[rows]).all():
+        return float("nan")
+    return float(np.sqrt(np.mean(stated[rows] ** 2)))
+
+
 def _mean(values: Array, log: bool) -> float:
     """Mean, geometric along a curve: between its points pressure is a power of depth."""
     if log and np.all(values > 0):
@@ -341,7 +326,7 @@ def _mean(values: Array, log: bool) -> float:
     return float(np.mean(values))
 
 
-def _mean_conditions(conditions: Conditions, groups: list[Group]) -> Conditions:
+def _mean_conditions(conditions: Conditions, groups: list[_Group]) -> Conditions:
     first = np.array([group.rows[0] for group in groups])
 
     def mean(column: Array) -> Array:

@@ -38,10 +38,11 @@ from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 
-_GRID = ("log_reference_pressure", "n")  # what a fit begins from a grid in
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
 _ONE_SIZE = 1.02  # wheels that differ by less are of one diameter: m is then not determined
+# What a fit begins from a grid in: ln p_ref and n.
+_GRID = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 15.1, 1.0)]
 
 
 @dataclass(frozen=True)
@@ -81,36 +82,28 @@ class Base:
             if self.fixed_m is not None:
                 soil = soil_from(soil, {"m": self.fixed_m})
             start.append(soil)
-            numbers = soil_numbers(soil)
-            held = self.fixed_m is not None or one_diameter(points, name)
-            priors, known = self._soil(name, numbers, ["m"] if held else [])
+            numbers, known = soil_numbers(soil), dict(SOIL_PARAMETERS)
+            covariance = np.diag([p.deviation**2 for _, p in known.values()])
+            if name in self.priors:
+                covariance = self.priors[name].covariance
+                deviations = np.sqrt(np.diag(covariance)).tolist()
+                for (number, (unit, p)), deviation in zip(known.items(), deviations, strict=True):
+                    prior = replace(p, centre=numbers[number], deviation=deviation)
+                    known[number] = unit, prior
+            if self.fixed_m is not None or one_diameter(points, name):
+                del known["m"]
+                covariance = covariance[:2, :2]
             strength = self._strength(points)
-            precision += [known, np.diag([p.deviation**-2 for _, p in strength.values()])]
-            for number, (unit, prior) in (priors | strength).items():
+            precision.append(np.linalg.inv(covariance))
+            precision += [np.array([[p.deviation**-2]]) for _, p in strength.values()]
+            for number, (unit, prior) in (known | strength).items():
                 value = numbers[number] if name in given else prior.centre
                 value = float(np.clip(value, prior.low, prior.high))
                 free.append(FreeParameter(name, number, value, unit, prior))
         return ParameterVector(
             tuple(start), self.geometry, self.thrust_form, self.effects, self.parts, tuple(free),
-            np.asarray(block_diag(*(p for p in precision if p.size))),
+            np.asarray(block_diag(*precision)),
         )  # fmt: skip
-
-    def _soil(
-        self, name: str, numbers: Mapping[str, float], held: list[str]
-    ) -> tuple[dict[str, tuple[str, Prior]], Array]:
-        """Units and priors of a soil's free numbers, and the precision of these together."""
-        listed = {f: known for f, known in SOIL_PARAMETERS.items() if f not in held}
-        prior = self.priors.get(name)
-        if prior is None:
-            return listed, np.diag([p.deviation**-2 for _, p in listed.values()])
-        kept = [i for i, f in enumerate(SOIL_PARAMETERS) if f not in held]
-        covariance = prior.covariance[np.ix_(kept, kept)]
-        deviations = dict(zip(listed, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-        known = {
-            f: (unit, replace(p, centre=numbers[f], deviation=deviations[f]))
-            for f, (unit, p) in listed.items()
-        }
-        return known, np.asarray(np.linalg.inv(covariance))
 
     def _strength(self, points: Points) -> dict[str, tuple[str, Prior]]:
         """The numbers of a soil's strength that these channels could depend on.
@@ -118,7 +111,7 @@ class Base:
         Without drawbar pull and torque that is where an effect reads it (bulldozing); elsewhere it has no
         influence, and its posterior is its prior.
         """
-        if set(FORCES) & set(points.channels):
+        if points.forces:
             own = WHEEL_PARAMETERS if self.thrust_form == "stress_integral" else {}
             return STRENGTH_PARAMETERS | own
         if "resistance" not in points.channels:
@@ -128,18 +121,36 @@ class Base:
 
 def soil_names(points: Points) -> list[str]:
     """Names of the soils of these points; `soil` where the rows name none."""
-    if points.conditions.soil is None:
-        return ["soil"]
-    return [str(name) for name in np.unique(points.conditions.soil)]
+    named = points.conditions.soil
+    return ["soil"] if named is None else [str(name) for name in np.unique(named)]
 
 
 def one_diameter(points: Points, soil: str) -> bool:
     """Whether all bodies in that soil are of one size."""
-    rows = np.unique(points.row)
-    if points.conditions.soil is not None:
-        rows = rows[points.conditions.soil[rows] == soil]
+    rows, named = np.unique(points.row), points.conditions.soil
+    if named is not None:
+        rows = rows[named[rows] == soil]
     sizes = points.conditions.diameter[rows]
     return sizes.size == 0 or bool(sizes.max() <= _ONE_SIZE * sizes.min())
+
+
+# --- A model file as what is known before
+
+
+def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
+    """A model file as the model to fit to these rows.
+
+    Soils and effects are refitted within the file's covariance, where it has one and was not made
+    from this data. An effect's number of which it says nothing stays as it is; free: it is fitted.
+    """
+    model = known.model
+    return Base(
+        geometry=model.geometry,
+        thrust_form=model.thrust_form,
+        soils=tuple(replace(s, name=name) for name, s in _matched(model, measurements).items()),
+        priors=soil_priors(known, measurements),
+        parts=tuple(_part(effect, known, measurements, free) for effect in model.effects),
+    )
 
 
 def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, SoilPrior]:
@@ -158,23 +169,6 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
         covariance[np.ix_(there, there)] = known.covariance[np.ix_(at, at)]
         priors[name] = SoilPrior(replace(soil, name=name), covariance + np.diag(_LEAST**2))
     return priors
-
-
-def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
-    """A model file as the model to fit to these rows.
-
-    Soils and effects are refitted within the file's covariance, where it has one and was not made
-    from this data. An effect's number of which it says nothing stays as it is; free: it is fitted.
-    """
-    model = known.model
-    soils = _matched(model, measurements).items()
-    return Base(
-        geometry=model.geometry,
-        thrust_form=model.thrust_form,
-        soils=tuple(replace(soil, name=name) for name, soil in soils),
-        priors=soil_priors(known, measurements),
-        parts=tuple(_part(effect, known, measurements, free) for effect in model.effects),
-    )
 
 
 def _matched(model: Model, measurements: Measurements) -> dict[str, Soil]:
@@ -212,6 +206,9 @@ def _part(
     return part_of(effect, priors)
 
 
+# --- Fits
+
+
 def opening(points: Points, vector: ParameterVector) -> Array:
     """Where to start: the best of a coarse grid in ln p_ref and n, by logarithms, for each soil.
 
@@ -219,28 +216,24 @@ def opening(points: Points, vector: ParameterVector) -> Array:
     """
     theta = vector.start
     channel = next((n for n in points.channels if n not in FORCES), None)
-    mine = {(p.owner, p.field): j for j, p in enumerate(vector.of_soils)}
     if channel is None:
         return theta
-    grid = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 15.1, 1.0)]
-    thetas = np.tile(theta, (len(grid), 1))
-    for (_, number), j in mine.items():
-        if number in _GRID:
-            column = np.array([at[_GRID.index(number)] for at in grid])
-            thetas[:, j] = np.clip(column, vector.low[j], vector.high[j])
-    predicted = Predictor.of(points).many(vector, thetas)
+    places = {soil.name: [next(j for j, p in enumerate(vector.of_soils)
+                               if (p.owner, p.field) == (soil.name, number))
+                          for number in ("log_reference_pressure", "n")]
+              for soil in vector.soils}  # fmt: skip
+    thetas = np.tile(theta, (len(_GRID), 1))
+    for at in places.values():
+        thetas[:, at] = _GRID
+    thetas = np.clip(thetas, *vector.bounds)
     mask = points.of_channel(channel) & (points.value > 0)
-    said = np.log(np.maximum(predicted[:, mask], 1e-9))
-    off = np.abs(said - np.log(points.value[mask]))
+    said = np.maximum(Predictor.of(points).many(vector, thetas)[:, mask], 1e-9)
+    off = np.abs(np.log(said) - np.log(points.value[mask]))
     named = points.conditions.soil
-    for soil in {owner for owner, _ in mine}:
-        here = np.ones(int(mask.sum()), dtype=bool)
-        if named is not None:
-            here = named[points.row[mask]] == soil
+    for soil, at in places.items():
+        here = np.ones(off.shape[1], bool) if named is None else named[points.row[mask]] == soil
         if here.any():
-            best = int(np.argmin(off[:, here].mean(axis=1)))
-            places = [mine[soil, number] for number in _GRID]
-            theta[places] = thetas[best, places]
+            theta[at] = thetas[np.argmin(off[:, here].mean(axis=1)), at]
     return theta
 
 

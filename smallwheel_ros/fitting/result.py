@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW
-from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, stiffness, taken_up
-from smallwheel_ros.fitting.fitted import (
+from smallwheel_ros.fitting.fit import Fit, Fitter, inverse
+from smallwheel_ros.fitting.held_out import CvErrors, in_sample
+from smallwheel_ros.fitting.named import (
     FittedParameter,
     Status,
     WithParameters,
     derived_parameters,
 )
-from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.noise import RowNoise, of_load, wheel_discrepancy
 from smallwheel_ros.fitting.parameters import (
     SOIL_PARAMETERS,
@@ -30,7 +30,7 @@ from smallwheel_ros.fitting.parameters import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.variance import settings_repeated
-from smallwheel_ros.measurements.display import percent, shown_value, words
+from smallwheel_ros.measurements.display import LAW, percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
@@ -90,13 +90,13 @@ class FitResult(WithParameters, Result):
     @cached_property
     def model(self) -> CalibratedModel:
         """The model with the covariance of its parameters and where it came from, as of today."""
-        measurements = self.measurements
+        data = self.measurements
         provenance: dict[str, object] = {
-            "data": measurements.source,
-            "sha256": measurements.sha256,
+            "data": data.source,
+            "sha256": data.sha256,
             "date": datetime.date.today().isoformat(),
-            "rows": len(measurements),
-            "runs": int(measurements.runs.size),
+            "rows": len(data),
+            "runs": int(data.runs.size),
         }
         if self.held_out:
             provenance["held_out_rmse"] = {name: float(v) for name, v in self.held_out.items()}
@@ -117,9 +117,7 @@ class FitResult(WithParameters, Result):
     def headline(self) -> str:
         """How many parameters, and how far off on runs that were left out."""
         known = sum(p.status == "determined" for p in self.parameters)
-        errors = ", ".join(
-            f"{words(name)} {shown_value(name, v)}" for name, v in self.held_out.items()
-        )
+        errors = ", ".join(f"{words(n)} {shown_value(n, v)}" for n, v in self.held_out.items())
         said = f"; held-out error: {errors}" if errors else ""
         return (
             f"{self.bare.headline()}, {known} of {len(self.parameters)} parameters determined{said}"
@@ -136,17 +134,40 @@ class FitResult(WithParameters, Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """The parameters, and what follows from them."""
-        return [
-            {
-                "of": p.owner,
-                "parameter": p.name,
-                "value": p.value,
-                "std": p.std,
-                "unit": p.unit,
-                "status": p.status,
-            }
-            for p in (*self.parameters, *self.derived)
-        ]
+        return [p.row(p.owner) for p in (*self.parameters, *self.derived)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values in SI units."""
+        matrix = [[float(f"{v:.6g}") for v in row] for row in self.correlation]
+        return {
+            "schema": 1,
+            "parameters": {p.full_name: p.to_dict() for p in self.parameters},
+            "derived": {p.full_name: p.to_dict() for p in self.derived},
+            "correlation": {"names": list(self.names), "matrix": matrix},
+            "soils": {s.name: {"k": s.k, "n": s.n, "m": s.m} for s in self.bare.soils},
+            "noise": {
+                name: {"absolute": n.absolute, "relative": n.relative, "source": n.source}
+                for name, n in self.noise.items()
+            },
+            "run_scatter": dict(self.run_scatter),
+            "outliers": self.outliers.tolist(),
+            "notes": list(self.notes),
+            "held_out_rmse": dict(self.held_out),
+        }
+
+    def text(self) -> str:
+        """What the fit found, in words."""
+        lines = [LAW, "", "Fitted parameters"]
+        lines += [f"  {p.full_name:38s} {p}" for p in self.parameters]
+        lines += ["Follows from these", *(f"  {p.full_name:38s} {p}" for p in self.derived)]
+        lines.append("Noise of one row")
+        for name, noise in self.noise.items():
+            size = f"{shown_value(name, noise.absolute)} and {100 * noise.relative:.1f} %"
+            lines.append(f"  {words(name)}: {size} (from {noise.source})")
+        lines += ["Notes", *[f"  {note}" for note in self.notes]] if self.notes else []
+        lines += ["Held-out error (runs left out of the fit)"] if self.held_out else []
+        lines += [f"  {words(n)}: {shown_value(n, v)}" for n, v in self.held_out.items()]
+        return "\n".join(lines)
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw measured over predicted in sample. channel: the first that was measured if not given."""
@@ -185,13 +206,11 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     bound has zero rows and columns. Where the fit worked with another covariance V_0 than the true V
     (`Fitter`), C = (J' V_0^-1 J + P)^-1 (J' V_0^-1 V V_0^-1 J + P) (J' V_0^-1 J + P)^-1.
     """
-    model, points = fitter.variance, fitter.points
+    model, stiff = fitter.variance, fit.stiffness
     free = np.flatnonzero(~fit.at_bound)
     slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
-    stiff = stiffness(fit.vector, fit.slopes)
-    away = points.value - fit.predicted + fit.slopes @ (fit.theta - fit.vector.centre)
-    spread = taken_up(fit.vector, fit.theta, fit.slopes)
-    root = np.linalg.cholesky(model.uncertainty(away, spread, stiff, fit.scatter))
+    away = fit.away(fitter.points.value)
+    root = np.linalg.cholesky(model.uncertainty(away, fit.taken_up, stiff, fit.scatter))
     size = len(root)
     total = np.zeros((free.size, free.size))
     for column in np.sqrt(size) * np.hstack([root, -root]).T:
@@ -199,8 +218,8 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
         weighted = model.covariance(at, stiff).solve(slopes)
         one = inverse(slopes.T @ weighted + precision)
         if fitter.working:
-            true = fitter.true_variance.covariance(at, stiff)
-            one = one @ (weighted.T @ true.times(weighted) + precision) @ one
+            true = fitter.true_variance.covariance(at, stiff).matrix
+            one = one @ (weighted.T @ true @ weighted + precision) @ one
             # Nothing is less known after the data than before, whatever the weights were.
             least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(one)))
             one = one * np.outer(least, least)
@@ -216,9 +235,7 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Repeatability, and what soil and instrument differ by from run to run. Empty for a channel whose
     repeatability is not known from repeats or stated deviations: there misfit would pass for noise.
     """
-    deviations = fit.scatter.deviations
-    stiff = stiffness(fit.vector, fit.slopes)
-    found = {}
+    deviations, found = fit.scatter.deviations, {}
     for name in fitter.points.channels:
         noise = fitter.repeats.channels[name]
         if noise.source == "residuals":
@@ -226,7 +243,8 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
         mine = fitter.points.of_channel(name)
         level, count = fitter.level[mine], fitter.points.count[mine]
         rows = noise.variance(level) * deviations.get(f"declared:{name}", 1.0) ** 2
-        runs = (deviations["tau"] * stiff[mine]) ** 2 + (deviations[f"own:{name}"] * level) ** 2
+        runs = (deviations["tau"] * fit.stiffness[mine]) ** 2
+        runs += (deviations[f"own:{name}"] * level) ** 2
         runs += (deviations.get(f"zero:{name}", 0.0) * np.median(level)) ** 2
         found[name] = float(np.sqrt(np.average(rows + runs, weights=count)))
     return found
@@ -234,19 +252,19 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
 
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
     """Turn a fit into a result for people and for model files."""
-    points = fitter.points
+    points, model = fitter.points, fit.model
     covariance = posterior_covariance(fitter, fit)
-    model = fit.model
     # Strength that nothing reads is no part of the result.
     used = [j for j, p in enumerate(fit.vector.free)
             if p.field not in _STRENGTH or np.any(fit.slopes[:, j])]  # fmt: skip
     parameters = [_parameter(fit, covariance, j) for j in used]
     names = {p.full_name for p in parameters}
-    for soil in fit.vector.soils:
-        if f"{soil.name}.m" not in names:
-            bounds = SOIL_PARAMETERS["m"][1]
-            parameters.append(FittedParameter(soil.name, "m", soil.m, None, "1",
-                              (bounds.low, bounds.high), "held", _REMEDIES["m"]))  # fmt: skip
+    bounds = SOIL_PARAMETERS["m"][1].low, SOIL_PARAMETERS["m"][1].high
+    parameters += [
+        FittedParameter(soil.name, "m", soil.m, None, "1", bounds, "held", _REMEDIES["m"])
+        for soil in fit.vector.soils
+        if f"{soil.name}.m" not in names
+    ]
     deviations = fit.scatter.deviations
     scatter = {"ln k": deviations["tau"]}
     scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
@@ -266,46 +284,39 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
 
 
 def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
-    free = fit.vector.free[j]
-    prior, of_soil = free.prior, j < fit.vector.base_size
+    free, of_soil = fit.vector.free[j], j < fit.vector.base_size
     # Before any data at all, also where this fit began from a known soil.
-    before = (SOIL_PARAMETERS | _STRENGTH)[free.field][1] if of_soil else prior
+    before = (SOIL_PARAMETERS | _STRENGTH)[free.field][1] if of_soil else free.prior
     std = float(np.sqrt(covariance[j, j]))
-    status: Status = "determined"
+    status: Status = "determined" if std <= DETERMINED * before.deviation else "not determined"
     if fit.at_bound[j]:
         status = "at its bound"
-    elif std > DETERMINED * before.deviation:
-        status = "not determined"
     remedy = f"vary what '{free.owner}' depends on over a wider range, with the rest held"
-    if of_soil:
-        remedy = _REMEDIES[free.field]
     return FittedParameter(
         free.owner,
         free.field,
         float(fit.theta[j]),
         None if fit.at_bound[j] else std,
         free.unit,
-        (prior.low, prior.high),
+        (free.prior.low, free.prior.high),
         status,
-        "" if status == "determined" else remedy,
+        "" if status == "determined" else _REMEDIES[free.field] if of_soil else remedy,
     )
 
 
 def _notes(found: FitResult, points: Points) -> list[str]:
     """What to know of a fit besides its numbers."""
     notes = list(points.notes)
-    for p in found.parameters:
-        if p.status == "held":
-            notes.append(
-                f"{p.full_name} is held at {p.value:g}: only k D^m is determined with one wheel "
-                f"diameter; {p.remedy}"
-            )
-        elif p.status == "at its bound":
-            notes.append(
-                f"{p.full_name} is at its bound, {p.value:g}: the data wants to go further"
-            )
-        elif p.status == "not determined":
-            notes.append(f"{p.full_name} is not determined by this data: {p.remedy}")
+    said = {
+        "held": "{0} is held at {1:g}: only k D^m is determined with one wheel diameter; {2}",
+        "at its bound": "{0} is at its bound, {1:g}: the data wants to go further",
+        "not determined": "{0} is not determined by this data: {2}",
+    }
+    notes += [
+        said[p.status].format(p.full_name, p.value, p.remedy)
+        for p in found.parameters
+        if p.status in said
+    ]
     for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
         notes.append(
             f"{found.names[b]} and {found.names[a]} are tied (correlation {found.correlation[a, b]:.3f}): "
@@ -320,8 +331,8 @@ def _notes(found: FitResult, points: Points) -> list[str]:
         )  # fmt: skip
         notes.append(f"{few} left out: {place} {lines}")
     for name in points.forces:
-        said, far = off_by(found.errors.error[name], points.measurements.conditions, name)
-        notes += [f"{words(name)} is {said}"] if far else []
+        off, far = off_by(found.errors.error[name], points.measurements.conditions, name)
+        notes += [f"{words(name)} is {off}"] if far else []
     notes += found.bare.cautions(points.conditions)
     if not settings_repeated(points):
         notes.append(
@@ -336,14 +347,13 @@ def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, boo
 
     error: measured less predicted, shape (rows,), NaN where not measured.
     """
-    share = error / of_load(conditions, channel)
-    known = np.isfinite(error)
+    share, known = error / of_load(conditions, channel), np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)
     if (beyond == known).all():
         beyond = np.zeros_like(known)
     judged = known & ~beyond
-    law = FORCE_LAW**2 + wheel_discrepancy(conditions)[judged] ** 2
-    usual, off = float(np.sqrt(np.mean(law))), _rms(share[judged])
+    usual = _rms(np.hypot(FORCE_LAW, wheel_discrepancy(conditions)[judged]))
+    off = _rms(share[judged])
     said = f"off by {percent(off)} of the load"
     if beyond.any():
         said += f" ({percent(_rms(share[beyond]))} at slips over {_FURTHEST:g})"

@@ -33,13 +33,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
 
 from smallwheel_ros.fitting import constants
-from smallwheel_ros.fitting.covariance import Covariance, blocks_of
 from smallwheel_ros.fitting.noise import wheel_discrepancy
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
@@ -50,6 +49,23 @@ _STEPS = 15
 _TOLERANCE = 0.01  # nats
 _RESOLUTION = 1e-3  # of the level: no instrument shows more than three digits
 _LENGTHS = np.log([0.1, 0.25, 0.6])  # correlation length along a curve, of its length
+
+
+class Covariance:
+    """A covariance S = L L', shape (values,) * 2. Raises LinAlgError where it is not positive definite."""
+
+    def __init__(self, matrix: Array) -> None:
+        self.matrix = matrix
+        self.root = np.linalg.cholesky(matrix)
+        self.log_root = float(np.log(np.diag(self.root)).sum())
+
+    def whiten(self, columns: Array) -> Array:
+        """L^-1 columns: their scalar products are those under S^-1, shape as given, (values, ...)."""
+        return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False))
+
+    def solve(self, columns: Array) -> Array:
+        """S^-1 columns, shape as given."""
+        return np.asarray(cho_solve((self.root, True), columns, check_finite=False))
 
 
 @dataclass(frozen=True)
@@ -73,81 +89,35 @@ class VarianceModel:
     """
 
     def __init__(
-        self,
-        points: Points,
-        level: Array,
-        pure: Array,
-        stated: Array,
-        *,
-        working: bool = False,
+        self, points: Points, level: Array, pure: Array, stated: Array, *, working: bool = False
     ) -> None:
-        self.points, self.level, self._working = points, level, working
+        self.points, self.level = points, level
         self.swept = bool(points.swept.any())
-        repeated = settings_repeated(points)
-        medians = {"tau": constants.SOIL_SCATTER}
+        sizes, run = np.outer(level, level), _same(points.run)
+        found: dict[str, tuple[float, Array]] = {"tau": (constants.SOIL_SCATTER, run)}
         for name in points.channels:
-            medians[f"own:{name}"] = constants.CHANNEL_SCATTER
+            here = points.of_channel(name)
+            mine = np.outer(here, here)
+            found[f"own:{name}"] = constants.CHANNEL_SCATTER, mine * run * sizes
             if name not in FORCES:
-                medians[f"zero:{name}"] = constants.ZERO_SCATTER
-            if repeated:
-                medians[f"fit:{name}"] = constants.LACK_OF_FIT
-            if stated[points.of_channel(name)].any():
-                medians[f"declared:{name}"] = 1.0
+                middle = float(np.median(level[here]))
+                found[f"zero:{name}"] = constants.ZERO_SCATTER, mine * run * middle**2
+            if settings_repeated(points):
+                found[f"fit:{name}"] = constants.LACK_OF_FIT, mine * _same(points.setting) * sizes
+            if stated[here].any():
+                found[f"declared:{name}"] = 1.0, np.diag(here * stated)
         if self.swept:
-            medians["along"] = constants.CURVE_CORRELATED
-        self.names, self.log_median = tuple(medians), np.log(list(medians.values()))
-        links = [points.run, np.where(points.swept, points.channel, -1)]
-        links += [points.setting] if repeated else []
-        wheels = _wheels(points)
-        for name in () if working else points.forces:
-            links.append(np.where(points.of_channel(name), wheels, -1))
-        self.blocks = blocks_of(links)
-        pairs = [_Pairs(index) for index in self.blocks]
-        pure = pure + (_RESOLUTION * level) ** 2
-        self._base = [
-            np.eye(p.size) * pure[p.index][:, :, None] + self._laws(p, wheels) for p in pairs
-        ]
-        self._parts = [np.array([self._kernel(n, p, stated) for n in self.names]) for p in pairs]
-        self._gap = [p.apart(points.path) for p in pairs]
-
-    def _laws(self, pairs: _Pairs, wheels: Index) -> Array:
-        """Covariance of what a law of thrust and a curve's power of depth get wrong.
-
-        wheels: code of each value's wheel, shape (values,).
-        """
-        points, sizes = self.points, pairs.product(self.level)
-        found = np.zeros_like(sizes)
-        for name in () if self._working else points.forces:
-            mine = pairs.product(points.of_channel(name)) * pairs.same(wheels)
-            near = np.exp(-pairs.apart(points.column("slip")) / constants.FORCE_SLIP)
-            own = pairs.product(wheel_discrepancy(points.conditions)[points.row])
-            found += sizes * mine * (constants.FORCE_LAW**2 * near + own)
+            curve = np.outer(points.swept, points.swept) * _same(points.channel)
+            found["along"] = constants.CURVE_CORRELATED, curve * run * sizes
+        self.names = tuple(found)
+        self.log_median = np.log([median for median, _ in found.values()])
+        self._unit = np.array([kernel for _, kernel in found.values()])
+        self._gap = _apart(points.path)
+        self._given = np.diag(pure + (_RESOLUTION * level) ** 2)
+        if not working:
+            self._given += sizes * _force_law(points)
         if self.swept:
-            bodies = _codes([points.column("diameter"), points.column("width")])
-            same = pairs.same(bodies)
-            near = np.exp(-pairs.apart(np.log(np.maximum(self.level, 1e-12))))
-            law = (1.0 + same) * near + (same if bodies.max() > 0 else 0.0)
-            curve = pairs.product(points.swept) * pairs.same(points.channel)
-            found += constants.CURVE_SHAPE**2 * sizes * curve * law
-        return found
-
-    def _kernel(self, name: str, pairs: _Pairs, stated: Array) -> Array:
-        """Covariance of one component at unit deviation, less what `kernels` knows."""
-        component, _, channel = name.partition(":")
-        points, run, sizes = self.points, pairs.same(self.points.run), pairs.product(self.level)
-        if component == "tau":
-            return run
-        if component == "along":
-            return pairs.product(points.swept) * pairs.same(points.channel) * run * sizes
-        here = points.of_channel(channel)
-        mine = pairs.product(here)
-        if component == "own":
-            return mine * run * sizes
-        if component == "zero":
-            return mine * run * float(np.median(self.level[here])) ** 2
-        if component == "fit":
-            return mine * pairs.same(points.setting) * sizes
-        return np.eye(pairs.size) * mine * stated[pairs.index][:, :, None]  # declared
+            self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
 
     @property
     def start(self) -> Scatter:
@@ -164,30 +134,23 @@ class VarianceModel:
         values = np.array([known.get(name, value) for name, value in middle])
         return Scatter(self.names, values, scatter.log_length)
 
-    def kernels(self, stiffness: Array, log_length: float) -> list[Array]:
-        """Covariance of each component at unit deviation, by blocks: (components, blocks, m, m).
+    def kernels(self, stiffness: Array, log_length: float) -> Array:
+        """Covariance of each component at unit deviation, shape (components, values, values).
 
         stiffness: df / d ln k, shape (values,).
         """
-        found = []
-        for index, part, gap in zip(self.blocks, self._parts, self._gap, strict=True):
-            kernels = part.copy()
-            kernels[0] *= stiffness[index][:, :, None] * stiffness[index][:, None, :]
-            if self.swept:
-                kernels[-1] *= np.exp(-gap / np.exp(log_length))
-            found.append(kernels)
+        found = self._unit.copy()
+        found[0] *= np.outer(stiffness, stiffness)
+        if self.swept:
+            found[-1] *= np.exp(-self._gap / np.exp(log_length))
         return found
 
     def total(
-        self, log_deviation: Array, kernels: Sequence[Array], spread: Array | None = None
+        self, log_deviation: Array, kernels: Array, spread: Array | None = None
     ) -> Covariance:
-        """V, and with it what parameters can take up. spread: U, shape (values, columns)."""
-        squares = np.exp(2.0 * log_deviation)
-        parts = [
-            base + np.einsum("k,kbij->bij", squares, kernel)
-            for base, kernel in zip(self._base, kernels, strict=True)
-        ]
-        return Covariance(self.blocks, parts, spread)
+        """V, and with it U U', what parameters can take up. spread: U, shape (values, columns)."""
+        found = self._given + np.tensordot(np.exp(2.0 * log_deviation), kernels, 1)
+        return Covariance(found if spread is None else found + spread @ spread.T)
 
     def covariance(
         self, scatter: Scatter, stiffness: Array, spread: Array | None = None
@@ -196,79 +159,93 @@ class VarianceModel:
         kernels = self.kernels(stiffness, scatter.log_length)
         return self.total(scatter.log_deviation, kernels, spread)
 
-    def log_prior(self, scatter: Scatter) -> float:
+    def log_prior(self, log_deviation: Array) -> float:
         """Logarithm of the priors' densities, less constants."""
-        away = (scatter.log_deviation - self.log_median) / constants.SPREAD
+        away = (log_deviation - self.log_median) / constants.SPREAD
         return -0.5 * float(away @ away)
 
     def fit(self, error: Array, spread: Array, stiffness: Array, start: Scatter) -> Scatter:
         """The components that suit the errors best. spread: U, what parameters can take up."""
-        best = None
-        lengths = _LENGTHS if self.swept else _LENGTHS[1:2]
-        for length in lengths:
+        tried = []
+        for length in _LENGTHS if self.swept else _LENGTHS[1:2]:
             kernels = self.kernels(stiffness, float(length))
-            found, value = self._climb(error, spread, kernels, start.log_deviation)
-            if best is None or value > best[0]:
-                best = value, Scatter(self.names, found, float(length))
-        assert best is not None
-        return best[1]
+            value, ln = self._climb(error, spread, kernels, start.log_deviation)
+            tried.append((value, Scatter(self.names, ln, float(length))))
+        return max(tried, key=lambda one: one[0])[1]
 
     def _climb(
-        self, error: Array, spread: Array, kernels: list[Array], start: Array
-    ) -> tuple[Array, float]:
-        curvature = np.eye(start.size) / constants.SPREAD**2
-
+        self, error: Array, spread: Array, kernels: Array, start: Array
+    ) -> tuple[float, Array]:
         def objective(ln: Array) -> tuple[float, Covariance | None]:
             try:
-                covariance = self.total(ln, kernels, spread)
+                s = self.total(ln, kernels, spread)
             except np.linalg.LinAlgError:
                 return -np.inf, None
-            white, away = covariance.whiten(error), (ln - self.log_median) / constants.SPREAD
-            return -covariance.log_root - 0.5 * float(white @ white + away @ away), covariance
+            white = s.whiten(error)
+            return self.log_prior(ln) - s.log_root - 0.5 * float(white @ white), s
 
-        ln = start.copy()
-        value, covariance = objective(ln)
+        ln = start
+        value, s = objective(ln)
         for _ in range(_STEPS):
-            assert covariance is not None
-            pulled, moved = self._moved(covariance, error, ln, kernels)
-            sizes, traces = 2.0 * np.exp(2.0 * ln), np.zeros(ln.size)
-            for part, kernel in zip(covariance.inverse_parts(), kernels, strict=True):
-                traces += np.einsum("bij,kbij->k", part, kernel)
+            assert s is not None
+            inverse, sizes = s.solve(np.eye(error.size)), 2.0 * np.exp(2.0 * ln)
+            pulled, moved = _moved(s, error, ln, kernels)
+            traces = np.tensordot(kernels, inverse, 2)
             gradient = 0.5 * (pulled @ moved - sizes * traces)
             gradient -= (ln - self.log_median) / constants.SPREAD**2
-            white = covariance.whiten(moved)
-            step = np.linalg.solve(0.5 * white.T @ white + curvature, gradient)
+            step = np.linalg.solve(self._information(s, moved), gradient)
             step, share = np.clip(step, -1.5, 1.5), 1.0
-            while share > 0.03:
-                tried, tried_covariance = objective(ln + share * step)
-                if tried > value:
-                    break
+            while (tried := objective(ln + share * step))[0] <= value:
                 share *= 0.4
-            else:
-                break
-            gain = tried - value
-            ln, value, covariance = ln + share * step, tried, tried_covariance
+                if share <= 0.03:
+                    return value, ln
+            gain = tried[0] - value
+            ln = ln + share * step
+            value, s = tried
             if gain < _TOLERANCE:
                 break
-        return ln, value
+        return value, ln
 
-    def _moved(
-        self, covariance: Covariance, error: Array, ln: Array, kernels: list[Array]
-    ) -> tuple[Array, Array]:
-        """S^-1 e, and of each component dS / d ln phi S^-1 e, shape (values, components)."""
-        pulled = covariance.solve(error)
-        moved = np.empty((error.size, ln.size))
-        for index, kernel in zip(self.blocks, kernels, strict=True):
-            moved[index] = np.einsum("kbij,bj->bik", kernel, pulled[index])
-        return pulled, moved * (2.0 * np.exp(2.0 * ln))
+    def _information(self, s: Covariance, moved: Array) -> Array:
+        """Average information on ln phi and its prior's precision, shape (components,) * 2."""
+        white = s.whiten(moved)
+        return np.asarray(0.5 * white.T @ white + np.eye(len(self.names)) / constants.SPREAD**2)
 
     def uncertainty(self, error: Array, spread: Array, stiffness: Array, scatter: Scatter) -> Array:
         """Covariance of ln phi (average information and prior), shape (components,) * 2."""
-        kernels = self.kernels(stiffness, scatter.log_length)
-        covariance = self.total(scatter.log_deviation, kernels, spread)
-        white = covariance.whiten(self._moved(covariance, error, scatter.log_deviation, kernels)[1])
-        prior = np.eye(len(self.names)) / constants.SPREAD**2
-        return np.asarray(np.linalg.inv(0.5 * white.T @ white + prior))
+        ln, kernels = scatter.log_deviation, self.kernels(stiffness, scatter.log_length)
+        s = self.total(ln, kernels, spread)
+        return np.asarray(np.linalg.inv(self._information(s, _moved(s, error, ln, kernels)[1])))
+
+
+def _moved(s: Covariance, error: Array, ln: Array, kernels: Array) -> tuple[Array, Array]:
+    """S^-1 e, and of each component dS / d ln phi S^-1 e, shape (values, components)."""
+    pulled = s.solve(error)
+    return pulled, (kernels @ pulled).T * (2.0 * np.exp(2.0 * ln))
+
+
+def _force_law(points: Points) -> Array:
+    """What the law of pull and torque is off by, of the levels: covariance, shape (values,) * 2."""
+    found = np.zeros((len(points), len(points)))
+    if not points.forces:
+        return found
+    near = np.exp(-_apart(points.column("slip")) / constants.FORCE_SLIP)
+    own = wheel_discrepancy(points.conditions)[points.row]
+    names = [n for n in ("diameter", "width", "grouser_height") if n in points.conditions]
+    wheel = _same(_codes([points.column(name) for name in names]))
+    for name in points.forces:
+        here = points.of_channel(name)
+        mine = np.outer(here, here) * wheel
+        found += mine * (constants.FORCE_LAW**2 * near + np.outer(own, own))
+    return found
+
+
+def _depth_law(points: Points, level: Array) -> Array:
+    """How alike the errors of a power of depth are: near in depth, and once more of the same body."""
+    bodies = _codes([points.column("diameter"), points.column("width")])
+    size = np.log(np.maximum(level, 1e-12))
+    near, same = np.exp(-_apart(size)), _same(bodies)
+    return np.asarray((1.0 + same) * near + (same if bodies.max() > 0 else 0.0))
 
 
 def settings_repeated(points: Points) -> bool:
@@ -279,33 +256,14 @@ def settings_repeated(points: Points) -> bool:
     return bool(np.bincount(pairs[:, 0]).max(initial=0) > 1)
 
 
-class _Pairs:
-    """All pairs of values in blocks of one size. index: values, shape (blocks, size)."""
-
-    def __init__(self, index: Index) -> None:
-        self.index, self.size = index, index.shape[1]
-
-    def same(self, codes: Index) -> Array:
-        """1 where both have the same code, else 0."""
-        there = codes[self.index]
-        return np.asarray(there[:, :, None] == there[:, None, :], dtype=float)
-
-    def product(self, values: NDArray[Any]) -> Array:
-        """The two values' product; of a mask 1 where both are in it."""
-        there = values.astype(float)[self.index]
-        return np.asarray(there[:, :, None] * there[:, None, :])
-
-    def apart(self, values: Array) -> Array:
-        """How far the two values are from each other."""
-        return np.abs(values[self.index][:, :, None] - values[self.index][:, None, :])
+def _same(codes: Index) -> Array:
+    """1 where two values have the same code, else 0, shape (values,) * 2."""
+    return np.asarray(np.equal.outer(codes, codes), dtype=float)
 
 
-def _wheels(points: Points) -> Index:
-    """Codes of the wheels, which differ by size or lugs."""
-    parts = [points.column("diameter"), points.column("width")]
-    if "grouser_height" in points.conditions:
-        parts.append(points.column("grouser_height"))
-    return _codes(parts)
+def _apart(values: Array) -> Array:
+    """How far two values are from each other, shape (values,) * 2."""
+    return np.asarray(np.abs(np.subtract.outer(values, values)))
 
 
 def _codes(columns: Sequence[Array]) -> Index:

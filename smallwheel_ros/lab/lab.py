@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.fitted import FittedParameter, WithParameters
+from smallwheel_ros.fitting.named import FittedParameter, WithParameters
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem, base_of

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
-from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor, stiffness
-from smallwheel_ros.fitting.fitted import FittedParameter, Status
+from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor
 from smallwheel_ros.fitting.held_out import leave_out
+from smallwheel_ros.fitting.named import FittedParameter, Status
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, ParameterVector, Prior
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.result import posterior_covariance
@@ -163,7 +163,7 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     edges = np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1))
     where = np.searchsorted(edges[1:-1], points.value, side="right")
     # What a value of a new run is off the right law, relative: the root of V.
-    variance = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes)).variance()
+    variance = np.diag(fitter.covariance(fit).matrix)
     expected = _rms(np.sqrt(variance) / fitter.level, where)
     laws = []
     for law in LAWS:

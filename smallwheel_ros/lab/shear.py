@@ -20,14 +20,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares, minimize
 
 from smallwheel_ros.fitting.constants import SOIL_SCATTER, SPREAD
-from smallwheel_ros.fitting.covariance import Covariance
 from smallwheel_ros.fitting.fit import inverse
 from smallwheel_ros.fitting.held_out import leave_out
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
+from smallwheel_ros.fitting.variance import Covariance
 from smallwheel_ros.lab.plates import clearly_less
 from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, cluster
 from smallwheel_ros.measurements.table import ShearTests
@@ -245,7 +246,6 @@ class _Regression:
     def __init__(self, runs: Sequence[RunFit], level: Array) -> None:
         count, size = len(runs), runs[0].numbers.size
         self.medians = np.log(_SCATTER[:size])
-        self._blocks = [np.arange(count * size).reshape(count, size)]
         self._known = np.array([run.covariance for run in runs])
         self._unit = np.ones((count, size))
         self._unit[:, 0] = np.maximum(np.abs(level), 1e-3 * np.max(np.abs(level))) ** 2
@@ -262,7 +262,7 @@ class _Regression:
     def _covariance(self, log_scatter: Array) -> Covariance:
         between = self._unit * np.exp(2.0 * log_scatter)
         parts = self._known + between[:, :, None] * np.eye(log_scatter.size)
-        return Covariance(self._blocks, [parts])
+        return Covariance(np.asarray(block_diag(*parts)))
 
     def solved(self, log_scatter: Array) -> tuple[Array, Array]:
         """Generalised least squares: theta and its covariance for a given scatter."""

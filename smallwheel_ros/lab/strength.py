@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.fitting.constants import DETERMINED
-from smallwheel_ros.fitting.fitted import FittedParameter, Status
+from smallwheel_ros.fitting.named import FittedParameter, Status
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.lab.plates import percent
 from smallwheel_ros.lab.shear import FittedShearLaw, RunFit, ShearFit, normal_stresses

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.document import plain
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, numbers_of
 from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Place, places_for
@@ -234,8 +234,7 @@ def _asked_of(fitter: Fitter, fit: Fit, place: Place) -> dict[str, tuple[Array, 
     points, with_law = fitter.points, fit.model
     others = [e for e in with_law.effects if e.id != SOUGHT]
     model = Model(with_law.soils, with_law.geometry, others, with_law.thrust_form)
-    v = fitter.variance.covariance(fit.scatter, stiffness(fit.vector, fit.slopes))
-    deviation = np.sqrt(v.variance())
+    deviation = np.sqrt(np.diag(fitter.covariance(fit).matrix))
     # A resistance is added to, as it is; any other answer is linear in a ln factor only nearby.
     far, dull = (np.inf, 0.0) if place.stage == "R" else (_FAR, _DULL)
     rows = np.unique(points.row)

@@ -18,7 +18,6 @@ from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
-from smallwheel_ros.diagnosis.search import CandidateFit
 from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.constants import TIE
@@ -184,9 +183,8 @@ def _measure_next(
     made: list[Proposal] = []
     for other in [c for c in tied if c.law.key != draft.law.key][:_COMPARED]:
         names = draft.law.formula(draft.numbers), other.law.formula(other.numbers)
-        first, second = (CandidateFit((), c.fit, -c.score) for c in (draft, other))
         with suppress(*FAILURES):
-            proposal = propose(fitter, first, second, names, limits=limits)
+            proposal = propose(fitter, draft.fit, other.fit, names, limits=limits)
             made += [proposal] if proposal else []
     best = max(made, key=lambda proposal: proposal.expected_power, default=None)
     return asdict(best) if best else None

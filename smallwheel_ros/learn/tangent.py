@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.fit import Fit, Fitter, stiffness
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.variance import Scatter
 
 Array = NDArray[np.float64]
@@ -45,12 +45,12 @@ class Yardstick:
     def __init__(self, fitter: Fitter, fit: Fit) -> None:
         points = fitter.points
         scatter = without_lack_of_fit(fit.scatter)
-        self._v = fitter.variance.covariance(scatter, stiffness(fit.vector, fit.slopes))
+        self._v = fitter.variance.covariance(scatter, fit.stiffness)
         self.rows, point = np.unique(points.row, return_inverse=True)
         self._place = points.channel, point.reshape(-1)
         self._shape = len(points.channels), self.rows.size
         self.count = len(points) / len(points.channels)
-        shares = fitter.repeats.variance / self._v.variance()
+        shares = fitter.repeats.variance / np.diag(self._v.matrix)
         mean = np.bincount(points.channel, shares) / np.bincount(points.channel)
         self._floor = np.diag(_FLOOR * mean + 1e-9)
 

@@ -3,14 +3,37 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
-from smallwheel_ros.fitting.constants import TABLE
+from smallwheel_ros.fitting import constants
 
 BEGIN = "<!-- constants: begin (made by `python test/docs/test_docs_constants.py`) -->\n"
 END = "<!-- constants: end -->\n"
+
+
+class Constant(NamedTuple):
+    name: str
+    value: float
+    why: str
+
+
+def read() -> list[Constant]:
+    """What the comment above each constant says: its name, a dash, and why."""
+    found = []
+    source = Path(constants.__file__).read_text(encoding="utf-8")
+    for comment, value in re.findall(r"((?:^# .*\n)+)^[A-Z_]+ = (.*)$", source, re.MULTILINE):
+        name, why = " ".join(re.sub(r"^#\s+", "", comment, flags=re.MULTILINE).split("\n")).split(
+            " - ", 1
+        )
+        found.append(Constant(name.strip(), float(value), why.strip()))
+    return found
+
+
+TABLE = read()
 
 
 def table() -> str:

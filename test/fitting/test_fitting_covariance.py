@@ -55,7 +55,7 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
     scale = vector.scale
     assert scale.max() / scale.min() > 1e6
     steps = 1e-3 * scale
-    inside = (fit.theta - steps > vector.low) & (fit.theta + steps < vector.high)
+    inside = (fit.theta - steps > vector.bounds[0]) & (fit.theta + steps < vector.bounds[1])
     assert inside.all()
     slopes = np.column_stack(
         [

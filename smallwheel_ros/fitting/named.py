@@ -59,15 +59,14 @@ class FittedParameter:
     def __repr__(self) -> str:
         return f"<{self.full_name}: {self}>"
 
+    def row(self, of: str) -> dict[str, Any]:
+        """As a row of a table. of: what it is a number of."""
+        known = {n: getattr(self, n) for n in ("value", "std", "unit", "status")}
+        return {"of": of, "parameter": self.name, **known}
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values, SI."""
-        return {
-            "value": self.value,
-            "std": self.std,
-            "unit": self.unit,
-            "status": self.status,
-            "remedy": self.remedy,
-        }
+        return {n: getattr(self, n) for n in ("value", "std", "unit", "status", "remedy")}
 
 
 def derived_parameters(
