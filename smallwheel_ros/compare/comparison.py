@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.compare.contenders import Contender, standard_contenders
+from smallwheel_ros.compare.contenders import REGRESSION, Contender, standard_contenders
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import (
@@ -31,6 +31,7 @@ from smallwheel_ros.fitting.held_out import (
     row_errors,
     rows_of,
 )
+from smallwheel_ros.fitting.line import Line
 from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.display import shown_value, words
@@ -157,16 +158,26 @@ class Comparison(Result):
         return {name: change for name, change in found.items() if channel in change.reduction}
 
     def useless(self, channel: str) -> str:
-        """Say so where a constant has less error than every law; "" elsewhere."""
+        """Say so where a model without physics has less error than every law; "" elsewhere."""
         best, law = self.best(channel), self.best(channel, laws=True)
         if best is None or law is None or best is law:
             return ""
         errors = [self.shown_score(m, channel) for m in (best, law)]
         said = [shown_value(channel, e.rmse) for e in errors if e is not None]
-        return (
-            f"no law has less error than a constant, the mean of the other runs: {law.contender.name}, the "
-            f"best of them, has {said[-1]}, the constant {said[0]}"
+        by = "the constant"
+        what = "a constant, the mean of the other runs"
+        if best.contender.name == REGRESSION:
+            by, what = "the regression", "a log-log regression, which holds no physics"
+        found = (
+            f"no law has less error than {what}: {law.contender.name}, the best of them, has {said[-1]}, "
+            f"{by} {said[0]}"
         )
+        change = self.differences(channel).get(law.contender.name)
+        if best.contender.name == REGRESSION and change is not None:
+            if channel in change.worse:
+                return found + "; an effect is missing (`smallwheel diagnose`), or a zero is off"
+            return found + ", within the standard error of their difference"
+        return found
 
     def headline(self) -> str:
         """The best model of each channel, and how far off it is."""
@@ -240,6 +251,8 @@ def compare(
         model = contender.model
         if isinstance(model, Base):
             return _fitted(contender, replace(problem, base=model), count)
+        if contender.name == REGRESSION:
+            return _regression(contender, points, folds)
         if model is None:
             return _constant(contender, points, folds)
         return _standing(contender, model, points)
@@ -284,6 +297,29 @@ def _constant(contender: Contender, points: Points, folds: int) -> ModelResult:
         inside[name][rows] = value - value.mean()
         for out in leave_out(fold[rows]):
             outside[name][rows[out]] = value[out] - value[~out].mean()
+    held_out = CvErrors(outside, run) if folds else None
+    return ModelResult(contender, None, CvErrors(inside, run), held_out, held_out)
+
+
+def _regression(contender: Contender, points: Points, folds: int) -> ModelResult:
+    """Rows less a line through the points of all in sample, of the other folds held out."""
+    data, fold = points.measurements, folds_of(points)[points.run]
+    conditions = filled(data.conditions)
+
+    def errors(seen: Points, judged: Points, error: dict[str, Array]) -> None:
+        for name, rows in rows_of(judged).items():
+            use = (seen.channel == seen.channels.index(name)) & (seen.value > 0)
+            if name not in seen.forces and use.any():
+                line = Line.through(seen.value[use], seen.row[use], seen.conditions)
+                found = data.channels[name][rows] - line.at(conditions.take(rows))
+                error.setdefault(name, np.full(len(data), np.nan))[rows] = found
+
+    run = runs_of(data)[1]
+    inside: dict[str, Array] = {}
+    outside: dict[str, Array] = {}
+    errors(points, points, inside)
+    for out in leave_out(fold) if folds else ():
+        errors(points.take(~out), points.take(out), outside)
     held_out = CvErrors(outside, run) if folds else None
     return ModelResult(contender, None, CvErrors(inside, run), held_out, held_out)
 

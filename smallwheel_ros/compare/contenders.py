@@ -17,13 +17,15 @@ from smallwheel_ros.physics.conditions import PLATE
 
 # Names of the standard contenders; the fit of the last tells what a true model would leave.
 STANDARD = ("constant", "bekker", "meirion_griffith_spenko", "wong_reece", "contact_integral")
+REGRESSION = "log_log_regression"
 
 
 @dataclass(frozen=True)
 class Contender:
     """A model to compare: a `Base` is fitted to the data, a `Model` stands as it is.
 
-    model: None for no law at all, a constant: the mean of the channel over the rows that a fit may see.
+    model: None for no law at all: a constant, the mean of the channel over the rows that a fit may see, or a
+    regression on the settings (`fitting.line`), which has no pull and torque.
     file, fitted_to: where a standing model came from, and the SHA-256 of the data that it was fitted
     to, "" if unknown.
     """
@@ -41,7 +43,7 @@ class Contender:
 
 
 def standard_contenders(points: Points) -> list[Contender]:
-    """A constant, Bekker's law, that of Meirion-Griffith & Spenko and the contact integral.
+    """A constant, a regression, Bekker's law, that of Meirion-Griffith & Spenko and the contact integral.
 
     Where pull or torque was measured at known slip that of Wong and Reece, too. The closed forms have the
     thrust that is published with them, the contact integral the balance of stresses.
@@ -63,12 +65,19 @@ def standard_contenders(points: Points) -> list[Contender]:
         "about pressure, and pressure and shear carry the load together" + exponent,
         Base(thrust_form="wong_reece"),
     )
+    regression = Contender(
+        REGRESSION,
+        "ln of the value linear in ln load, ln of the sizes, slip, its square, pass and speed, as far as "
+        "they were varied: no physics, and what a law has to beat",
+        None,
+    )
     return [
         Contender(
             STANDARD[0],
             "the mean of the other runs, whatever load and slip: a law that is worse says nothing",
             None,
         ),
+        *([regression] if set(points.channels) - set(points.forces) else []),
         Contender(
             STANDARD[1],
             f"Bekker 1956, closed form (eq. 7), P = K z^n without diameter; {modulus}",

@@ -18,15 +18,14 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from smallwheel_ros.fitting.constants import CLEAN, FORCE_LUGS, FORCE_WHEEL, OUTLIER, ROW_NOISE
+from smallwheel_ros.fitting.line import Line
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SMALLEST = 0.05  # of a channel's median: least level of a value
-_VALUES_A_COLUMN = 2  # at least, of a line through the sizes: fewer would follow single values
 _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
 MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
 NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
@@ -49,51 +48,24 @@ def wheel_discrepancy(conditions: Conditions) -> Array:
 def levels_of(points: Points) -> Array:
     """The size of each value: a line through the table, which no model and no effect moves.
 
-    By channel, ln size = its soil's own + b . (ln load, ln sizes, slip, slip^2, speed, pass), by least
-    squares of ln value; of pull the load, of torque the load times the radius.
+    By channel, within what was measured (`line`); of pull the load, of torque the load times the radius.
 
     Not the value itself: relative errors by what was measured pull every fit below it, the more the more
     values share an error (Peelle's puzzle; Fruehwirth et al. 2012, EPJ Web of Conferences 27, 00008). And
     not a model's prediction: models are compared by evidence under one and the same variance.
     """
     level = np.maximum(np.abs(points.value), 1e-12)
-    named = points.conditions.soil
-    codes = np.zeros(len(points.conditions), dtype=np.intp)
-    if named is not None:
-        codes = np.unique(named, return_inverse=True)[1].reshape(-1)
-    soil = codes[points.row]
-    columns = _line_columns(points)
     for name in points.channels:
         mine = points.of_channel(name)
+        use = mine & (points.value > 0)
         if name in FORCES:
             level[mine] = of_load(points.conditions, name)[points.row[mine]]
-        elif (use := mine & (points.value > 0)).any():
-            level[mine] = _line(points.value, use, soil, columns)[mine]
+        elif use.any():
+            value = points.value[use]
+            line = Line.through(value, points.row[use], points.conditions)
+            found = line.at(points.conditions)[points.row[mine]]
+            level[mine] = np.clip(found, value.min(), value.max())
     return _floored(points, level)
-
-
-def _line_columns(points: Points) -> Array:
-    """What a size may depend on, the most likely first, shape (values, columns)."""
-    columns = [np.log(points.column(name)) for name in ("load", "diameter", "width")]
-    for name in ("slip", "pass_number", "speed"):
-        if name in points.conditions:
-            column = points.column(name)
-            columns += [column, column**2] if name == "slip" else [column]
-    return np.column_stack(columns)
-
-
-def _line(value: Array, use: Mask, soil: Index, columns: Array) -> Array:
-    """The line through the values in use, at each value, within what was measured, shape (values,)."""
-    own = np.eye(int(soil.max()) + 1)[soil]
-    known = np.isfinite(columns).all(axis=0)
-    varied = np.flatnonzero(known & (np.ptp(np.where(known, columns, 0.0)[use], axis=0) > 1e-6))
-    room = int(use.sum()) // _VALUES_A_COLUMN - np.count_nonzero(own[use].any(axis=0))
-    line = np.hstack([own, columns[:, varied[: max(room, 0)]]])
-    # Of small values the logarithm is uncertain, and their size matters least.
-    weight = np.sqrt(np.minimum(value[use] / np.median(value[use]), 1.0))
-    found = np.linalg.lstsq(line[use] * weight[:, None], np.log(value[use]) * weight, rcond=1e-8)[0]
-    ends = np.log([value[use].min(), value[use].max()])
-    return np.asarray(np.exp(np.clip(line @ found, *ends)))
 
 
 def _floored(points: Points, level: Array) -> Array:

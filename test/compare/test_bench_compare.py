@@ -110,7 +110,14 @@ def test_a_model_file_keeps_apart_from_the_standard_models_and_may_lack_a_column
     assert result.exit_code == 0, result.output
     models = json.loads(result.stdout)["models"]
     names = [m["name"] for m in models]
-    assert names == ["constant", "bekker", "meirion_griffith_spenko", "contact_integral", str(file)]
+    assert names == [
+        "constant",
+        "log_log_regression",
+        "bekker",
+        "meirion_griffith_spenko",
+        "contact_integral",
+        str(file),
+    ]
     (why,) = models[-1]["not_predicted"]
     assert "needs the column 'slip'" in why["reason"]
     assert (why["rows"], why["lines"]) == (6, [2, 3, 4, 5, 6, 7])

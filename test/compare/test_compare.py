@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from smallwheel_ros import fit
 from smallwheel_ros.compare.comparison import Comparison, compare
@@ -155,13 +156,13 @@ def test_the_truth_without_hidden_effect_is_met_nearly_as_well_as_rows_repeat(
 
 
 def test_bekker_has_no_diameter_and_splits_the_modulus_over_widths(comparison: Comparison) -> None:
-    bekker = comparison.models[1]
+    bekker = comparison.models[2]
     assert bekker.contender.name == "bekker"
     assert bekker.model.soils[0].m == 0.0
     assert bekker.model.geometry == "closed_form"
     assert [effect.id for effect in bekker.model.effects] == ["width_dependent_modulus"]
     assert "kc and kphi of K" in bekker.contender.description
-    paper = comparison.models[2]
+    paper = comparison.models[3]
     assert paper.contender.name == "meirion_griffith_spenko"
     assert paper.model.geometry == "closed_form"
     assert abs(paper.model.soils[0].m) > 1e-3
@@ -173,10 +174,10 @@ def test_with_one_width_and_diameter_the_description_says_what_is_determined() -
     exact = predict(Model(SAND), conditions)
     data = table(8, conditions=conditions, channels={"sinkage": exact.sinkage})
     found = compare(data)
-    assert "not kc and kphi" in found.models[1].contender.description
-    assert "not m" in found.models[2].contender.description
-    assert found.models[1].model is not None
-    assert not found.models[1].model.effects
+    assert "not kc and kphi" in found.models[2].contender.description
+    assert "not m" in found.models[3].contender.description
+    assert found.models[2].model is not None
+    assert not found.models[2].model.effects
 
 
 # What cannot be predicted is said and counted, and never a NaN
@@ -358,7 +359,14 @@ def test_a_model_that_saw_the_data_is_not_held_against_others(
     best = found.best("sinkage")
     assert best is not None
     judged = {best.contender.name, *found.differences("sinkage")}
-    assert judged == {"constant", "bekker", "meirion_griffith_spenko", "contact_integral", "other"}
+    assert judged == {
+        "constant",
+        "log_log_regression",
+        "bekker",
+        "meirion_griffith_spenko",
+        "contact_integral",
+        "other",
+    }
 
 
 # A constant, and the law of Wong and Reece
@@ -384,6 +392,39 @@ def test_the_constant_is_the_mean_of_the_runs_that_it_may_see() -> None:
     others = [value[found.measurements.run != run].mean() for run in found.measurements.run]
     held_out = found.residual(constant, "sinkage", held_out=True)
     assert held_out == pytest.approx(value - np.array(others))
+
+
+def test_the_regression_is_a_line_through_the_runs_that_it_may_see() -> None:
+    rng = np.random.default_rng(8)
+    load = np.geomspace(20.0, 90.0, 10)
+    depth = 1e-3 * load**0.9 * np.exp(rng.normal(0.0, 0.01, 10))
+    run = np.array([f"r{i}" for i in range(10)])
+    found = compare(
+        table(10, conditions=Conditions.of(load, 0.2, 0.1), channels={"sinkage": depth}, run=run)
+    )
+    line = found.models[1]
+    assert (line.contender.name, line.model) == ("log_log_regression", None)
+
+    def off(seen: NDArray[np.bool_]) -> NDArray[np.float64]:
+        weight = np.minimum(depth[seen] / np.median(depth[seen]), 1.0) ** 0.5
+        slope = np.polyfit(np.log(load[seen]), np.log(depth[seen]), 1, w=weight)
+        return np.asarray(depth - np.exp(np.polyval(slope, np.log(load))))
+
+    assert found.residual(line, "sinkage") == pytest.approx(off(np.ones(10, dtype=bool)))
+    # each run has a fold of its own here
+    alone = [off(np.arange(10) != i)[i] for i in range(10)]
+    assert found.residual(line, "sinkage", held_out=True) == pytest.approx(np.array(alone))
+
+
+def test_a_regression_that_is_better_than_every_law_is_said_to_be() -> None:
+    """A depth that grows with the square of slip: a law without slip loses to a line that has it."""
+    slip = np.tile(np.linspace(0.0, 0.8, 6), 2)
+    conditions = Conditions.of(np.repeat([40.0, 80.0], 6), 0.2, 0.1, slip=slip)
+    exact = predict(Model(SAND), conditions).sinkage * np.exp(slip + slip**2)
+    run = np.array([f"r{i}" for i in range(12)])
+    found = compare(table(12, conditions=conditions, channels={"sinkage": exact}, run=run))
+    assert "no law has less error than a log-log regression" in found.headline()
+    assert "`smallwheel diagnose`" in found.headline()
 
 
 def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
@@ -461,6 +502,7 @@ def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurem
     assert document["data"]["runs"] == 16
     assert [m["name"] for m in document["models"]] == [
         "constant",
+        "log_log_regression",
         "bekker",
         "meirion_griffith_spenko",
         "contact_integral",
@@ -471,19 +513,26 @@ def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurem
             assert scores["in_sample"]["rmse"] > 0
             assert (scores["held_out"] is not None) == model["fitted"]
         assert {part["by"] for part in model["parts"]} >= {"load", "slip", "diameter", "wheel"}
-        if model["name"] == "constant":
+        if model["name"] in ("constant", "log_log_regression"):
             assert (model["geometry"], model["soils"], model["effects"]) == (None, [], [])
         else:
             assert model["soils"][0]["k"] > 0
     assert set(document["noise_floor"]["sinkage"]) == {"value", "source", "reason", "repeatability"}
     judged = [d for d in document["differences"] if d["channel"] == "sinkage"]
     assert {judged[0]["best"], *(d["other"] for d in judged)} == {
-        "constant", "bekker", "meirion_griffith_spenko", "contact_integral"}  # fmt: skip
+        "constant", "log_log_regression", "bekker", "meirion_griffith_spenko",
+        "contact_integral"}  # fmt: skip
 
 
 def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> None:
     text = comparison.text()
-    for name in ("constant", "bekker", "meirion_griffith_spenko", "contact_integral"):
+    for name in (
+        "constant",
+        "log_log_regression",
+        "bekker",
+        "meirion_griffith_spenko",
+        "contact_integral",
+    ):
         assert text.count(name) >= 2
     lines = [line.split() for line in text.splitlines()]
     assert sum(cells[-1:] == ["best"] and cells[0] != "model" for cells in lines) == 2

@@ -58,7 +58,8 @@ def test_page_and_json_tell_the_same_story(rig: Path, tmp_path: Path) -> None:
     assert done.stdout == f"written: {page}\n"
     html, found = page.read_text(), json.loads(document.read_text())
     assert [m["name"] for m in found["comparison"]["models"]] == [
-        "constant", "bekker", "meirion_griffith_spenko", "contact_integral", "soft"]  # fmt: skip
+        "constant", "log_log_regression", "bekker", "meirion_griffith_spenko", "contact_integral",
+        "soft"]  # fmt: skip
     diagnosis = found["diagnosis"]
     assert diagnosis["schema"] == 1
     before, after = (s["held_out_rmse"]["sinkage"] for s in diagnosis["steps"][:2])
