@@ -73,13 +73,17 @@ def effects(
 ) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
     from smallwheel_ros.common.tables import text_table
-    from smallwheel_ros.effects.registry import families, forms, load_effects
+    from smallwheel_ros.effects.registry import default_registry, families, load_effects
 
     check_targets([plot, json_file], [effects])
     if effect is None and plot is not None:
         raise click.UsageError("--plot needs the name of one effect")
     user = load_effects(effects) if effects else None
-    shown = families(user) if effect is None else {effect: forms(effect, user)}
+    shown = (
+        families(user)
+        if effect is None
+        else {effect: default_registry().with_families(user or {}).family(effect)}
+    )
     if plot is not None:
         from smallwheel_ros.pictures.physics import plot_effect
 

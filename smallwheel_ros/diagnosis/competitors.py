@@ -176,7 +176,7 @@ def _forms(
     present = next((e for e in model.effects if e.id == family), None)
     found: list[Competitor] = []
     reason = ""
-    for kind in (form for form in forms if not form.same_as):
+    for kind in forms:
         if kind.known_physics:
             why = "known physics: applied where its columns are there, not a discovery"
         elif kind.geometry and model.geometry == kind.geometry:

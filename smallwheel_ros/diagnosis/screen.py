@@ -6,9 +6,8 @@ deviation does to the predictions) has
 
     ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
 
-averaged over V on the way from the fitted scatter to the usual one, since a missing effect inflates the
-scatter. The same arithmetic on data drawn from the null model gives the law of the statistic "is anything
-missing".
+under no more scatter than is usual, since a missing effect inflates it. The same arithmetic on data drawn
+from the null model gives the law of the statistic "is anything missing".
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +23,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.diagnosis.competitors import Competitor, changed
 from smallwheel_ros.fitting.constants import HIDE, SPREAD
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
-from smallwheel_ros.fitting.variance import Covariance
 
 Array = NDArray[np.float64]
 
-_WAY = (1.0, 0.5, 0.0)  # from the fitted scatter (1) to the priors' medians, in ln
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 
 
@@ -90,51 +86,26 @@ def _columns(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
 
 
 class Screen:
-    """Linearised evidence at one fit."""
+    """Linearised evidence at one fit, under no more scatter than is usual.
+
+    What a missing effect adds to the scatter must hide neither it nor another one.
+    """
 
     def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[Column]) -> None:
         self.fitter, self.fit, self.columns = fitter, fit, list(columns)
-        self._kernels = fitter.variance.kernels(fit.stiffness, fit.scatter.log_length)
-        self._stacked = np.hstack([np.zeros((len(fitter.points), 0)), *(c.shift for c in columns)])
+        model = fitter.variance
+        self._kernels = model.kernels(fit.stiffness, fit.scatter.log_length)
+        usual = np.minimum(fit.scatter.log_deviation, model.log_median)
+        self._s = model.total(usual, self._kernels, fit.taken_up)
+        stacked = np.hstack([np.zeros((len(fitter.points), 0)), *(c.shift for c in columns)])
+        self._white = self._s.whiten(stacked)
         ends = np.cumsum([0] + [c.shift.shape[1] for c in columns])
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
-    def _under(self, log_deviation: Array) -> Covariance:
-        return self.fitter.variance.total(log_deviation, self._kernels, self.fit.taken_up)
-
-    @cached_property
-    def _ways(self) -> Sequence[tuple[Covariance, float, Array, Array]]:
-        """Of each scatter on the way: S, ln of its share of none's evidence, whitened columns, I + C' S^-1 C.
-
-        The columns of a competitor are turned so that each adds to the evidence by itself: of the last
-        the diagonal remains.
-        """
-        model, found = self.fitter.variance, []
-        away = self.fit.scatter.log_deviation - model.log_median
-        for share in _WAY:
-            log_deviation = model.log_median + np.minimum(away, share * away)
-            inside = self._under(log_deviation)
-            white, size = inside.whiten(self._stacked), np.ones(self._stacked.shape[1])
-            for mine in self._places:
-                gram, turned = np.linalg.eigh(white[:, mine].T @ white[:, mine])
-                white[:, mine], size[mine] = white[:, mine] @ turned, 1.0 + gram
-            level = model.log_prior(log_deviation) - inside.log_root
-            found.append((inside, level, white, size))
-        return found
-
-    @cached_property
-    def _shown(self) -> Array:
-        """C' S^-1 C of all columns, under no more scatter than is usual.
-
-        What a missing effect adds to the scatter must not hide another one from the search.
-        """
-        usual = np.minimum(self.fit.scatter.log_deviation, self.fitter.variance.log_median)
-        white = self._under(usual).whiten(self._stacked)
-        return white.T @ white
-
     def testability(self) -> list[float]:
         """Of each column, the squared deviations by which its prior's scale moves the predictions."""
-        return [float(np.max(np.diag(self._shown)[p])) for p in self._places]
+        size = np.sum(self._white**2, axis=0)
+        return [float(size[place].max()) for place in self._places]
 
     def cosines(self) -> tuple[list[str], Array]:
         """Families with one column, and how alike they act after the base is refitted."""
@@ -144,10 +115,9 @@ class Screen:
             if family not in best or size > best[family][0]:
                 best[family] = size, i
         chosen = {f: self._places[i][0] for f, (_, i) in best.items() if self._places[i].size == 1}
-        at = np.array([*chosen.values()], dtype=np.intp)
-        gram = self._shown[np.ix_(at, at)]
-        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        return list(chosen), np.asarray(np.abs(gram) / np.outer(size, size))
+        white = self._white[:, np.array([*chosen.values()], dtype=np.intp)]
+        unit = white / np.maximum(np.linalg.norm(white, axis=0), 1e-150)
+        return list(chosen), np.abs(unit.T @ unit)
 
     def draws(self, count: int, seed: int) -> Array:
         """Errors drawn from the null model, shape (values, count)."""
@@ -156,26 +126,22 @@ class Screen:
         noise = np.random.default_rng(seed).normal(size=(len(self.fitter.points), count))
         return np.asarray(model.total(capped, self._kernels).root @ noise)
 
-    def evidence(self, errors: Array) -> tuple[Array, Array]:
-        """ln evidence of none (data sets,) and of each column (columns, data sets), less a constant."""
-        none, each = [], []
-        first = [mine[0] for mine in self._places]
-        for inside, level, white, size in self._ways:
-            w = inside.whiten(errors)
-            base, pulled = level - 0.5 * np.sum(w * w, axis=0), white.T @ w
-            gain = 0.5 * (pulled**2 / size[:, None] - np.log(size)[:, None])
-            none.append(base)
-            each.append(base + np.add.reduceat(gain, first, axis=0))
-        together = np.logaddexp.reduce
-        return np.asarray(together(np.array(none))), np.asarray(together(np.array(each)))
+    def gains(self, errors: Array) -> Array:
+        """ln evidence of each column over none, shape (columns, data sets)."""
+        w, found = self._s.whiten(errors), []
+        for place in self._places:
+            size, turned = np.linalg.eigh(self._white[:, place].T @ self._white[:, place])
+            pulled = (self._white[:, place] @ turned).T @ w
+            each = pulled**2 / (1.0 + size)[:, None] - np.log1p(size)[:, None]
+            found.append(0.5 * each.sum(axis=0))
+        return np.array(found)
 
     def by_family(self, errors: Array) -> dict[str, Array]:
         """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
-        none, each = self.evidence(errors)
         count = Counter(column.competitor.key for column in self.columns)
         found: dict[str, Array] = {}
-        for column, row in zip(self.columns, each, strict=True):
+        for column, gain in zip(self.columns, self.gains(errors), strict=True):
             c = column.competitor
-            value = row - none + np.log(c.share / count[c.key])
+            value = gain + np.log(c.share / count[c.key])
             found[c.family] = np.logaddexp(found.get(c.family, -np.inf), value)
         return found

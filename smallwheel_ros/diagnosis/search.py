@@ -242,8 +242,8 @@ def _extend(found: Search, size: int) -> bool:
     most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
     for parent in parents:
         here = found.screen if size == 1 else _screen_at(found, parent)
-        none, each = here.evidence((found.fitter.points.value - parent.predicted)[:, None])
-        gain = each[:, 0] - none[0] + np.log([c.competitor.share for c in here.columns])
+        gain = here.gains((found.fitter.points.value - parent.predicted)[:, None])[:, 0]
+        gain = gain + np.log([c.competitor.share for c in here.columns])
         for column in _promising(here.columns, gain, most, forms):
             if _key(parent.exchanged(None, column.competitor)) in found.models:
                 continue

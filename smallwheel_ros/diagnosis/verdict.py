@@ -68,9 +68,8 @@ class Verdict:
 
     def not_described(self, reason: str) -> Verdict:
         """Something is left that no law here describes: what was named is its closest description."""
-        return self.saying(
-            reason, word="unknown_effect", named=(), rivals=(), closest=(*self.named, *self.rivals)
-        )
+        closest = (*self.closest, *self.named, *self.rivals)
+        return self.saying(reason, word="unknown_effect", named=(), rivals=(), closest=closest)
 
 
 def family_of(search: Search, competitor: Competitor) -> str:
@@ -212,8 +211,6 @@ def _by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
     for competitor in model.competitors:
         if competitor.family not in wanted:
             model = search.made(model, out=competitor) or model
-    for competitor in model.competitors:
-        model = _best_form(search, model, competitor, competitor.family)
     known = [m for m in search.ordered if m.families == model.families]
     return max([model, *known], key=lambda m: m.weight)
 

@@ -157,9 +157,6 @@ class Effect:
     idle: ClassVar[str] = ""
     # One sentence for people: what to measure or to check in order to separate it from others.
     next_step: ClassVar[str] = ""
-    # Id of the effect that this form equals exactly, whatever the data: it may be fitted by name,
-    # and does not compete in a diagnosis.
-    same_as: ClassVar[str] = ""
     # A rule of contact in place of numbers: a model takes it over when the effect is added.
     geometry: ClassVar[str] = ""
     # SHA-256 of the table that the law was learnt from, "" where it is published: that table cannot
@@ -312,43 +309,31 @@ class Effect:
 
 
 # What digging costs is not settled: soil that the wheel carried away may or may not have cost compaction
-# work. So a law of digging comes in up to three forms: all of the depth costs work (as in `Effect`), none of
-# what was dug does, or a share that data decides.
+# work. So a law of digging has a form in which data decides.
 Form = TypeVar("Form", bound=type[Effect])
 
 
-def dug(form: Form) -> Form:
-    """The form whose digging costs no compaction: the work is that of the static sinkage."""
-
-    def compaction_sinkage(self: Effect, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
-
-    return _made("dug", form, "compaction resistance at z0", compaction_sinkage,
-                 channels=("sinkage", "drawbar_pull", "torque"))  # fmt: skip
-
-
 def partly_dug(form: Form) -> Form:
-    """The form of which a share c of the growth (in ln) costs compaction: 1 as the form, 0 as `dug`."""
+    """The form of which a share c of the growth (in ln) costs compaction: 1 as the form, 0 none of it.
+
+    It belongs to the module of the form that it was made from.
+    """
 
     def compaction_sinkage(self: Any, sinkage: Array, conditions: Conditions) -> Array:
         grown = self.sinkage(sinkage, conditions) / np.maximum(sinkage, 1e-12)
         return np.asarray(sinkage * grown**self.c)
 
+    name = f"PartlyDug{form.__name__}"
     share = parameter(
         0.5, (0.0, 1.0), "share of the growth (in ln) that costs compaction", neutral=None
     )
-    return _made("partly_dug", form, "compaction resistance at z0 (z / z0)^c", compaction_sinkage,
-                 source=f"{form.source}; of the soil below some is compacted, some carried away",
-                 c=share, __annotations__={"c": "float"})  # fmt: skip
-
-
-def _made(prefix: str, form: Form, cost: str, compaction_sinkage: Any, **own: Any) -> Form:
-    """A form that differs in what it costs; it belongs to the module of the form that it was made from."""
-    name = f"{prefix.title().replace('_', '')}{form.__name__}"
-    own |= {
-        "form": f"{prefix}_{form.form}",
-        "formula": f"{form.formula}; {cost}",
+    own = {
+        "form": f"partly_dug_{form.form}",
+        "formula": f"{form.formula}; compaction resistance at z0 (z / z0)^c",
+        "source": f"{form.source}; of the soil below some is compacted, some carried away",
         "compaction_sinkage": compaction_sinkage,
+        "c": share,
+        "__annotations__": {"c": "float"},
         "__module__": form.__module__,
         "__qualname__": name,
     }

@@ -9,9 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from smallwheel_ros.effects.base import Array, Effect, WheelState, parameter, partly_dug
-from smallwheel_ros.effects.slip import LARGEST_SLIP, BySlip
+from smallwheel_ros.effects.slip import BySlip
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.traction import contact_length
+
+_LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
 
 
 class _Grouser(Effect):
@@ -50,26 +52,11 @@ class LugDigging(_Digging):
     a: float = parameter(0.5, (0.0, 20.0), "strength; Reece's law is 1", published=(0.2, 0.7))
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        i = np.minimum(self.slip(conditions), LARGEST_SLIP)
+        i = np.minimum(self.slip(conditions), _LARGEST_SLIP)
         return np.asarray(sinkage + self.a * conditions["grouser_height"] * i / (1.0 - i))
 
 
 PartlyDugDigging = partly_dug(Digging)
-PartlyDugLugDigging = partly_dug(LugDigging)
-
-
-@dataclass(frozen=True)
-class EffectiveRadius(_Grouser):
-    formula = "r = r0 + lambda h"
-    source = "usual in rover models: the soil between lugs moves with the wheel (unverified)"
-    needs = ("grouser_height",)
-
-    share: float = parameter(
-        0.5, (-1.0, 2.0), "share lambda of the height that adds to the radius", published=(0.0, 1.0)
-    )
-
-    def wheel_diameter(self, diameter: Array, conditions: Conditions) -> Array:
-        return diameter + 2.0 * self.share * conditions["grouser_height"]
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,9 @@ from smallwheel_ros.physics.conditions import Conditions
 _LEAST_SHARE = 0.05
 
 
-@dataclass(frozen=True)
 class _Gain(Effect):
     kind = "instrument"
     source = "instrument, not soil: an error of scale"
-
-    g: float = parameter(0.05, (-0.6, 1.0), "share by which too much is shown")
 
 
 @dataclass(frozen=True)
@@ -35,6 +32,8 @@ class LoadGain(_Gain):
     summary = "The load cell is out of scale: every load is shown too large by one share."
     formula = "shown W = W (1 + g)"
     next_step = "Weigh two known masses on the load cell, one light and one as heavy as the wheel."
+
+    g: float = parameter(0.05, (-0.6, 1.0), "share by which too much is shown")
 
     def corrected_load(self, load: Array, conditions: Conditions) -> Array:
         return load / (1.0 + self.g)
@@ -50,6 +49,8 @@ class SinkageGain(_Gain):
     formula = "shown z = z (1 + g)"
     next_step = "Move the wheel's carriage by a gauge block of known height and read the sinkage."
 
+    g: float = parameter(0.05, (-0.6, 1.0), "share by which too much is shown")
+
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage * (1.0 + self.g)
 
@@ -62,15 +63,20 @@ class ResistanceGain(_Gain):
     formula = "shown R = R (1 + g)"
     next_step = "Pull the carriage with a known weight over a pulley and read the resistance."
 
+    g: float = parameter(0.05, (-0.6, 1.0), "share by which too much is shown")
+
     def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
         return resistance * (1.0 + self.g)
 
 
+class _Offset(Effect):
+    kind = "instrument"
+
+
 @dataclass(frozen=True)
-class LoadOffset(Effect):
+class LoadOffset(_Offset):
     id = "load_offset"
     form = "constant"
-    kind = "instrument"
     summary = "The load cell's zero is off: every load is shown too large or too small by as much."
     formula = "shown W = W + offset, W at least 5 % of what is shown"
     source = "instrument, not soil: a cell that was not set to zero with the wheel lifted"
@@ -83,10 +89,9 @@ class LoadOffset(Effect):
 
 
 @dataclass(frozen=True)
-class SinkageOffset(Effect):
+class SinkageOffset(_Offset):
     id = "sinkage_offset"
     form = "constant"
-    kind = "instrument"
     summary = (
         "The sinkage instrument's zero is off: all sinkages are shown too deep or too shallow."
     )
@@ -103,13 +108,12 @@ class SinkageOffset(Effect):
 
 
 @dataclass(frozen=True)
-class ResistanceOffset(Effect):
+class ResistanceOffset(_Offset):
     id = "resistance_offset"
     form = "constant"
-    kind = "instrument"
     summary = "The force sensor's zero is off: every resistance is shown too large or too small."
     formula = "shown R = R + offset"
-    source = "instrument, not soil: a sensor that was not set to zero at rest"
+    source = "instrument, not soil: a sensor that was not set to zero at rest, or seals that rub"
     next_step = "Read the resistance with the wheel at rest and unloaded; it should show zero."
 
     offset: float = parameter(1.0, (-1e3, 1e3), "what is shown at zero resistance", unit="N")
@@ -118,18 +122,15 @@ class ResistanceOffset(Effect):
         return resistance + self.offset
 
 
-class _RigFriction(Effect):
+@dataclass(frozen=True)
+class ShareOfLoad(Effect):
     id = "rig_friction"
     kind = "instrument"
     summary = "The rig itself resists: bearings and guides add to the measured resistance."
-    next_step = "Tow the wheel over a hard, flat plate at two loads: what is left is the rig's own."
-
-
-@dataclass(frozen=True)
-class ShareOfLoad(_RigFriction):
     formula = "shown R = R + f W"
     source = "Coulomb friction in a bearing that carries the load; instrument, not soil"
     drivers = ("load",)
+    next_step = "Tow the wheel over a hard, flat plate at two loads: what is left is the rig's own."
 
     f: float = parameter(0.05, (0.0, 1.0), "the rig's resistance over the load")
 
@@ -138,18 +139,7 @@ class ShareOfLoad(_RigFriction):
 
 
 @dataclass(frozen=True)
-class Constant(_RigFriction):
-    formula = "shown R = R + F, F >= 0"
-    source = "friction of seals and guides, whatever the load; instrument, not soil"
-    same_as = "resistance_offset"
-
-    force: float = parameter(1.0, (0.0, 1e3), "the rig's resistance F", unit="N")
-
-    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
-        return resistance + self.force
-
-
-class _SlipResistance(Effect):
+class Magnitude(Effect):
     """No law of soil does that: what digs shows in the sinkage.
 
     A rig does where part of the wheel's thrust reaches the force sensor, as through a motor's cable, a
@@ -159,6 +149,7 @@ class _SlipResistance(Effect):
     id = "slip_resistance"
     kind = "instrument"
     summary = "The measured resistance follows slip, though sinkage does not."
+    formula = "shown R = R (1 + s |i|)"
     source = "instrument, not soil; empirical, the first order in slip"
     needs = ("slip",)
     idle = "no row has slip"
@@ -167,22 +158,7 @@ class _SlipResistance(Effect):
         "show the same resistance at every slip."
     )
 
-
-@dataclass(frozen=True)
-class Magnitude(_SlipResistance):
-    formula = "shown R = R (1 + s |i|)"
-
     s: float = parameter(0.2, (-0.9, 10.0), "growth of the shown resistance to slip 1 or -1")
 
     def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
         return np.asarray(resistance * (1.0 + self.s * np.abs(conditions["slip"])))
-
-
-@dataclass(frozen=True)
-class Signed(_SlipResistance):
-    formula = "shown R = R (1 + s i)"
-
-    s: float = parameter(0.2, (-0.9, 0.9), "growth of the shown resistance to slip 1, fall to -1")
-
-    def measured_resistance(self, resistance: Array, conditions: Conditions) -> Array:
-        return np.asarray(resistance * (1.0 + self.s * conditions["slip"]))

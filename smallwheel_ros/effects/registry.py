@@ -29,7 +29,23 @@ Families = Mapping[str, Forms]
 Kind = TypeVar("Kind")
 
 PACKAGE = "smallwheel_ros.effects"  # this one, and the group of entry points of others
-_EXPECTED = "expected a class that derives from Effect and has an id"
+
+# Forms that no data chose, or that equal another effect. A model file that has one is refused.
+_GONE = {
+    "slip_sinkage": ("linear", "lyasko", "lug_digging", "exponent_shift", "dug_exponential",
+                     "dug_quadratic"),
+    "skid_sinkage": ("exponential", "linear", "dug_quadratic"),
+    "slip_angle_sinkage": ("exponential",),
+    "bulldozing": ("hegedus", "power"),
+    "penetration_rate": ("logarithmic",),
+    "load_dependent_modulus": ("saturating",),
+    "width_dependent_modulus": ("power",),
+    "multipass": ("logarithmic", "rut_power"),
+    "elastic_rebound": ("share",),
+    "grouser": ("partly_dug_lug_digging", "effective_radius"),
+    "rig_friction": ("constant",),
+    "slip_resistance": ("signed",),
+}  # fmt: skip
 
 # The laws that any column may drive, and the prefixes of their ids.
 _COLUMN_LAWS = [
@@ -83,74 +99,6 @@ def covariate(name: str) -> Forms:
     return of_column(f"covariate:{name}")
 
 
-def _forms_in(module: ModuleType) -> list[type[Effect]]:
-    """The effects that a module defines itself, in its order."""
-    return [
-        value
-        for name, value in vars(module).items()
-        if isinstance(value, type)
-        and issubclass(value, Effect)
-        and value.__module__ == module.__name__
-        and not name.startswith("_")
-        and value.id
-    ]
-
-
-def _add(known: dict[str, Forms], forms: Iterable[type[Effect]], origin: str) -> None:
-    """Add forms to their families; `origin` is where they come from, for messages."""
-    for form in forms:
-        _check(form, origin)
-        family = known.get(form.id, ())
-        if any(other.form == form.form for other in family):
-            raise EffectError(
-                f"{origin}: effect '{form.id}' has a form '{form.form}' already; "
-                "give the class another name, or a 'form' of its own"
-            )
-        known[form.id] = (*family, form)
-
-
-def _check_class(made: type, where: str) -> None:
-    if "__dataclass_params__" not in vars(made) or not is_dataclass(made):
-        raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
-    strange = [f.name for f in fields(made) if not {"parameter", "constant"} & f.metadata.keys()]
-    if strange:
-        raise EffectError(
-            f"{where}: '{strange[0]}' is neither a parameter(...) nor a constant(...)"
-        )
-
-
-def _check(form: type[Effect], origin: str) -> None:
-    where = f"{origin}: class {form.__name__}"
-    _check_class(form, where)
-    if is_of_column(form.id):
-        raise EffectError(f"{where}: ids like '{form.id}' are made for columns")
-    for name in ("needs", "drivers"):
-        value = getattr(form, name)
-        if not isinstance(value, tuple):
-            raise EffectError(
-                f"{where}: {name} is {value!r}, expected a tuple of columns, like ('slip',)"
-            )
-    foreign = set(form.drivers) - {*form.needs, "load", "diameter", "width"}
-    if foreign:
-        raise EffectError(
-            f"{where}: drivers names '{min(foreign)}', expected load, diameter, width or a column "
-            "that is in needs, too"
-        )
-    if form.kind not in ("soil", "instrument"):
-        raise EffectError(f"{where}: kind is {form.kind!r}, expected 'soil' or 'instrument'")
-    if form.side not in (-1, 0, 1):
-        raise EffectError(f"{where}: side is {form.side!r}, expected -1, 0 or 1")
-    if not form.stage:
-        raise EffectError(
-            f"{where} overrides no stage, so it does nothing; expected one of the methods of "
-            "Effect, like modulus_factor or sinkage"
-        )
-    try:
-        form()
-    except EffectError as error:
-        raise EffectError(f"{where}: {error}") from None
-
-
 @dataclass(frozen=True)
 class Registry(Mapping[str, type[Effect]]):
     """Families of effects in the order of their ids, each a tuple of forms: the first is the default.
@@ -190,15 +138,15 @@ class Registry(Mapping[str, type[Effect]]):
 
     def form(self, id: str, form: str | None = None) -> type[Effect]:
         """Give one form of an effect, the default one for None. Raises EffectError as `family`."""
-        family = self.family(id)
-        if form is None:
-            return family[0]
-        for cls in family:
-            if cls.form == form:
-                return cls
-        raise EffectError(
-            f"effect '{id}' has no form '{form}': {nearest(form, [cls.form for cls in family])}"
-        )
+        known = {cls.form: cls for cls in self.family(id)}
+        if form in _GONE.get(id, ()):
+            raise EffectError(
+                f"effect '{id}' has no form '{form}': it went in 0.3.0; fit again "
+                f"(`smallwheel fit --effects {id}`)"
+            )
+        if form is not None and form not in known:
+            raise EffectError(f"effect '{id}' has no form '{form}': {nearest(form, list(known))}")
+        return next(iter(known.values())) if form is None else known[form]
 
     def effect(self, id: str, form: str | None = None, **values: float) -> Effect:
         """Make an effect from its id, form and numbers; the rest are at their defaults.
@@ -207,12 +155,11 @@ class Registry(Mapping[str, type[Effect]]):
         """
         cls = self.form(id, form)
         names = [f.name for f in fields(cls)]
-        for name in values:
-            if name not in names:
-                raise EffectError(
-                    f"effect '{id}', form '{cls.form}', has no parameter '{name}': "
-                    f"{nearest(name, names) if names else 'it has none'}"
-                )
+        for name in (name for name in values if name not in names):
+            raise EffectError(
+                f"effect '{id}', form '{cls.form}', has no parameter '{name}': "
+                f"{nearest(name, names) if names else 'it has none'}"
+            )
         return cls(**values)
 
     def with_file(self, path: str | Path) -> Registry:
@@ -225,6 +172,48 @@ class Registry(Mapping[str, type[Effect]]):
         for forms in user.values():
             _add(known, forms, origin)
         return Registry(dict(sorted(known.items())))
+
+
+# --- Where effects come from
+
+
+@lru_cache(maxsize=1)
+def _built_in() -> Families:
+    known: dict[str, Forms] = {}
+    for info in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        module = importlib.import_module(f"{PACKAGE}.{info.name}")
+        _add(known, _classes_in(module, Effect), module.__name__)
+    return known
+
+
+@lru_cache(maxsize=1)
+def known_physics() -> Forms:
+    """Give this package's forms that a model applies by itself wherever their columns are there."""
+    return tuple(forms[0] for forms in _built_in().values() if forms[0].known_physics)
+
+
+@lru_cache(maxsize=1)
+def default_registry() -> Registry:
+    """Effects of this package and of installed ones (entry points in `smallwheel_ros.effects`).
+
+    Raises EffectError where an entry point cannot be loaded; it names the package.
+    """
+    known = dict(_built_in())
+    for point in sorted(entry_points(group=PACKAGE), key=lambda p: (p.name, p.value)):
+        origin = f"entry point '{point.name}' ({point.value})"
+        if point.dist is not None:
+            origin += f" of package {point.dist.name}"
+        try:
+            loaded = point.load()
+        except Exception as error:  # somebody else's package may raise anything at all
+            raise EffectError(f"{origin}: {type(error).__name__}: {error}") from error
+        if isinstance(loaded, ModuleType):
+            _add(known, _some(_classes_in(loaded, Effect), origin), origin)
+        elif isinstance(loaded, type) and issubclass(loaded, Effect):
+            _add(known, [loaded], origin)
+        else:
+            raise EffectError(f"{origin}: expected a class derived from Effect, or a module")
+    return Registry(dict(sorted(known.items())))
 
 
 def load(path: str | Path) -> Registry:
@@ -240,11 +229,8 @@ def load_effects(path: str | Path) -> Families:
 
     Raises EffectError where the file is missing, does not run, or defines no usable effect.
     """
-    module = _run(Path(path))
     found: dict[str, Forms] = {}
-    _add(found, _forms_in(module), str(path))
-    if not found:
-        raise EffectError(f"{path}: defines no effect, {_EXPECTED}")
+    _add(found, _some(_classes_in(_run(Path(path)), Effect), str(path)), str(path))
     return found
 
 
@@ -253,19 +239,27 @@ def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
 
     what: they are, for messages. Raises EffectError where the file does not run or has none that is usable.
     """
-    module = _run(path, what)
-    found = [
+    found = _some(_classes_in(_run(path, what), base), str(path), what, base.__name__)
+    for made in found:
+        _check_class(made, f"{path}: class {made.__name__}")
+    return found
+
+
+def _classes_in(module: ModuleType, base: type[Kind]) -> list[type[Kind]]:
+    """The classes of that base that a module defines itself, in its order; of effects those with an id."""
+    return [
         value
         for name, value in vars(module).items()
         if isinstance(value, type) and issubclass(value, base) and not name.startswith("_")
-        if value.__module__ == module.__name__
+        if value.__module__ == module.__name__ and getattr(value, "id", True)
     ]
+
+
+def _some(
+    found: list[type[Kind]], origin: str, what: str = "effect", base: str = "Effect and has an id"
+) -> list[type[Kind]]:
     if not found:
-        raise EffectError(
-            f"{path}: defines no {what}, expected a class that derives from {base.__name__}"
-        )
-    for made in found:
-        _check_class(made, f"{path}: class {made.__name__}")
+        raise EffectError(f"{origin}: defines no {what}, expected a class that derives from {base}")
     return found
 
 
@@ -296,50 +290,64 @@ def line_in(error: Exception, path: Path) -> str:
     return f", line {numbers[-1]}" if numbers else ""
 
 
-@lru_cache(maxsize=1)
-def known_physics() -> Forms:
-    """Give this package's forms that a model applies by itself wherever their columns are there."""
-    return tuple(forms[0] for forms in _built_in().values() if forms[0].known_physics)
-
-
-@lru_cache(maxsize=1)
-def _built_in() -> Families:
-    known: dict[str, Forms] = {}
-    for info in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        module = importlib.import_module(f"{PACKAGE}.{info.name}")
-        _add(known, _forms_in(module), module.__name__)
-    return known
-
-
-@lru_cache(maxsize=1)
-def default_registry() -> Registry:
-    """Effects of this package and of installed ones (entry points in `smallwheel_ros.effects`).
-
-    Raises EffectError where an entry point cannot be loaded; it names the package.
-    """
-    known = dict(_built_in())
-    for point in sorted(entry_points(group=PACKAGE), key=lambda p: (p.name, p.value)):
-        origin = f"entry point '{point.name}' ({point.value})"
-        if point.dist is not None:
-            origin += f" of package {point.dist.name}"
+def _add(known: dict[str, Forms], forms: Iterable[type[Effect]], origin: str) -> None:
+    """Add forms to their families; `origin` is where they come from, for messages."""
+    for form in forms:
+        where = f"{origin}: class {form.__name__}"
+        _check_class(form, where)
+        wrong = _wrong(form)
+        if wrong:
+            raise EffectError(f"{where}{wrong}")
         try:
-            loaded = point.load()
-        except Exception as error:  # somebody else's package may raise anything at all
-            raise EffectError(f"{origin}: {type(error).__name__}: {error}") from error
-        if isinstance(loaded, ModuleType):
-            forms = _forms_in(loaded)
-            if not forms:
-                raise EffectError(f"{origin}: defines no effect, {_EXPECTED}")
-            _add(known, forms, origin)
-        elif isinstance(loaded, type) and issubclass(loaded, Effect):
-            _add(known, [loaded], origin)
-        else:
-            raise EffectError(f"{origin}: expected a class derived from Effect, or a module")
-    return Registry(dict(sorted(known.items())))
+            form()
+        except EffectError as error:
+            raise EffectError(f"{where}: {error}") from None
+        family = known.get(form.id, ())
+        if any(other.form == form.form for other in family):
+            raise EffectError(
+                f"{origin}: effect '{form.id}' has a form '{form.form}' already; "
+                "give the class another name, or a 'form' of its own"
+            )
+        known[form.id] = (*family, form)
 
 
-def _with(user: Families | None) -> Registry:
-    return default_registry().with_families(user) if user else default_registry()
+def _check_class(made: type, where: str) -> None:
+    if "__dataclass_params__" not in vars(made) or not is_dataclass(made):
+        raise EffectError(f"{where} lacks the line '@dataclass(frozen=True)' above it")
+    strange = [f.name for f in fields(made) if not {"parameter", "constant"} & f.metadata.keys()]
+    if strange:
+        raise EffectError(
+            f"{where}: '{strange[0]}' is neither a parameter(...) nor a constant(...)"
+        )
+
+
+def _wrong(form: type[Effect]) -> str:
+    """What a class of an effect says that cannot be, "" where nothing."""
+    if is_of_column(form.id):
+        return f": ids like '{form.id}' are made for columns"
+    for name in ("needs", "drivers"):
+        value = getattr(form, name)
+        if not isinstance(value, tuple):
+            return f": {name} is {value!r}, expected a tuple of columns, like ('slip',)"
+    foreign = set(form.drivers) - {*form.needs, "load", "diameter", "width"}
+    if foreign:
+        return (
+            f": drivers names '{min(foreign)}', expected load, diameter, width or a column "
+            "that is in needs, too"
+        )
+    if form.kind not in ("soil", "instrument"):
+        return f": kind is {form.kind!r}, expected 'soil' or 'instrument'"
+    if form.side not in (-1, 0, 1):
+        return f": side is {form.side!r}, expected -1, 0 or 1"
+    if not form.stage:
+        return (
+            " overrides no stage, so it does nothing; expected one of the methods of "
+            "Effect, like modulus_factor or sinkage"
+        )
+    return ""
+
+
+# --- By name
 
 
 def families(user: Families | None = None) -> Families:
@@ -347,19 +355,14 @@ def families(user: Families | None = None) -> Families:
 
     user: effects from a file (`load_effects`), which join them.
     """
-    return _with(user).families
-
-
-def forms(family: str, user: Families | None = None) -> Forms:
-    """Give the forms of one family, `covariate:NAME` included. Raises EffectError as `Registry`."""
-    return _with(user).family(family)
+    return default_registry().with_families(user or {}).families
 
 
 def effect_class(
     family: str, form: str | None = None, user: Families | None = None
 ) -> type[Effect]:
     """Give one form of a family, the default one where none is named."""
-    return _with(user).form(family, form)
+    return default_registry().with_families(user or {}).form(family, form)
 
 
 def as_effect(given: Effect | type[Effect] | str) -> Effect:
@@ -377,7 +380,7 @@ def as_effect(given: Effect | type[Effect] | str) -> Effect:
             "'slip_sinkage'"
         )
     id, _, form = given.partition("/")
-    return default_registry().effect(id, form or None)
+    return effect(id, form or None)
 
 
 def effect(id: str, form: str | None = None, **values: float) -> Effect:

@@ -20,8 +20,6 @@ from smallwheel_ros.effects.base import (
 )
 from smallwheel_ros.physics.conditions import Conditions
 
-_REFERENCE = 0.02  # m
-
 
 def _passive_root(friction_angle: Array) -> Array:
     """sqrt(Kp) = tan(45 deg + phi/2), Kp the coefficient of passive earth pressure (Rankine)."""
@@ -65,23 +63,6 @@ class Rankine(_Bulldozing):
 
 
 @dataclass(frozen=True)
-class Hegedus(_Bulldozing):
-    formula = (
-        "R = s b D1 (c z + D2 g z^2 / 2), D1 = cot X + tan(X + phi), "
-        "D2 = cot X + cot^2 X / cot phi, X = 45 deg - phi/2"
-    )
-    source = "Hegedus 1960, bulldozing blade (unverified)"
-
-    def resistance(self, depth: Array, state: WheelState) -> Array:
-        phi = state.friction_angle
-        x = np.pi / 4.0 - phi / 2.0
-        d1 = 1.0 / np.tan(x) + np.tan(x + phi)
-        d2 = 1.0 / np.tan(x) + np.tan(phi) / np.tan(x) ** 2
-        weight = 0.5 * d2 * self.unit_weight * depth**2
-        return np.asarray(state.width * d1 * (state.cohesion * depth + weight))
-
-
-@dataclass(frozen=True)
 class Cohesionless(_Bulldozing):
     formula = "R = s b g z^2 Kp / 2, Kp = tan^2(45 deg + phi/2)"
     source = "passive earth pressure of Rankine without cohesion"
@@ -91,21 +72,6 @@ class Cohesionless(_Bulldozing):
     def resistance(self, depth: Array, state: WheelState) -> Array:
         passive = _passive_root(state.friction_angle) ** 2
         return np.asarray(state.width * 0.5 * self.unit_weight * depth**2 * passive)
-
-
-@dataclass(frozen=True)
-class WallPower(_Bulldozing):
-    form = "power"
-    formula = "R = s b g h0^2 Kp / 2 (z / h0)^p, h0 = 0.02 m, Kp = tan^2(45 deg + phi/2)"
-    source = "empirical, between a wall of friction (p = 2) and one of cohesion (p = 1)"
-
-    scale: float = parameter(1.0, (0.0, 100.0), "factor on the resistance at depth h0")
-    p: float = parameter(1.5, (0.7, 3.0), "exponent of the depth", neutral=None)
-
-    def resistance(self, depth: Array, state: WheelState) -> Array:
-        passive = _passive_root(state.friction_angle) ** 2
-        at_reference = 0.5 * self.unit_weight * _REFERENCE**2 * passive
-        return np.asarray(state.width * at_reference * (depth / _REFERENCE) ** self.p)
 
 
 def passes(conditions: Conditions) -> Array:
@@ -146,26 +112,6 @@ class PassPower(_Multipass):
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return np.asarray(sinkage * passes(conditions) ** self.p)
-
-
-@dataclass(frozen=True)
-class Logarithmic(_Multipass):
-    formula = "z = z1 (1 + a ln N)"
-    source = "empirical, as in settlement under repeated load"
-
-    a: float = parameter(0.3, (0.0, 4.0), "growth of rut depth with ln pass", published=(0.1, 0.9))
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * (1.0 + self.a * np.log(passes(conditions)))
-
-
-@dataclass(frozen=True)
-class RutPower(PassPower):
-    formula = "z = z1 N^p; compaction resistance as on fresh soil"
-    channels = ("sinkage", "drawbar_pull", "torque")
-
-    def compaction_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage
 
 
 @dataclass(frozen=True)
@@ -213,15 +159,3 @@ class Compliance(_ElasticRebound):
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         return sinkage - self.compliance * mean_pressure(sinkage, conditions)
-
-
-@dataclass(frozen=True)
-class Share(_ElasticRebound):
-    formula = "rut = (1 - f) z"
-    source = "empirical: a share of the depth comes back"
-    same_as = "sinkage_gain"
-
-    f: float = parameter(0.1, (0.0, 0.9), "share of the sinkage that comes back")
-
-    def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * (1.0 - self.f)

@@ -2,7 +2,8 @@
 """slip_sinkage, skid_sinkage, slip_angle_sinkage: a wheel that does not roll freely digs itself in.
 
 One set of laws with a side: a driven wheel slips (over 0), a braked one skids (under 0). Their numbers are
-kept apart: that the same hold for both signs has no evidence.
+kept apart: that the same hold for both signs has no evidence. Linear and square growth, Lyasko's and Reece's
+lie within what the quadratic can do, and whether what was dug cost compaction work is its share c.
 """
 
 from __future__ import annotations
@@ -12,10 +13,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from smallwheel_ros.effects.base import Array, Effect, constant, dug, parameter, partly_dug
+from smallwheel_ros.effects.base import Array, Effect, constant, parameter, partly_dug
 from smallwheel_ros.physics.conditions import Conditions
 
-LARGEST_SLIP = 0.95  # for laws that have a pole at slip 1
 # A wheel that rolls freely shows about this much slip of either sign: its radius is known to a
 # few per cent at best, since lugs, sand on the rim and sinkage all change it.
 _FREE_ROLLING = 0.02
@@ -41,18 +41,10 @@ class BySlip(Effect):
         return np.clip(self.side * conditions["slip"], 0.0, 1.0)
 
 
-class _DrivenSlip(BySlip):
+class _SlipSinkage(BySlip):
     id = "slip_sinkage"
     summary = "A driven wheel that slips digs: sinkage grows with slip."
     next_step = "Sweep slip from 0 to 0.6 at one load, on soil that is prepared anew for each run."
-
-
-class _SlipSinkage(_DrivenSlip):
-    def growth(self, slip: Array) -> Array:
-        raise NotImplementedError
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * self.growth(self.slip(conditions))
 
 
 @dataclass(frozen=True)
@@ -62,19 +54,8 @@ class Exponential(_SlipSinkage):
 
     a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with slip", published=(0.3, 5.0))
 
-    def growth(self, slip: Array) -> Array:
-        return np.exp(self.a * slip)
-
-
-@dataclass(frozen=True)
-class Linear(_SlipSinkage):
-    formula = "z = z0 (1 + s i), i > 0"
-    source = "empirical; range from digitised rig series"
-
-    s: float = parameter(2.0, (0.0, 30.0), "growth of sinkage with slip", published=(0.3, 12.0))
-
-    def growth(self, slip: Array) -> Array:
-        return 1.0 + self.s * slip
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return np.asarray(sinkage * np.exp(self.a * self.slip(conditions)))
 
 
 @dataclass(frozen=True)
@@ -87,31 +68,9 @@ class Quadratic(_SlipSinkage):
     )
     q: float = parameter(0.5, (-2.0, 1.5), "curvature of the growth", neutral=None)
 
-    def growth(self, slip: Array) -> Array:
-        return 1.0 + self.s * slip * (1.0 - self.q + self.q * slip)
-
-
-@dataclass(frozen=True)
-class Lyasko(_SlipSinkage):
-    formula = "z = z0 [(1 + i) / (1 - 0.5 i)]^a, i > 0"
-    source = "Lyasko 2010, J. Terramechanics 47, with a = 1 (formula unverified); a is fitted here"
-
-    a: float = parameter(1.0, (0.0, 6.0), "strength; Lyasko's own law is 1", published=(0.3, 4.0))
-
-    def growth(self, slip: Array) -> Array:
-        return ((1.0 + slip) / (1.0 - 0.5 * slip)) ** self.a
-
-
-@dataclass(frozen=True)
-class LugDigging(_SlipSinkage):
-    formula = "z = z0 (1 + a i / (1 - i)), i > 0 (i up to 0.95)"
-    source = "after Reece 1965-66, soil carried away by lugs (unverified)"
-
-    a: float = parameter(0.5, (0.0, 10.0), "digging strength", published=(0.1, 5.0))
-
-    def growth(self, slip: Array) -> Array:
-        i = np.minimum(slip, LARGEST_SLIP)
-        return 1.0 + self.a * i / (1.0 - i)
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        slip = self.slip(conditions)
+        return np.asarray(sinkage * (1.0 + self.s * slip * (1.0 - self.q + self.q * slip)))
 
 
 @dataclass(frozen=True)
@@ -133,17 +92,6 @@ class AddedDepth(_SlipSinkage):
 
 
 @dataclass(frozen=True)
-class ExponentShift(_DrivenSlip):
-    formula = "n = n0 + n1 i, i > 0"
-    source = "Ding et al. 2010; range for a law without slip stress (n1 unverified)"
-
-    n1: float = parameter(0.6, (0.0, 3.0), "growth of n with slip", published=(0.2, 1.6))
-
-    def exponent_shift(self, conditions: Conditions) -> Array:
-        return self.n1 * self.slip(conditions)
-
-
-@dataclass(frozen=True)
 class FadingQuadratic(Quadratic):
     formula = "z = z0 (1 + s [(1 - q) i + q i^2] cos^p beta), i > 0"
     source = "empirical: at a slip angle, slip along the wheel's plane counts for less"
@@ -153,16 +101,24 @@ class FadingQuadratic(Quadratic):
 
     def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
         fading = np.maximum(np.cos(conditions["slip_angle"]), 1e-6) ** self.p
-        grown = self.growth(self.slip(conditions))
-        return np.asarray(sinkage * (1.0 + (grown - 1.0) * fading))
+        return np.asarray(sinkage + (super().sinkage(sinkage, conditions) - sinkage) * fading)
 
 
-DugExponential = dug(Exponential)
-DugQuadratic = dug(Quadratic)
 PartlyDugQuadratic = partly_dug(Quadratic)
 
 
-class _SkidSinkage(_SlipSinkage):
+@dataclass(frozen=True)
+class Softening(_SlipSinkage):
+    formula = "k = k0 exp(-a i), i > 0"
+    source = "after Ding et al. 2010: soil that is sheared carries less, so the wheel floats deeper"
+
+    a: float = parameter(1.0, (0.0, 8.0), "fall of ln k with slip", published=(0.3, 5.0))
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        return np.exp(-self.a * self.slip(conditions))
+
+
+class _SkidSinkage(BySlip):
     id = "skid_sinkage"
     summary = "A braked wheel that skids ploughs in: sinkage grows with |slip| below zero."
     source = "empirical, no standard law; on rig data steeper than linear"
@@ -181,24 +137,15 @@ class SkidQuadratic(_SkidSinkage, Quadratic):
     q: float = parameter(0.8, (-2.0, 1.5), "curvature of the growth", neutral=None)
 
 
-@dataclass(frozen=True)
-class SkidExponential(_SkidSinkage, Exponential):
-    form = "exponential"
-    formula = "z = z0 exp(a |i|), i < 0"
-
-    a: float = parameter(1.0, (0.0, 8.0), "growth of ln sinkage with skid", published=(0.3, 5.0))
-
-
-@dataclass(frozen=True)
-class SkidLinear(_SkidSinkage, Linear):
-    form = "linear"
-    formula = "z = z0 (1 + s |i|), i < 0"
-
-    s: float = parameter(2.0, (0.0, 30.0), "growth of sinkage with skid", published=(0.3, 12.0))
-
-
-DugSkidQuadratic = dug(SkidQuadratic)
 PartlyDugSkidQuadratic = partly_dug(SkidQuadratic)
+
+
+@dataclass(frozen=True)
+class SkidSoftening(_SkidSinkage, Softening):
+    form = "softening"
+    formula = "k = k0 exp(-a |i|), i < 0"
+
+    a: float = parameter(1.0, (0.0, 8.0), "fall of ln k with skid", published=(0.3, 5.0))
 
 
 @dataclass(frozen=True)
@@ -220,12 +167,6 @@ class _SlipAngleSinkage(Effect):
     idle = "no row has a slip angle"
     next_step = "Sweep the slip angle from 0 to 20 degrees at one load and one slip."
 
-    def growth(self, angle: Array) -> Array:
-        raise NotImplementedError
-
-    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage * self.growth(np.abs(conditions["slip_angle"]))
-
 
 @dataclass(frozen=True)
 class AngleCosine(_SlipAngleSinkage):
@@ -234,8 +175,8 @@ class AngleCosine(_SlipAngleSinkage):
 
     a: float = parameter(2.0, (0.0, 100.0), "growth of sinkage with 1 - cos of the slip angle")
 
-    def growth(self, angle: Array) -> Array:
-        return 1.0 + self.a * (1.0 - np.cos(angle))
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return np.asarray(sinkage * (1.0 + self.a * (1.0 - np.cos(conditions["slip_angle"]))))
 
 
 @dataclass(frozen=True)
@@ -247,19 +188,21 @@ class AnglePower(_SlipAngleSinkage):
     p: float = parameter(1.0, (0.2, 4.0), "exponent of the growth", neutral=None)
     beta0: float = constant(0.5, (0.01, 1.6), "slip angle at which the growth is a", unit="rad")
 
-    def growth(self, angle: Array) -> Array:
-        return 1.0 + self.a * (angle / self.beta0) ** self.p
-
-
-@dataclass(frozen=True)
-class AngleExponential(_SlipAngleSinkage):
-    form = "exponential"
-    formula = "z = z0 exp(a |beta|)"
-
-    a: float = parameter(0.8, (0.0, 20.0), "growth of ln sinkage with the slip angle", unit="1/rad")
-
-    def growth(self, angle: Array) -> Array:
-        return np.exp(self.a * angle)
+    def sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
+        return np.asarray(
+            sinkage * (1.0 + self.a * np.abs(conditions["slip_angle"] / self.beta0) ** self.p)
+        )
 
 
 PartlyDugAnglePower = partly_dug(AnglePower)
+
+
+@dataclass(frozen=True)
+class AngleSoftening(_SlipAngleSinkage):
+    form = "softening"
+    formula = "k = k0 exp(-a |beta|)"
+
+    a: float = parameter(1.0, (0.0, 20.0), "fall of ln k with the slip angle", unit="1/rad")
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        return np.exp(-self.a * np.abs(conditions["slip_angle"]))

@@ -45,20 +45,6 @@ class LoadPower(_LoadDependentModulus):
         return np.asarray((conditions.load / self.w0) ** self.g)
 
 
-@dataclass(frozen=True)
-class Saturating(_LoadDependentModulus):
-    formula = "k = k0 (1 - a exp(-W / Wc))"
-    source = "as the power law, levelling off at high loads"
-
-    a: float = parameter(0.4, (-5.0, 0.99), "share of k that light loads lack")
-    wc: float = parameter(
-        50.0, (5.0, 1000.0), "load scale", unit="N", published=(10.0, 200.0), neutral=None
-    )
-
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.asarray(1.0 - self.a * np.exp(-conditions.load / self.wc))
-
-
 def _relative_width(conditions: Conditions, b0: float) -> Array:
     """Width over b0; of a round plate its radius is the width, as in Bekker's plate tests."""
     plate = conditions.plate
@@ -89,19 +75,6 @@ class Bekker(_WidthDependentModulus):
         return np.maximum(1.0 + self.a * (ratio - 1.0), 0.02)
 
 
-@dataclass(frozen=True)
-class WidthPower(_WidthDependentModulus):
-    form = "power"
-    formula = "k = k0 (b / b0)^-d"
-    source = "empirical power law of width"
-
-    d: float = parameter(0.2, (-2.0, 2.0), "fall of ln k with ln width", published=(-0.5, 0.5))
-    b0: float = constant(0.1, (1e-3, 10.0), "width at which k is k0", unit="m")
-
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.asarray(_relative_width(conditions, self.b0) ** -self.d)
-
-
 def _relative_speed(conditions: Conditions, v0: float) -> Array:
     return np.asarray(np.maximum(np.abs(conditions["speed"]), _SLOWEST) / v0)
 
@@ -126,18 +99,6 @@ class SpeedPower(_PenetrationRate):
 
     def modulus_factor(self, conditions: Conditions) -> Array:
         return np.asarray(_relative_speed(conditions, self.v0) ** self.mu)
-
-
-@dataclass(frozen=True)
-class Logarithmic(_PenetrationRate):
-    formula = "k = k0 (1 + a ln(v / v0))"
-    source = "after Grahn 1991 (unverified)"
-
-    a: float = parameter(0.05, (0.0, 0.8), "growth of k with ln speed", published=(0.0, 0.15))
-    v0: float = constant(0.1, (1e-3, 10.0), "speed at which k is k0", unit="m/s")
-
-    def modulus_factor(self, conditions: Conditions) -> Array:
-        return np.maximum(1.0 + self.a * np.log(_relative_speed(conditions, self.v0)), 0.05)
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ DIGGING = PlainRig(slip_growth=2.0)
 
 @pytest.mark.parametrize("strength", [0.5, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_an_effect_of_the_model_is_found_to_have_another_strength(strength: float) -> None:
-    base = Base(effects=(effect("slip_sinkage", "linear", s=strength),))
+    base = Base(effects=(effect("slip_sinkage", "quadratic", s=strength, q=0.0),))
     found = diagnose(DIGGING.measure(rolled(0, 14), 1), base).document
     assert found["missing_effects"] == ["slip_sinkage"]
     row = found["ranking"][0]
@@ -40,7 +40,7 @@ def test_an_effect_of_the_model_is_found_to_have_another_strength(strength: floa
 
 
 def test_a_model_that_has_the_effect_as_it_is_lacks_nothing() -> None:
-    base = Base(effects=(effect("slip_sinkage", "linear", s=2.0),))
+    base = Base(effects=(effect("slip_sinkage", "quadratic", s=2.0, q=0.0),))
     assert diagnose(DIGGING.measure(rolled(0), 1), base).document["verdict"] == "adequate"
 
 

@@ -144,22 +144,13 @@ def without(form: type[Effect]) -> Conditions:
     ("made", "at", "factor"),
     [
         (example("slip_sinkage", a=2.0), {"slip": 0.4}, np.exp(0.8)),
-        (example("slip_sinkage", "linear", s=3.0), {"slip": 0.4}, 2.2),
         (example("slip_sinkage", "quadratic", s=2.0, q=0.5), {"slip": 0.4}, 1.56),
-        (example("slip_sinkage", "lyasko", a=1.0), {"slip": 0.4}, 1.4 / 0.8),
-        (example("slip_sinkage", "lug_digging", a=0.6), {"slip": 0.4}, 1.4),
-        (example("slip_sinkage", "lug_digging", a=1.0), {"slip": 1.0}, 20.0),
         (example("slip_sinkage", a=2.0), {"slip": -0.4}, 1.0),
         (example("skid_sinkage", "quadratic", s=5.0, q=1.0), {"slip": -0.4}, 1.8),
-        (example("skid_sinkage", "linear", s=5.0), {"slip": -0.4}, 3.0),
-        (example("skid_sinkage", "exponential", a=1.0), {"slip": -0.4}, np.exp(0.4)),
         (example("skid_sinkage", s=5.0), {"slip": 0.4}, 1.0),
         (example("slip_angle_sinkage", a=2.0), {"slip_angle": -np.pi / 3}, 2.0),
         (example("slip_angle_sinkage", "power", a=0.5, p=2.0), {"slip_angle": -1.0}, 3.0),
-        (example("slip_angle_sinkage", "exponential", a=2.0), {"slip_angle": 0.3}, np.exp(0.6)),
         (example("multipass", p=0.5), {"pass_number": 4}, 2.0),
-        (example("multipass", "logarithmic", a=0.5), {"pass_number": np.e**2}, 2.0),
-        (example("elastic_rebound", "share", f=0.25), {}, 0.75),
     ],
     ids=lambda v: named(type(v)) if isinstance(v, Effect) else None,
 )
@@ -177,10 +168,7 @@ def test_laws_of_sinkage(made: Effect, at: dict[str, float], factor: float) -> N
         (example("penetration_rate", mu=0.5, v0=0.1), {"speed": 0.4}, 2.0),
         (example("penetration_rate", mu=0.5, v0=0.1), {"speed": -0.4}, 2.0),
         (example("penetration_rate", mu=0.5, v0=0.1), {"speed": 0.0}, 0.1),  # as at 1 mm/s
-        (example("penetration_rate", "logarithmic", a=0.5, v0=0.1), {"speed": 0.1 * np.e}, 1.5),
         (example("load_dependent_modulus", g=0.5, w0=15.0), {}, 2.0),
-        (example("load_dependent_modulus", "saturating", a=0.5, wc=60.0), {}, 1 - 0.5 / np.e),
-        (example("width_dependent_modulus", "power", d=0.5, b0=0.4), {}, 2.0),
         (example("width_dependent_modulus", "bekker", a=0.25, b0=0.3), {}, 1.5),
         (example("multipass", "hardening", p=0.5), {"pass_number": 4}, 2.0),
         (
@@ -201,13 +189,6 @@ def test_laws_of_modulus(made: Effect, at: dict[str, float], factor: float) -> N
     assert predicted.resistance == pytest.approx(expected.resistance, rel=1e-10)
 
 
-def test_exponent_that_grows_with_slip() -> None:
-    made = example("slip_sinkage", "exponent_shift", n1=0.5)
-    predicted = predict(Model(SAND) + made, one_row(slip=0.4))
-    expected = predict(Model(replace(SAND, n=SAND.n + 0.2)), one_row(slip=0.4))
-    assert predicted.sinkage == pytest.approx(expected.sinkage, rel=1e-12)
-
-
 def test_entry_speed_law_is_its_formula() -> None:
     # p = k z^n D^m (v sqrt(z/D) / v0)^mu is a soil of another k, n and m
     mu, v0, v = 0.2, 0.03, 0.3
@@ -217,9 +198,7 @@ def test_entry_speed_law_is_its_formula() -> None:
     assert predicted.sinkage == pytest.approx(predict(Model(other), one_row()).sinkage, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("form", "newtons"), [("rankine", 4.7), ("hegedus", 8.2)], ids=["rankine", "hegedus"]
-)
+@pytest.mark.parametrize(("form", "newtons"), [("rankine", 4.7)])
 def test_bulldozing_at_the_scale_of_a_small_wheel(form: str, newtons: float) -> None:
     """The project's reference figures: D 0.2, b 0.1, z 20 mm, phi 33 deg, c 0.5 kPa."""
     numbers = (84.0, 0.2, 0.1, 0.02, 1e5, 0.8, 500.0, np.radians(33.0))
@@ -236,7 +215,7 @@ def test_bulldozing_is_invisible_in_sinkage() -> None:
     assert (pushed.resistance > base.resistance).all()
 
 
-@pytest.mark.parametrize("form", ["rankine", "hegedus"])
+@pytest.mark.parametrize("form", ["rankine"])
 def test_bulldozing_follows_the_models_soil(form: str) -> None:
     made = example("bulldozing", form)
 
@@ -247,16 +226,16 @@ def test_bulldozing_follows_the_models_soil(form: str) -> None:
     depth = float(predict(Model(SAND), one_row()).sinkage[0])
     more = pushed(cohesion=2000.0) - pushed(cohesion=0.0)
     phi = SAND.friction_angle
-    x = np.pi / 4 - phi / 2
-    slope = {"rankine": 2 * np.tan(np.pi / 4 + phi / 2), "hegedus": 1 / np.tan(x) + np.tan(x + phi)}
+    slope = {"rankine": 2 * np.tan(np.pi / 4 + phi / 2)}
     assert more == pytest.approx(0.1 * 2000.0 * depth * slope[form], rel=1e-9)
     assert pushed(friction_angle=0.7) > pushed(friction_angle=0.5)
 
 
-@pytest.mark.parametrize("form", ["dug_exponential", "dug_quadratic"])
-def test_soil_that_is_dug_away_costs_no_compaction(form: str) -> None:
+def test_soil_that_is_dug_away_costs_no_compaction() -> None:
     base, dug = predict(Model(SAND), one_row(slip=0.5)), None
-    dug = predict(Model(SAND) + example("slip_sinkage", form), one_row(slip=0.5))
+    dug = predict(
+        Model(SAND) + example("slip_sinkage", "partly_dug_quadratic", c=0.0), one_row(slip=0.5)
+    )
     assert dug.sinkage > 1.3 * base.sinkage
     assert dug.compaction_resistance == pytest.approx(base.compaction_resistance, rel=1e-12)
     compacted = predict(Model(SAND) + example("slip_sinkage"), one_row(slip=0.5))
@@ -277,10 +256,6 @@ def test_grousers() -> None:
     assert digging - z == pytest.approx(0.005)
     reece = predict(Model(SAND) + example("grouser", "lug_digging", a=1.0), at).sinkage
     assert reece - z == pytest.approx(0.010)
-    larger = predict(Model(SAND) + example("grouser", "effective_radius", share=0.5), at)
-    assert larger.sinkage == pytest.approx(
-        predict(Model(SAND), Conditions.of(60.0, 0.21, 0.1, slip=0.5)).sinkage
-    )
 
 
 @pytest.mark.parametrize(

@@ -55,10 +55,8 @@ def test_the_instruments_say_that_they_are() -> None:
         (effect("resistance_gain", g=-0.3), 0.7 * TRUE.resistance),
         (effect("resistance_offset", offset=-2.0), TRUE.resistance - 2.0),
         (effect("rig_friction", f=0.1), TRUE.resistance + 0.1 * LOADS),
-        (effect("rig_friction", "constant", force=3.0), TRUE.resistance + 3.0),
         (effect("slip_resistance", s=0.5), TRUE.resistance * (1 + 0.5 * np.abs(SLIPS))),
         (effect("slip_resistance", s=-0.5), TRUE.resistance * (1 - 0.5 * np.abs(SLIPS))),
-        (effect("slip_resistance", "signed", s=0.5), TRUE.resistance * (1 + 0.5 * SLIPS)),
     ],
     ids=lambda v: f"{v.id}/{v.form}" if isinstance(v, Effect) else None,
 )
@@ -138,26 +136,6 @@ def test_sinkage_is_shown_wrongly_on_plates_too() -> None:
     assert shown == pytest.approx(1.1 * predict(Model(SAND), plate).sinkage, rel=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("form", "values", "same"),
-    [
-        (("rig_friction", "constant"), {"force": 3.0}, {"offset": 3.0}),
-        (("elastic_rebound", "share"), {"f": 0.3}, {"g": -0.3}),
-    ],
-)
-def test_forms_that_equal_another(
-    form: tuple[str, str], values: dict[str, float], same: dict[str, float]
-) -> None:
-    made = effect(*form, **values)
-    mixed = Conditions.of(
-        [30.0, 60.0, 90.0], 0.2, 0.1, slip=0.3, contact=["rolling", "pressed", "plate"]
-    )
-    one = predict(Model(SAND) + made, mixed)
-    other = predict(Model(SAND) + effect(type(made).same_as, **same), mixed)
-    for channel in ("sinkage", "resistance", "drawbar_pull"):
-        assert getattr(one, channel) == pytest.approx(getattr(other, channel), rel=1e-13)
-
-
 def test_a_gain_of_load_is_one_of_resistance_in_another_soil() -> None:
     """As docs/effects.md says: sinkage and resistance cannot tell the two, a drawbar pull can."""
     loads = with_fault(effect("load_gain", g=0.25))
@@ -166,16 +144,6 @@ def test_a_gain_of_load_is_one_of_resistance_in_another_soil() -> None:
     assert loads.sinkage == pytest.approx(forces.sinkage, rel=1e-10)
     assert loads.resistance == pytest.approx(forces.resistance, rel=1e-10)
     assert loads.drawbar_pull != pytest.approx(forces.drawbar_pull, rel=0.05)
-
-
-def test_every_same_as_is_there_and_is_told_here() -> None:
-    stated = {(f.id, f.form): f.same_as for forms in families().values() for f in forms}
-    stated = {name: same for name, same in stated.items() if same}
-    assert stated == {
-        ("rig_friction", "constant"): "resistance_offset",
-        ("elastic_rebound", "share"): "sinkage_gain",
-    }
-    assert set(stated.values()) <= set(families())
 
 
 class TestInTheEstimator:

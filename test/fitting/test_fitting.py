@@ -192,7 +192,7 @@ def test_drawbar_pull_without_slip_cannot_be_fitted(tmp_path: Path) -> None:
 
 def test_an_effect_twice_is_refused(tmp_path: Path) -> None:
     measurements = table(tmp_path, simulate_rig(RigSettings(seed=2013)).table)
-    twice = [effect("multipass", "power"), effect("multipass", "logarithmic")]
+    twice = [effect("multipass", "power"), effect("multipass", "hardening")]
     with pytest.raises(FittingError, match=r"multipass.*twice"):
         fit_model(measurements, twice)
 
