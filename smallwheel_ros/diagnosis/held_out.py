@@ -7,18 +7,28 @@ import itertools
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.diagnosis.misfit import with_misfit
 from smallwheel_ros.diagnosis.search import Candidate, Search, refit
 from smallwheel_ros.diagnosis.verdict import Verdict, demoted, no_help
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import USEFUL
 from smallwheel_ros.fitting.fit import FAILURES, Fit
-from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, cross_validate
+from smallwheel_ros.fitting.held_out import (
+    CvErrors,
+    compare_cv,
+    cross_validate,
+    folds_of,
+    leave_out,
+)
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.model.model import Model
 
 _SHORTLIST = 4  # models of the whole search that a fold chooses from
+_NEAR = 0.15  # of the range of a setting on one side: eight even levels are near each other, three are not
 _LISTED = 5  # families whose held-out error is worked out for the ranking
 
 
@@ -41,9 +51,22 @@ def steps_of(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict
     errors = _nested(judged, found, [m.families for m in models])
     added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
     changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
-    useless = [name for name, change in zip(added, changes, strict=True) if not change.helps]
+    useless, blind = [], []
+    for i, (name, change) in enumerate(zip(added, changes, strict=True)):
+        law = next(c for c in models[i + 1].competitors if c.family == name)
+        if not change.helps and _evidence_alone(judged.points, law, errors[i], errors[i + 1]):
+            blind.append(law)
+        elif not change.helps:
+            useless.append(name)
     if useless:
         return steps_of(problem, found, demoted(found, verdict, useless))
+    for law in blind:
+        (driver, *_) = law.drivers
+        verdict = verdict.saying(
+            f"{words(law.family)} is named by evidence alone: where it acts, {words(driver)} was set so far "
+            "apart that a left-out run can only be extrapolated to. To settle it, measure at further "
+            f"values of {words(driver)} between these, or repeat them"
+        )
     if verdict.word == "indistinguishable" and not _any_helps(judged, found, verdict.rivals):
         verdict = verdict.not_described(no_help(verdict.rivals))
     worse = compare_cv(errors[0], errors[-1]).worse
@@ -63,6 +86,29 @@ def steps_of(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict
     verdict = with_misfit(found, replace(verdict, named=tuple(added) or verdict.named))
     steps = [Step(*step) for step in zip([None, *added], models, errors, strict=True)]
     return verdict, steps if verdict.named else steps[:1]
+
+
+def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: CvErrors) -> bool:
+    """Whether left-out runs say nothing against a law that acts on one side of a setting.
+
+    A run has no say where the fold without it has nothing near its setting: its error is then one of
+    extrapolation. The others have to show that the law helps, if there are any that it acts on.
+    """
+    side = 0 if law.effect is None else law.effect.side
+    if not side or not law.drivers:
+        return False
+    size = np.maximum(side * points.column(law.drivers[0]), 0.0)
+    acts, blind = size > 0.0, np.zeros(len(points), dtype=bool)
+    for out in leave_out(folds_of(points)[points.run]):
+        seen = size[~out & acts]
+        for i in np.flatnonzero(out & acts):
+            blind[i] = not np.any(np.abs(seen - size[i]) <= _NEAR * size.max())
+    if not blind.any():
+        return False
+    if blind[acts].all():
+        return True
+    rows = np.concatenate([points.rows[i] for i in np.flatnonzero(blind)])
+    return compare_cv(before.without(rows), after.without(rows)).helps
 
 
 def _staircase(found: Search, verdict: Verdict) -> list[Candidate]:

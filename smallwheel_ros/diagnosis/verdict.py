@@ -122,11 +122,33 @@ def decide(search: Search) -> Verdict:
         unknown = unknown or [r for r in rivals if r.startswith("unknown:")]
         closest, rivals = [r for r in rivals if r not in unknown], []
     if unknown:
-        reasons.append(f"there is {listed(unknown)}, and no law of the library does")
+        reasons.append(_unexplained(search, best, unknown))
     return Verdict(
         word, tuple(named), tuple(rivals), tuple(unknown), probability, library if named else best,
         tuple(reasons), tuple(closest),
     )  # fmt: skip
+
+
+def _unexplained(search: Search, best: Candidate, unknown: Sequence[str]) -> str:
+    """What follows a setting, and whether the library was tried on it and lost, in words."""
+    said = f"there is {listed(unknown)}"
+    laws = [m for m in search.ordered if m.competitors
+            and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
+    if not laws:
+        return f"{said}; no law of the library could be tried on this data"
+    if laws[0].weight > best.weight - TIE:
+        return f"{said}; {listed(sorted(laws[0].families))} of the library would do about as well"
+    tried = {family for m in search.models.values() for family in m.families}
+    drivers = {d for c in best.competitors if c.kind == "unknown" for d in c.drivers}
+    left = {
+        c.family
+        for c in search.field.competitors
+        if c.kind != "unknown" and c.family not in tried
+        and (c.kind == "instrument" or drivers & set(c.drivers))
+    }  # fmt: skip
+    if left:
+        return f"{said}, and no law of the library that was tried does; not tried: {listed(sorted(left))}"
+    return f"{said}, and no law of the library does"
 
 
 def no_help(names: Sequence[str]) -> str:

@@ -66,6 +66,13 @@ class CvErrors:
         """The error of each channel that has one."""
         return {name: found for name in self.error if (found := self.score(name)) is not None}
 
+    def without(self, rows: Index) -> CvErrors:
+        """The same without the errors of these rows."""
+        error = {name: known.copy() for name, known in self.error.items()}
+        for known in error.values():
+            known[rows] = np.nan
+        return CvErrors(error, self.run)
+
     def rmse(self) -> dict[str, float]:
         """By channel, m or N."""
         return {name: score.rmse for name, score in self.scores().items()}

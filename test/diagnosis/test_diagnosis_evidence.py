@@ -14,8 +14,12 @@ from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, rolled, table
 
 from smallwheel_ros.diagnosis import Base, add_effect, base_of, diagnose
+from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.held_out import _evidence_alone
 from smallwheel_ros.effects.base import Array, Effect, EffectError, parameter
 from smallwheel_ros.effects.registry import default_registry, effect
+from smallwheel_ros.fitting import Problem
+from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import predict
@@ -167,6 +171,39 @@ def curves(rows: int, seed: int) -> Measurements:
 def test_curves_of_the_exact_law_are_adequate_at_each_density(seed: int) -> None:
     words = [diagnose(curves(rows, seed)).document["verdict"] for rows in (3, 20, 100)]
     assert words == ["adequate"] * 3
+
+
+# A fold that can only extrapolate has no say against evidence
+
+
+@pytest.mark.parametrize(
+    ("slips", "better", "alone"),
+    [
+        ((0.25, 0.5, 0.8), (), True),  # each is beyond the others, or alone between them
+        ((0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8), (), False),
+        ((0.25, 0.25, 0.25, 0.8), (), False),  # three runs that have a say, and say nothing
+        ((0.25, 0.25, 0.25, 0.8), (0.25,), True),
+    ],
+)
+def test_a_fold_that_can_only_extrapolate_has_no_say(
+    slips: tuple[float, ...], better: tuple[float, ...], alone: bool
+) -> None:
+    runs = [{"load": load, "slip": 0.0} for load in (20.0, 40.0, 60.0, 80.0)]
+    runs += [{"load": 60.0 + i, "slip": slip} for i, slip in enumerate(slips)]
+    problem = Problem.of(DIGGING.measure(runs, 3))
+    model = problem.vector.model(problem.vector.start)
+    field = field_of(problem.points, model, default_registry())
+    law = next(c for c in field.competitors if c.family == "slip_sinkage")
+    slip, row = problem.measurements.conditions["slip"], np.arange(len(problem.measurements))
+    before = CvErrors({"sinkage": 1.0 + 0.01 * (row % 3)}, row // 3)
+    after = CvErrors(
+        {"sinkage": before.error["sinkage"] * np.where(slip == 0.8, 3.0, 1.0)}, row // 3
+    )
+    helped = after.error["sinkage"] * np.where(np.isin(slip, better), 0.1, 1.0)
+    assert (
+        _evidence_alone(problem.points, law, before, CvErrors({"sinkage": helped}, row // 3))
+        is alone
+    )
 
 
 # One verdict for diagnose and add
