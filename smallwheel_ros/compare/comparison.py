@@ -185,11 +185,10 @@ class Comparison(Result):
         for channel in self.channels:
             best = self.best(channel)
             score = best and self.shown_score(best, channel)
-            if useless := self.useless(channel):
-                shown.append(f"{words(channel)}: {useless}")
-            elif best is not None and score:
+            if best is not None and score:
+                no_law = ", which is no law" if self.useless(channel) else ""
                 shown.append(
-                    f"{words(channel)} best by {best.contender.name}, error "
+                    f"{words(channel)} best by {best.contender.name}{no_law}, error "
                     f"{shown_value(channel, score.rmse)}"
                 )
         said = "; ".join(shown) or "no model could predict any of the measurements"
