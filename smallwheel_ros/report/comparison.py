@@ -74,10 +74,14 @@ def summary(comparison: Comparison) -> list[str]:
     """Say which model is best, one sentence a channel."""
     sentences = []
     for channel in comparison.channels:
-        model = comparison.best(channel)
         if useless := comparison.useless(channel):
             sentences.append(f"{words(channel).capitalize()}: {useless}.")
+            law = comparison.best(channel, laws=True)
+            score = law and comparison.shown_score(law, channel)
+            if law and score and (above := _above_floor(comparison, channel, score)):
+                sentences.append(f"The error of {law.contender.name} is {above}.")
             continue
+        model = comparison.best(channel)
         if model is None:
             continue
         held_out = model.held_out is not None
@@ -92,14 +96,19 @@ def summary(comparison: Comparison) -> list[str]:
         ties = [name for name, change in changes.items() if channel not in change.worse]
         if ties:
             line += f" (the difference to {', '.join(ties)} is within its standard error)"
-        floor = comparison.noise[channel]
-        if floor.value:
-            line += (
-                f"; that is {number(best.rmse / floor.value, 2)} times the expected error of a "
-                f"true model, {shown_value(channel, floor.value)}"
-            )
+        if above := _above_floor(comparison, channel, best):
+            line += f"; that is {above}"
         sentences.append(line + ".")
     return sentences
+
+
+def _above_floor(comparison: Comparison, channel: str, score: Score) -> str:
+    """How many times the error of a true model an error is; "" where that is not known."""
+    floor = comparison.noise[channel].value
+    if not floor:
+        return ""
+    times = number(score.rmse / floor, 2)
+    return f"{times} times the expected error of a true model, {shown_value(channel, floor)}"
 
 
 def data_blocks(comparison: Comparison) -> list[Block]:
