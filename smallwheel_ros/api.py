@@ -246,7 +246,7 @@ def compare(
 
     The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
     torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
-    held out of the fit, beside a constant, the mean of the other runs. Errors are given for each
+    held out of the fit, beside a constant, the mean of the other runs, and a log-log regression. Errors are given for each
     channel, soil, wheel and range of conditions, beside what rows of one run differ by. How much less error
     a true model would leave is what `diagnose` works out.
 
@@ -266,7 +266,7 @@ def compare(
     >>> import smallwheel_ros as sw
     >>> found = sw.compare("rig.csv", {"sand": "dry_sand"})
     >>> [model.contender.name for model in found.models]
-    ['constant', 'bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
+    ['constant', 'log_log_regression', 'bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
     """
     from smallwheel_ros.compare.comparison import compare as compare_models
 
