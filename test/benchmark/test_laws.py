@@ -131,7 +131,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "sets").mkdir()
     rng, rows = np.random.default_rng(1), []
     for diameter in (0.04, 0.06, 0.08, 0.12):
-        p = 8e4 * np.exp(0.02 * rng.normal())
+        p = 8e4 * np.exp(0.005 * rng.normal())
         for z in np.geomspace(0.002, 0.1, 12):
             load = 0.25 * np.pi * diameter**2 * p * z / (0.012 + z)
             rows.append([f"plate {diameter}", "plate", diameter, "", load, z])
