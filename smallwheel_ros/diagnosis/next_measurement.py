@@ -186,12 +186,14 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
 
 
 def _explained_by(found: Search, verdict: Verdict, rival: str) -> Candidate | None:
-    """The best model with a rival. One that is only tied was not fitted: it takes the name's place."""
-    known = next((m for m in found.ordered if rival in m.families), None)
-    named = next((m for m in found.ordered if verdict.rivals[0] in m.families), None)
+    """The best model with a rival in the name's place. One that is only tied was not fitted before."""
+    name = verdict.rivals[0]
+    named = next((m for m in found.ordered if name in m.families), None)
+    taken = {name} - {rival}  # a model with both tells nothing between them
+    known = next((m for m in found.ordered if rival in m.families and not taken & m.families), None)
     if known is not None or named is None:
         return known
-    tied = next(c for c in named.competitors if c.family == verdict.rivals[0])
+    tied = next(c for c in named.competitors if c.family == name)
     forms = [c for c in found.field.competitors if c.family == rival]
     made = [found.made(named, form, out=tied) for form in forms]
     return max((m for m in made if m is not None), key=lambda m: m.weight, default=None)

@@ -119,6 +119,7 @@ def test_settings_driven_together_cannot_be_told_apart_until_the_proposed_runs(
     check(tied)
     assert {"slip_sinkage", "load_dependent_modulus"} <= set(tied["candidates"])
     proposal = tied["next_measurements"][0]
+    assert set(proposal["separates"]) == {"slip_sinkage", "load_dependent_modulus"}
     assert proposal["expected_power"] > 0.9
     runs = measure(rig.truth, [proposal["settings"]] * proposal["runs"])
     more = read(pd.concat([rig.table, runs], ignore_index=True), folder)
