@@ -24,8 +24,12 @@ _VARIED = 1e-6  # range of a column, below which it was not varied
 
 
 def _columns(conditions: Conditions) -> Array:
-    """What a value may depend on, the most likely first, shape (rows, columns)."""
-    columns = [np.log(conditions[name]) for name in ("load", "diameter", "width")]
+    """What a value may depend on, the most likely first, shape (rows, columns); NaN of what has no logarithm.
+
+    A plate has no width.
+    """
+    sizes = [conditions[name] for name in ("load", "diameter", "width")]
+    columns = [np.log(np.where(size > 0.0, size, np.nan)) for size in sizes]
     for name in ("slip", "pass_number", "speed"):
         if name in conditions:
             column = conditions[name]

@@ -40,6 +40,8 @@ from smallwheel_ros.physics.traction import ThrustForm
 
 # A soil is never met again exactly as it was: no prior is tighter than this (standard deviations).
 _LEAST = np.array([0.10, 0.05, 0.05])
+_MOST_FITS = 6  # of one model from where it was
+_FIT_RESTS = 3e-3  # of its deviation: by less no number of a fit moves any more
 _ONE_SIZE = 1.02  # wheels that differ by less are of one diameter: m is then not determined
 # What a fit begins from a grid in: ln p_ref and n.
 _GRID = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 15.1, 1.0)]
@@ -249,7 +251,12 @@ def fit_points(
     level = levels_of(points)
     fitter = Fitter(points, level, repeats_of(points, level), working=working)
     fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
-    return fitter, fitter.fit(vector, fit.theta, fit.scatter)
+    for _ in range(_MOST_FITS):
+        last, fit = fit, fitter.fit(vector, fit.theta, fit.scatter)
+        deviation = np.sqrt(np.diag(fit.covariance))
+        if (np.abs(fit.theta - last.theta) < _FIT_RESTS * deviation).all():
+            break
+    return fitter, fit
 
 
 @dataclass(frozen=True)
