@@ -8,8 +8,15 @@
          + along^2 L_i L_j exp(-|path_i - path_j| / l)          within a run that is a curve
          + 0.05^2 L_i L_j [(1 + b) exp(-|ln L_i - ln L_j|) + b] all curves; b = 1 within one body, else 0
 
-with L = |f|, at least 0.05 of its median by channel, j = df/d ln k, l the best of 0.1, 0.25, 0.6 of a
-curve. theta and phi solve together, at the estimate itself (`equations`):
+with j = df/d ln k, l the best of 0.1, 0.25, 0.6 of a curve, and L the size of each value as a line through
+the data has it (`levels`): by channel
+
+    sum_i min(y_i / med(y), 1) (ln y_i - a - b . x_i)^2 -> least,  x = ln load, ln of each size
+
+L = exp(a + b . x), not under the least y nor over the largest, then at least 0.05 of its median. Neither
+theta nor the law moves it. A size that an earlier column determines stays out: at the data L is the same
+without it, while b would not be determined. theta and phi solve together, at the estimate itself
+(`equations`):
 
     J' V^-1 (y - f) = P (theta - c)                                          V held
     -1/2 tr(S^-1 dS/d ln phi) + 1/2 e' S^-1 dS/d ln phi S^-1 e = (ln phi - ln median) / 0.49
@@ -36,15 +43,20 @@ SPREAD = mp.mpf("0.7")
 LENGTHS = [mp.mpf(v) for v in ("0.1", "0.25", "0.6")]
 MEDIANS = {"tau": "0.05", "own": "0.03", "zero": "0.01", "along": "0.03"}
 SHAPE, RESOLUTION, FLOOR = mp.mpf("0.05"), mp.mpf("0.001"), mp.mpf("0.05")
+DEPENDENT = mp.mpf(10) ** -16  # of a column's square: less is left of one that others determine
 STEPS, LEAST_STEP = 60, 0.01  # of Newton's method
 ROOM = 15  # digits that sums and quadrature may lose: at 50, 35 are left, of which 30 are shown
 
 
 @dataclass(frozen=True)
 class Data:
-    """What was measured: values, and of each its run, channel, body and place along a curve."""
+    """What was measured: values, and of each its run, channel, body and place along a curve.
+
+    settings: load (N) and sizes (m) of each value, all over 0.
+    """
 
     value: Vector
+    settings: Sequence[Vector]
     run: Sequence[str]
     channel: Sequence[str]
     body: Sequence[str]
@@ -71,28 +83,52 @@ class Prior:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What was found. names, log_deviation: of the components; level: L.
-
-    residual: standard deviation of y - f.
-    """
+    """What was found. names, log_deviation: of the components; residual: standard deviation of y - f."""
 
     theta: Vector
     covariance: Matrix
     names: Sequence[str]
     log_deviation: Vector
     length: Number
-    level: Vector
     residual: Number
 
 
-def levels(data: Data, predicted: Vector) -> Vector:
+def levels(data: Data) -> Vector:
     """L."""
-    found = [abs(f) for f in predicted]
-    for channel in set(data.channel):
+    found = [mp.mpf(0)] * len(data)
+    for channel in dict.fromkeys(data.channel):
         mine = [i for i in range(len(data)) if data.channel[i] == channel]
-        least = FLOOR * median([found[i] for i in mine])
-        for i in mine:
-            found[i] = max(found[i], least)
+        value = [data.value[i] for i in mine]
+        middle = median(value)
+        weight = [min(y / middle, mp.mpf(1)) for y in value]
+        columns = [
+            [mp.log(s) for s in of] for of in zip(*(data.settings[i] for i in mine), strict=True)
+        ]
+        line = projected([mp.log(y) for y in value], [[mp.mpf(1)] * len(mine), *columns], weight)
+        size = [min(max(mp.exp(ln), min(value)), max(value)) for ln in line]
+        least = FLOOR * median(size)
+        for i, one in zip(mine, size, strict=True):
+            found[i] = max(one, least)
+    return found
+
+
+def projected(target: Vector, columns: Sequence[Vector], weight: Vector) -> Vector:
+    """Where least squares with these weights puts the target: on columns made orthogonal one by one."""
+
+    def dot(a: Vector, b: Vector) -> Number:
+        return mp.fsum(w * x * y for w, x, y in zip(weight, a, b, strict=True))
+
+    found, kept = [mp.mpf(0)] * len(target), []
+    for column in columns:
+        left = list(column)
+        for other in kept:
+            share = dot(column, other) / dot(other, other)
+            left = [a - share * b for a, b in zip(left, other, strict=True)]
+        if dot(left, left) <= DEPENDENT * dot(column, column):
+            continue
+        kept.append(left)
+        share = dot(target, left) / dot(left, left)
+        found = [a + share * b for a, b in zip(found, left, strict=True)]
     return found
 
 
@@ -174,7 +210,7 @@ def trace(a: Matrix, b: Matrix) -> Number:
 
 @dataclass(frozen=True)
 class Problem:
-    """Data, law and prior. held: components and L that another fit found, and which stay as they are."""
+    """Data, law and prior. held: components that another fit found, and which stay as they are."""
 
     data: Data
     law: Law
@@ -185,7 +221,7 @@ class Problem:
     def at(self, theta: Vector) -> tuple[Matrix, Matrix, Components]:
         """J, y - f and the components there."""
         predicted, slopes = self.law(theta)
-        level = self.held.level if self.held else levels(self.data, predicted)
+        level = levels(self.data)
         length = self.held.length if self.held else self.length
         stiff = [mp.fdot(row, self.prior.stiffness) for row in slopes]
         left = mp.matrix([y - f for y, f in zip(self.data.value, predicted, strict=True)])
@@ -274,12 +310,10 @@ class Problem:
 
     def _estimate(self, theta: Vector, logs: Vector) -> Estimate:
         _, left, parts = self.at(theta)
-        predicted = self.law(theta)[0]
-        level = self.held.level if self.held else levels(self.data, predicted)
         free = len(self.data) - len(theta)
         residual = mp.sqrt(mp.fsum(r**2 for r in left) / free)
         return Estimate(theta, self.covariance(theta, logs), parts.names, logs,
-                        self.held.length if self.held else self.length, level, residual)  # fmt: skip
+                        self.held.length if self.held else self.length, residual)  # fmt: skip
 
 
 def newton(equations: Callable[[Vector], Vector], start: Vector) -> Vector:

@@ -83,7 +83,9 @@ def plates_of(rows: Sequence[Sequence[str]]) -> tuple[Data, list[Number], list[N
         mine = [j for j, name in enumerate(runs) if name == run]
         path.append(mp.mpf(mine.index(i)) / (len(mine) - 1))
     depth = [number(row[4]) / 1000 for row in rows]
-    data = Data(depth, runs, ["sinkage"] * len(rows), [row[2] for row in rows], path, curves=True)
+    settings = [[number(row[3]), d] for row, d in zip(rows, size, strict=True)]
+    body = [row[2] for row in rows]
+    data = Data(depth, settings, runs, ["sinkage"] * len(rows), body, path, curves=True)
     return data, size, pressure
 
 
@@ -226,13 +228,14 @@ def wheel_law(settings: Sequence[tuple[Number, Number, Number, str]]) -> Law:
 def rolling_wheel() -> None:
     """k, n, m of wheels of two sizes that roll, from sinkage and resistance."""
     rows = read_reference("wheel_k_n_m").rows
-    settings, data = [], []
+    settings, data, sizes = [], [], []
     for channel, column, unit in (("sinkage", 4, 1000), ("resistance", 5, 1)):
         for row in rows:
             settings.append((number(row[3]), number(row[1]), number(row[2]), channel))
             data.append((number(row[column]) / unit, row[0], channel, row[1]))
+            sizes.append([number(row[3]), number(row[1]), number(row[2])])
     value, run, channel, body = (list(column) for column in zip(*data, strict=True))
-    measured = Data(value, run, channel, body, [mp.mpf(0)] * len(value), curves=False)
+    measured = Data(value, sizes, run, channel, body, [mp.mpf(0)] * len(value), curves=False)
     own = Problem(measured, wheel_law(settings), prior()).solved(
         [mp.mpf("10.4"), mp.mpf("0.8"), mp.mpf("0.35")]
     )
