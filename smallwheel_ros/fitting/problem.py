@@ -251,12 +251,17 @@ def fit_points(
     level = levels_of(points)
     fitter = Fitter(points, level, repeats_of(points, level), working=working)
     fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
+    return fitter, settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
+
+
+def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
+    """Fit again from where the last fit came to rest, until no number moves by 0.003 of its deviation."""
     for _ in range(_MOST_FITS):
-        last, fit = fit, fitter.fit(vector, fit.theta, fit.scatter)
+        last, fit = fit, again(fit)
         deviation = np.sqrt(np.diag(fit.covariance))
         if (np.abs(fit.theta - last.theta) < _FIT_RESTS * deviation).all():
             break
-    return fitter, fit
+    return fit
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,9 @@ from smallwheel_ros.fitting.held_out import leave_out
 from smallwheel_ros.fitting.named import FittedParameter, Status
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, ParameterVector, Prior
 from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.fitting.problem import settled
 from smallwheel_ros.fitting.result import posterior_covariance
+from smallwheel_ros.fitting.variance import Scatter
 from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.measurements.settings import cluster
 from smallwheel_ros.physics.plates import LAWS, PlateLaw
@@ -171,8 +173,8 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         under = fitter.under(partial(UnderLaw, law, reference))
         vector = law_vector(law, soil)
         best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
-        # Once more: the stiffness in the covariance is that of this law, where it came to rest.
-        best = under.fit(vector, best.theta, fit.scatter, turns=0)
+        # Once more and on: the stiffness in the covariance is that of this law, where it came to rest.
+        best = settled(best, partial(_on_from, under, vector, fit.scatter))
         fitted = FittedLaw(law, *_constants(law, under, best, reference))
         if len(diameters) > 2:
             error = left_out(under, best, size)
@@ -185,6 +187,11 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         laws.append(fitted)
     depths = tuple(map(DepthRange, edges[:-1].tolist(), edges[1:].tolist(), expected))
     return PlateLaws(soil, tuple(diameters), points.run_count, tuple(laws), depths)
+
+
+def _on_from(under: Fitter, vector: ParameterVector, scatter: Scatter, last: Fit) -> Fit:
+    """The fit of theta alone from where the last one came to rest."""
+    return under.fit(vector, last.theta, scatter, turns=0)
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:

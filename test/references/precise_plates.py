@@ -104,10 +104,13 @@ def laws_of_size(rows: Sequence[Sequence[str]]) -> list[Certified]:
         found.append(Certified(name, value, mp.sqrt(own.covariance[at, at]), "1"))
     middle = mp.exp(mp.fsum(mp.log(d / 2) for d in size) / len(size))
     under = list(zip(pressure, [d / 2 / middle for d in size], strict=True))
+    at_middle = log_pressure + m * mp.log(
+        2 * middle / SIZE
+    )  # far from it Newton's method does not rest
     for law, tied in ((bekker, 0), (reece, 1)):
         problem = Problem(data, plate_law(under, law), prior(tied), held=own)
         slope = mp.mpf(tied) * n + m * (1 if tied else -1)
-        found += constants(law, problem.solved([log_pressure, n, slope]), middle)
+        found += constants(law, problem.solved([at_middle, n, slope]), middle)
     found += [
         Certified(f"phi.{name}", mp.exp(ln), None, "1")
         for name, ln in zip(own.names, own.log_deviation, strict=True)
