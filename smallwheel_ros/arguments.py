@@ -21,9 +21,16 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.measurements.cells import TWO_WAYS, read_numbers
-from smallwheel_ros.measurements.columns import COLUMNS, OTHER, unit_of
+from smallwheel_ros.measurements.columns import (
+    COLUMNS,
+    OTHER,
+    UnitsError,
+    shown_unit,
+    spelled,
+    to_base,
+    unit_of,
+)
 from smallwheel_ros.measurements.headers import near_miss
-from smallwheel_ros.measurements.units import UnitsError, shown_unit, spelled, to_base
 from smallwheel_ros.physics.soil import Soil, soil
 
 # What a command's `--help` does not need is imported by the functions that do.

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.compare.contenders import REGRESSION, Contender, standard_contenders
+from smallwheel_ros.compare.reasons import MISSING, lone_soils, why_of
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import (
@@ -34,7 +35,7 @@ from smallwheel_ros.fitting.held_out import (
 from smallwheel_ros.fitting.line import Line
 from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
-from smallwheel_ros.measurements.display import shown_value, words
+from smallwheel_ros.measurements.display import listed, shown_value, words
 from smallwheel_ros.measurements.settings import Part, parts, repeatability, runs_of_rows
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, ModelError, predict
@@ -77,7 +78,8 @@ class ModelResult:
     model: with the parameters of a fit to all rows, None for a constant. in_sample: errors of that model.
     held_out: of each run by a fit without it, None for a model that stands as it is and where there is one
     run. unseen: errors on runs that the model was not fitted to, None where that is not known.
-    not_predicted: rows that it has no prediction for, with the reason.
+    not_predicted: rows that it has no prediction for, with the reason. why: by channel, what may make it
+    worse than no law (`reasons`).
     """
 
     contender: Contender
@@ -87,6 +89,7 @@ class ModelResult:
     unseen: CvErrors | None = None
     not_predicted: Reasons = ()
     notes: tuple[str, ...] = ()
+    why: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,9 +176,18 @@ class Comparison(Result):
             f"{by} {said[0]}"
         )
         change = self.differences(channel).get(law.contender.name)
+        lone = lone_soils(self.measurements) if law.held_out is not None else []
+        if lone:
+            met = ~np.isin(self.measurements.soil, lone)
+            known = [self.score(m, channel, held_out=True, rows=met) for m in (best, law)]
+            said = [shown_value(channel, e.rmse) for e in known if e is not None]
+            found += (
+                f"; where the one run of soil {listed(lone)} is held out, nothing is known of it: "
+            )
+            found += f"elsewhere the law has {said[-1]}, {by} {said[0]}"
         if best.contender.name == REGRESSION and change is not None:
             if channel in change.worse:
-                return found + "; an effect is missing (`smallwheel diagnose`), or a zero is off"
+                return f"{found}; {law.why.get(channel, MISSING)}"
             return found + ", within the standard error of their difference"
         return found
 
@@ -282,7 +294,8 @@ def _fitted(contender: Contender, problem: Problem, count: Callable[[], None]) -
     count()
     errors = in_sample(problem.points, fit.model)
     held_out = problem.held_out(count)
-    return ModelResult(contender, fit.model, errors, held_out, held_out)
+    why = why_of(problem.fitter, fit, problem.base)
+    return ModelResult(contender, fit.model, errors, held_out, held_out, why=why)
 
 
 def _constant(contender: Contender, points: Points, folds: int) -> ModelResult:

@@ -267,8 +267,8 @@ class Grown:
 
     def held_out(self, problem: Problem) -> CvErrors:
         """Each run's errors by the fit of the fold without it."""
-        folds = iter(self.folds)
-        return cross_validate(problem.points, lambda _: [next(folds).model], 1)[0]
+        folds, known = iter(self.folds), problem.base.priors
+        return cross_validate(problem.points, lambda _: [next(folds).model], 1, known=known)[0]
 
 
 def _extended(

@@ -103,6 +103,9 @@ def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
     return vector.with_parts([*parts, put_in.part])
 
 
+TAKEN_OUT = "taken out of the competition"  # why a family does not compete: the user said so
+
+
 @dataclass(frozen=True)
 class Field:
     """Who competes, and who cannot be tested with this data and why (family -> reason).
@@ -152,7 +155,7 @@ def field_of(
     families = {**registry.families, **{id: registry.family(id) for id in ids}}
     for family, forms in families.items():
         if family in without:
-            blocked[family] = "taken out of the competition"
+            blocked[family] = TAKEN_OUT
             continue
         listed, reason = _forms(family, forms, points, model, columns)
         found += listed

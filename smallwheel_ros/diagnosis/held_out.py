@@ -150,7 +150,7 @@ def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list
             models += [m.model for m in fits[:1]]
         return models
 
-    return cross_validate(judged.points, choose, len(chain))
+    return cross_validate(judged.points, choose, len(chain), known=judged.base.priors)
 
 
 def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
@@ -165,7 +165,9 @@ def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
                 made.append(m.model)
         return made
 
-    return cross_validate(problem.points, choose, len(models)) if models else []
+    if not models:
+        return []
+    return cross_validate(problem.points, choose, len(models), known=problem.base.priors)
 
 
 def with_forces(problem: Problem, models: Sequence[Fit], errors: list[CvErrors]) -> list[CvErrors]:

@@ -19,7 +19,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.diagnosis.competitors import TAKEN_OUT, Competitor
 from smallwheel_ros.diagnosis.search import Candidate, Key, Search
 from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
@@ -146,6 +146,7 @@ def _unexplained(search: Search, best: Candidate, unknown: Sequence[str]) -> str
         if c.kind != "unknown" and c.family not in tried
         and (c.kind == "instrument" or drivers & set(c.drivers))
     }  # fmt: skip
+    left |= {family for family, why in search.field.blocked.items() if why == TAKEN_OUT}
     if left:
         return f"{said}, and no law of the library that was tried does; not tried: {listed(sorted(left))}"
     return f"{said}, and no law of the library does"

@@ -8,13 +8,14 @@ uncertainty is of runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
+from smallwheel_ros.fitting.parameters import soil_from, soil_numbers
 from smallwheel_ros.fitting.points import Index, Mask, Points, filled
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
@@ -179,23 +180,47 @@ def in_sample(points: Points, model: Model) -> CvErrors:
 
 
 def cross_validate(
-    points: Points, chooser: Callable[[Points], list[Model]], steps: int, fold: Index | None = None
+    points: Points,
+    chooser: Callable[[Points], list[Model]],
+    steps: int,
+    fold: Index | None = None,
+    *,
+    known: Collection[str] | None = None,
 ) -> list[CvErrors]:
     """Held-out errors of each of the models that `chooser` makes of a fold's training points.
 
     chooser: gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
-    the rest. fold: of each value, shape (values,); that of its run (`folds_of`) where None.
+    the rest. fold: of each value, shape (values,); that of its run (`folds_of`) where None. known: soils
+    known beforehand; others that a fold never met are of the middle of those that it met. None: all are.
     """
     fold = folds_of(points)[points.run] if fold is None else fold
     blank = np.full(len(points.measurements), np.nan)
     errors = [{name: blank.copy() for name in points.channels} for _ in range(steps)]
     for out in leave_out(fold):
-        models, mine = chooser(points.take(~out)), rows_of(points.take(out))
+        training, mine = points.take(~out), rows_of(points.take(out))
+        models = chooser(training)
         for step in range(steps):
             model = models[min(step, len(models) - 1)]
+            model = model if known is None else _with_middle(model, training, known)
             for name, error in row_errors(points.measurements, model, mine).items():
                 errors[step][name][mine[name]] = error[mine[name]]
     return [CvErrors(e, _row_runs(points)) for e in errors]
+
+
+def _with_middle(model: Model, training: Points, known: Collection[str]) -> Model:
+    """The model with the middle of the soils of the training points for a soil that is not among them.
+
+    A fit leaves such a soil at its prior, which is that of all soils there are.
+    """
+    named = training.conditions.soil
+    met = set() if named is None else {str(name) for name in named[training.row]}
+    of_met = [soil_numbers(soil) for soil in model.soils if soil.name in met]
+    if not of_met:
+        return model
+    middle = {name: float(np.mean([one[name] for one in of_met])) for name in of_met[0]}
+    known = {*known, *met}
+    soils = tuple(s if s.name in known else soil_from(s, middle) for s in model.soils)
+    return replace(model, soils=soils)
 
 
 def trainings(points: Points) -> list[Points]:

@@ -342,7 +342,7 @@ class Problem:
             done()
             return [fit.model]
 
-        return cross_validate(self.points, choose, 1)[0]
+        return cross_validate(self.points, choose, 1, known=self.base.priors)[0]
 
     @cached_property
     def judged(self) -> Problem:

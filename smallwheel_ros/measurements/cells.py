@@ -135,8 +135,10 @@ class Numbers:
 
 def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers]:
     """Numbers of all columns of a table; comma: it can be nothing but a decimal mark."""
-    if not any("," in _joined(cells) for cells in columns):
-        return [_column(cells, {"."}) for cells in columns]
+    # the texts of each column, as one, in which a sign is looked for quickly
+    joined = ["".join([c for c in cells if isinstance(c, str)]) for cells in columns]
+    if not any("," in texts for texts in joined):
+        return [_column(cells, t, {"."}) for cells, t in zip(columns, joined, strict=True)]
     spelled = [map(_spelling, {c for c in cells if isinstance(c, str)}) for cells in columns]
     kinds = [{s.kind for s in texts if s is not None} for texts in spelled]
     # a column of both marks is wrong already, and says nothing of the others
@@ -146,34 +148,33 @@ def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers
         table = {"."}
     elif not table and comma and "?." not in seen:
         table = {","}
-    return [_column(c, own & _BOTH or table) for c, own in zip(columns, kinds, strict=True)]
+    return [
+        _column(cells, texts, own & _BOTH or table)
+        for cells, texts, own in zip(columns, joined, kinds, strict=True)
+    ]
 
 
-def _joined(cells: Sequence[Cell]) -> str:
-    return "".join([cell for cell in cells if isinstance(cell, str)])
-
-
-def _quick(cells: Sequence[Cell], mark: str) -> Numbers | None:
+def _quick(cells: Sequence[Cell], texts: str, mark: str) -> Numbers | None:
     """A column of nothing but finite numbers with that decimal mark, many times quicker; else None."""
-    texts = _joined(cells)
     if not texts.isascii() or "_" in texts or (mark == "," and "." in texts):
         return None  # Python takes 1_000 and ٣ for numbers, which they are not
     if mark == ",":
         cells = [cell.replace(",", ".") if isinstance(cell, str) else cell for cell in cells]
     try:
-        values = np.array(list(map(float, cells)))
+        values = np.fromiter(map(float, cells), float, len(cells))
     except ValueError:
         return None
     if not np.isfinite(values).all():
         return None
-    percent = np.array([isinstance(cell, Percent) for cell in cells], dtype=bool)
-    comma = mark == "," and "," in texts
-    return Numbers(values, np.zeros(values.size, dtype=bool), percent, comma=comma)
+    blank, percent = np.zeros(values.size, dtype=bool), np.zeros(values.size, dtype=bool)
+    if Percent in set(map(type, cells)):
+        percent[:] = [isinstance(cell, Percent) for cell in cells]
+    return Numbers(values, blank, percent, comma=mark == "," and "," in texts)
 
 
-def _column(cells: Sequence[Cell], marks: set[str]) -> Numbers:
-    """The numbers of a column. marks: the decimal marks by which it is read."""
-    if len(marks) == 1 and (plain := _quick(cells, *marks)) is not None:
+def _column(cells: Sequence[Cell], texts: str, marks: set[str]) -> Numbers:
+    """The numbers of a column; texts: of its cells, as one. marks: the decimal marks by which it is read."""
+    if len(marks) == 1 and (plain := _quick(cells, texts, *marks)) is not None:
         return plain
     size = len(cells)
     result = Numbers(np.full(size, np.nan), np.zeros(size, bool), np.zeros(size, bool))

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from smallwheel_ros.measurements.columns import unit_of
-from smallwheel_ros.measurements.units import shown_unit, to_base
+from smallwheel_ros.measurements.columns import shown_unit, to_base, unit_of
 
 if TYPE_CHECKING:
     from smallwheel_ros.measurements.table import Measurements

@@ -25,8 +25,11 @@ from smallwheel_ros.measurements.columns import (
     LAB_COLUMNS,
     TEXTS,
     WORDS,
+    UnitsError,
+    fits,
+    is_common,
+    spelled,
 )
-from smallwheel_ros.measurements.units import UnitsError, fits, is_common, spelled
 
 _ROUND_BRACKETS = re.compile(r"(.*\S)\s*\(([^()]*)\)")
 _WIDE = str.maketrans("（）［］【】％", "()[][]%")  # as Japanese and Chinese keyboards write them
@@ -55,7 +58,7 @@ class Heading(NamedTuple):
     """A column's header, understood.
 
     text: as it stands in the file. name: our word for the quantity, or theirs where none is known.
-    unit: as `units.to_base` takes it, None where the header has none. rank: of `Match`, `MAPPED` or
+    unit: as `columns.to_base` takes it, None where the header has none. rank: of `Match`, `MAPPED` or
     `UNKNOWN`. factor: of the values, 2 for a radius.
     """
 
@@ -66,6 +69,7 @@ class Heading(NamedTuple):
     factor: float = 1.0
 
 
+@lru_cache(maxsize=10_000)
 def plain(text: str) -> str:
     """Letters and digits only, in lower case, without accents; ä, ae and a are the same."""
     letters = unicodedata.normalize("NFKD", text.casefold())
@@ -204,7 +208,7 @@ def _splits(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _unit(text: str, expected: str | None) -> str | None:
-    """The unit that stands behind a name, as `units.to_base` takes it; None where none is known."""
+    """The unit that stands behind a name, as `columns.to_base` takes it; None where none is known."""
     if text in _PURE_NUMBERS:
         return DIMENSIONLESS
     return spelled(text, expected) or spelled(text.replace("_", "/"), expected)

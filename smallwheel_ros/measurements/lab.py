@@ -207,12 +207,6 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
         )
 
 
-def is_shear(columns: Columns) -> bool:
-    """Whether a table is one of shear tests: it has a shear stress, and no load beside a sinkage."""
-    wheels = columns.there("load") and columns.there("sinkage")
-    return "shear_stress" in columns.headings and not wheels
-
-
 def shear_tests(columns: Columns) -> ShearTests:
     """The shear tests in the columns of a table.
 

@@ -10,6 +10,7 @@ another kind.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
@@ -26,7 +27,15 @@ from smallwheel_ros.measurements.cells import (
     is_blank,
     shown,
 )
-from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, DIMENSIONLESS
+from smallwheel_ros.measurements.columns import (
+    CHANNELS,
+    COLUMNS,
+    DIMENSIONLESS,
+    UnitsError,
+    fits,
+    shown_unit,
+    spelled,
+)
 from smallwheel_ros.measurements.headers import (
     SYMBOLS,
     UNKNOWN,
@@ -36,7 +45,6 @@ from smallwheel_ros.measurements.headers import (
     is_summary,
     read_heading,
 )
-from smallwheel_ros.measurements.units import UnitsError, fits, shown_unit, spelled
 
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
@@ -47,6 +55,10 @@ _SUMMARY, _REMARK = "is no measurement", "is a remark"
 _FEWEST = 3  # rows of which a mean is told by its numbers
 _MOST_MEANS = 100  # rows that are looked at
 _FEW = 0.25  # share of rows at most that have an odd name
+
+
+# Columns of texts; of each row's name in the first, whether it has digits, and is a code of 1 or 2 letters.
+RowNames = tuple[list[int], list[tuple[bool, bool]]]
 
 
 @dataclass
@@ -75,18 +87,14 @@ class Layout:
 
 def known_cells(row: Sequence[Cell]) -> int:
     """How many cells of a row name a quantity."""
-    return sum(_names_quantity(cell) for cell in row)
-
-
-def _names_quantity(cell: Cell) -> bool:
-    if not isinstance(cell, str) or len(cell) >= _LONGEST_HEADER:
-        return False
-    if not any(c.isalpha() or c == "Ø" for c in cell):
-        return False
-    try:
-        return read_heading(cell.strip().lstrip("#").strip()).rank < UNKNOWN
-    except UnitsError:
-        return False
+    count = 0
+    for cell in row:
+        if not isinstance(cell, str) or len(cell) >= _LONGEST_HEADER:
+            continue
+        if any(c.isalpha() or c == "Ø" for c in cell):
+            with suppress(UnitsError):
+                count += read_heading(cell.strip().lstrip("#").strip()).rank < UNKNOWN
+    return count
 
 
 def _is_number(cell: Cell) -> bool:
@@ -96,7 +104,7 @@ def _is_number(cell: Cell) -> bool:
 
 def find_layout(grid: Grid) -> Layout:
     """Find the table. Raises MeasurementsError where there is none."""
-    rows = [i for i, row in enumerate(grid.rows) if any(c != "" and not is_blank(c) for c in row)]
+    rows = [i for i, row in enumerate(grid.rows) if not all(map(is_blank, row))]
     said, headers, header_line = list(grid.said), grid.header, None
     if headers is None:
         if not rows:
@@ -203,7 +211,10 @@ def is_label(heading: Heading, numbers: Numbers) -> bool:
 
 
 def rows_not_measured(
-    layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
+    layout: Layout,
+    named: Mapping[int, Heading],
+    parsed: Mapping[int, Numbers],
+    names: RowNames,
 ) -> dict[int, str]:
     """Rows that are no measurements, and what is said of them: remarks, headers, what was computed."""
     found = dict.fromkeys(_summaries(layout, named, parsed), _SUMMARY)
@@ -213,7 +224,7 @@ def rows_not_measured(
         # a remark has texts only where the table has numbers
         if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
             found[row] = _REMARK
-    return dict(sorted((_means(layout, named, parsed, found) | found).items()))
+    return dict(sorted((_means(layout, parsed, names, found) | found).items()))
 
 
 def _summaries(
@@ -234,15 +245,15 @@ def _summaries(
 
 def _means(
     layout: Layout,
-    named: Mapping[int, Heading],
     parsed: Mapping[int, Numbers],
+    names: RowNames,
     left_out: Mapping[int, str],
 ) -> dict[int, str]:
     """Rows that are the mean of those above, and those that follow under names like it (a deviation).
 
     The name has to be of another kind than those of the measurements: a word among numbers.
     """
-    texts, kinds = _named_rows(layout, named, parsed)
+    texts, kinds = names
     numeric = {i: n for i, n in parsed.items() if i not in texts and not n.blank.all()}
     if not texts or not numeric:
         return {}
@@ -266,41 +277,34 @@ def _means(
     return found
 
 
-def odd_names(
-    layout: Layout,
-    named: Mapping[int, Heading],
-    parsed: Mapping[int, Numbers],
-    left_out: Mapping[int, str],
-) -> list[str]:
+def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> list[str]:
     """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps."""
-    texts, kinds = _named_rows(layout, named, parsed)
+    texts, kinds = names
     if not texts:
         return []
-    names = layout.columns[texts[0]]
+    cells = layout.columns[texts[0]]
     rows = [i for i in range(len(kinds)) if kinds[i] == (False, False) and i not in left_out]
-    if not 0 < len(rows) <= _FEW * len(kinds) or any(is_blank(names[i]) for i in rows):
+    if not 0 < len(rows) <= _FEW * len(kinds) or any(is_blank(cells[i]) for i in rows):
         return []
     return [
-        f"row {layout.numbers[i]} has the name '{clipped(shown(names[i]))}', others have numbers or codes: "
+        f"row {layout.numbers[i]} has the name '{clipped(shown(cells[i]))}', others have numbers or codes: "
         "read as a measurement. If it was computed from the rows above, delete it"
         for i in rows[:_MOST_SAID]
     ]
 
 
-def _named_rows(
+def row_names(
     layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
-) -> tuple[list[int], list[tuple[bool, bool]]]:
+) -> RowNames:
     """The columns of texts, that of the runs first, and of which kind each row's name in it is."""
     texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
     texts.sort(key=lambda i: named[i].name != "run")
     names = layout.columns[texts[0]] if texts else []
-    kind = {name: _kind(shown(name).strip()) for name in {*names}}
+    kind = {}
+    for name in {*names}:
+        text = shown(name).strip()
+        kind[name] = any(map(str.isdigit, text)), 0 < len(text.encode()) < 3
     return texts, [kind[name] for name in names]
-
-
-def _kind(name: str) -> tuple[bool, bool]:
-    """Whether a name has digits, and whether it is a code of one or two letters."""
-    return any(c.isdigit() for c in name), 0 < len(name.encode()) < 3
 
 
 def _is_mean(
@@ -347,7 +351,7 @@ def fill_down(
     lines = layout.numbers.tolist()
     for position, heading in named.items():
         cells = [*layout.columns[position]]
-        if heading.name.removesuffix("_std") in CHANNELS or not any(map(is_blank, cells)):
+        if heading.name.removesuffix("_std") in CHANNELS or not any(map(is_blank, {*cells})):
             continue
         within = {n: first for column, first, last in merged if column == position
                   for n in range(first, last + 1)}  # fmt: skip

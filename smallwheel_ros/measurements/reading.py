@@ -4,7 +4,7 @@
     find the header and the row of units                     layout.find_layout
     each header -> quantity, unit                            headers.read_heading, --map
     rows that were not measured are left out, and said       layout.rows_not_measured
-    cells -> numbers -> SI, each within its range            cells.read_numbers, units.to_base
+    cells -> numbers -> SI, each within its range            cells.read_numbers, columns.to_base
 
 What is wrong is collected in `Columns.found` and raised at once.
 """
@@ -39,6 +39,10 @@ from smallwheel_ros.measurements.columns import (
     ColumnSpec,
     Mask,
     Texts,
+    UnitsError,
+    base_unit,
+    shown_unit,
+    to_base,
 )
 from smallwheel_ros.measurements.headers import (
     UNKNOWN,
@@ -56,10 +60,10 @@ from smallwheel_ros.measurements.layout import (
     is_label,
     lines_left_out,
     odd_names,
+    row_names,
     rows_not_measured,
     with_unit,
 )
-from smallwheel_ros.measurements.units import UnitsError, base_unit, shown_unit, to_base
 
 BEFORE_TOUCH = ("load", "sinkage")  # noise around 0 before a plate touches: `lab` looks at it
 _MOST_PROBLEMS, _MOST_ROWS, _MOST_NAMES = 20, 10, 30  # that a message lists
@@ -215,7 +219,8 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     named = _headings(layout, mapping, columns)
     _begin(columns, layout)
     parsed = _numbers(layout, named, grid.comma)
-    left_out = rows_not_measured(layout, named, parsed)
+    names = row_names(layout, named, parsed)
+    left_out = rows_not_measured(layout, named, parsed, names)
     ragged = {row: n for row, n in layout.ragged.items() if row not in left_out}
     for count in set(ragged.values()):
         many = count > len(layout.headers)
@@ -227,7 +232,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     columns.understood += layout.said
     if left_out:
         columns.understood += lines_left_out(layout, left_out)
-    columns.warnings += odd_names(layout, named, parsed, left_out)
+    columns.warnings += odd_names(layout, names, left_out)
     if left_out or ragged:
         layout.drop([*left_out, *ragged])
         columns.lines = layout.numbers

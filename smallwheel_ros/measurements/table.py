@@ -44,7 +44,7 @@ class Measurements(Result):
     line: each row's line or row in the file, for messages; place: "line" in a text file, "row" in others.
     labels: text columns that are neither soil, run, wheel nor contact.
     units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
-    written_units: of the columns whose header has one, as `units.to_base` takes it.
+    written_units: of the columns whose header has one, as `columns.to_base` takes it.
     warnings: what is suspicious; notes: what was assumed; understood: what was made of headers and
     cells that are not written our way.
     """

@@ -16,7 +16,6 @@ from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEX
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
 from smallwheel_ros.measurements.lab import (
-    is_shear,
     keep_rows_on_soil,
     name_curves,
     shear_tests,
@@ -176,7 +175,8 @@ def _read_grid(
     shear: bool,
 ) -> Measurements | ShearTests:
     columns = read_columns(grid, mapping)
-    if is_shear(columns):
+    of_wheels = columns.there("load") and columns.there("sinkage")
+    if "shear_stress" in columns.headings and not of_wheels:
         if shear:
             return shear_tests(columns)
         columns.add(_SHEAR)

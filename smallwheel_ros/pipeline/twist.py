@@ -4,19 +4,6 @@
 For vehicles with encoders and an imu, and a speed over ground where there is one. The filter is that of
 `twist_filter`. Nothing looks ahead: an instant is worked out with what was stamped before it, so that blocks
 may be cut anywhere. What checks doubt is left out, and what is no number of a vehicle, too.
-
-For robot_localization, once the node sends `~/twist` (gyro alone: the accelerometer is in twist0 already; no
-odometry of the wheels beside it, nor a speed over ground that was given here, too)::
-
-    twist0: smallwheel/twist
-    twist0_config: [false, false, false,  false, false, false,  true, true, false,  false, false, true,
-                    false, false, false]
-    imu0: imu/data
-    imu0_config: [false, false, false,  false, false, false,  false, false, false,  false, false, true,
-                  false, false, false]
-
-Its `process_noise_covariance` for vx, 0.025 as it comes, takes a vehicle to change its speed by 0.16 m/s in a
-second; with variances as honest as these it then lags behind: set it to about 1.
 """
 
 from __future__ import annotations

@@ -429,6 +429,58 @@ def test_a_regression_that_is_better_than_every_law_is_said_to_be() -> None:
     assert "sinkage best by log_log_regression, which is no law, error" in found.headline()
 
 
+def pressed(depth: NDArray[np.float64], soil: list[str] | None = None) -> Comparison:
+    """Plates of one size under the loads of `LOADS`, a run for each row of depths."""
+    runs, rows = depth.shape
+    named = None if soil is None else np.repeat(soil, rows)
+    conditions = replace(
+        Conditions.of(np.tile(LOADS, runs), 0.15, 0.0, contact="plate"), soil=named
+    )
+    run = np.repeat([f"r{i}" for i in range(runs)], rows)
+    channels = {"sinkage": depth.reshape(-1)}
+    return compare(table(depth.size, conditions=conditions, channels=channels, run=run))
+
+
+LOADS = np.geomspace(40.0, 400.0, 12)
+
+
+def test_a_soil_that_a_fold_never_met_is_the_middle_of_those_that_it_met() -> None:
+    """Three soils of one n, the middle one of one run: it is where the others lead one to expect it."""
+    factor = np.array([0.5, 0.5, 0.5, 1.0, 2.0, 2.0, 2.0])
+    soil = ["firm"] * 3 + ["middle"] + ["soft"] * 3
+    depth = 1e-3 * factor[:, None] * (LOADS / 40.0) ** 1.2
+    found = pressed(depth, soil)
+    law = next(m for m in found.models if m.contender.name == "bekker")
+    score = found.score(law, "sinkage", held_out=True, rows=found.measurements.soil == "middle")
+    assert score is not None
+    assert score.rmse < 0.05 * float(depth[3].max())
+
+
+def test_runs_of_several_soils_under_one_name_are_told_to_be_named() -> None:
+    """Each soil was pressed as far as the press goes: a line takes firmness from load, which no law can."""
+    firmness = np.geomspace(1.0, 20.0, 8)
+    depth = 1e-3 * (LOADS / 40.0) ** 1.2 * np.ones((8, 1))
+    conditions = Conditions.of((firmness[:, None] * LOADS).reshape(-1), 0.15, 0.0, contact="plate")
+    run = np.repeat([f"r{i}" for i in range(8)], LOADS.size)
+    found = compare(
+        table(96, conditions=conditions, channels={"sinkage": depth.reshape(-1)}, run=run)
+    )
+    said = found.useless("sinkage")
+    assert "in firmness, more than those of one soil: name the soils" in said
+    assert "an effect is missing" not in said
+
+
+def test_curves_that_are_no_power_of_depth_are_no_sign_of_a_missing_effect() -> None:
+    rng = np.random.default_rng(1)
+    bent = np.log(LOADS / LOADS[-1])
+    firm = np.exp(0.02 * rng.normal(size=(6, 1)))
+    found = pressed(0.03 * firm * np.exp(1.2 * bent - 0.3 * bent**2))
+    said = found.useless("sinkage")
+    assert "a log-log regression" in said
+    assert "no one power of depth" in said
+    assert "an effect is missing" not in said
+
+
 def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
     """A pull that follows neither load nor slip: there is nothing for a law to say."""
     found = compare(pulls(lambda load, slip: 5.0 + 0.1 * np.sin(40.0 * slip + load)))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -90,14 +91,44 @@ def test_what_follows_nothing_recorded_is_unknown(folder: Path) -> None:
     assert "not recorded" in found["reason"]
 
 
-def test_a_sensor_that_follows_a_column_of_no_law_is_unknown(folder: Path) -> None:
-    """Of the sinkage alone: no soil does that, and no instrument of the library either."""
+@pytest.fixture(scope="module")
+def warmed(folder: Path) -> Measurements:
+    """A sensor of sinkage that shows more in the warmth: no soil does that, and no instrument either."""
     frame = simulate_rig(RigSettings(seed=4004, runs=24)).table
     rng = np.random.default_rng(0)
     warmth = dict(zip(frame["run"].unique(), rng.uniform(-1.0, 1.0, 24), strict=True))
     frame["warmth"] = frame["run"].map(warmth)
     frame["sinkage [mm]"] *= 1.0 + 0.4 * frame["warmth"]
-    found = diagnose(read(frame, folder)).document
+    return read(frame, folder)
+
+
+def tried(found: Diagnosis) -> set[str]:
+    """Families of the library that the search fitted to the data."""
+    assert found.search is not None
+    return {f for m in found.search.models.values() for f in m.families if "unknown:" not in f}
+
+
+def test_that_no_law_does_is_said_only_of_a_library_that_was_tried(warmed: Measurements) -> None:
+    found = diagnose(warmed)
+    assert {"sinkage_gain", "covariate:warmth"} <= tried(found)
+    said, _, left = found.document["reason"].partition("not tried: ")
+    assert "no law of the library that was tried does" in said
+    assert left == "resistance offset and rig friction"
+    assert not {"resistance_offset", "rig_friction"} & tried(found)
+    kept = {name: forms for name, forms in REGISTRY.families.items() if name in tried(found)}
+    smaller = diagnose(warmed, registry=replace(REGISTRY, families=kept))
+    assert tried(smaller) >= set(kept)
+    assert smaller.document["reason"].endswith("and no law of the library does")
+
+
+def test_a_law_that_was_taken_out_was_not_tried(warmed: Measurements) -> None:
+    found = diagnose(warmed, without=("resistance_offset", "rig_friction"))
+    assert "no law of the library does" not in found.document["reason"]
+    assert "not tried: resistance offset and rig friction" in found.document["reason"]
+
+
+def test_a_sensor_that_follows_a_column_of_no_law_is_unknown(warmed: Measurements) -> None:
+    found = diagnose(warmed).document
     assert found["verdict"] == "unknown_effect"
     assert "warmth" in found["reason"]
     assert any("warmth" in region["region"] for region in found["where_it_fails"])

@@ -18,11 +18,11 @@ from smallwheel_ros.measurements.columns import (
     SETTINGS,
     is_bookkeeping,
     is_response,
+    to_base,
     unit_of,
 )
 from smallwheel_ros.measurements.settings import set_columns
 from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.units import to_base
 from smallwheel_ros.measurements.wheels import read_measurements
 
 GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "slip": "0.1"}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.measurements.columns import COLUMNS, TEXTS
+from smallwheel_ros.measurements.columns import COLUMNS, TEXTS, UnitsError
 from smallwheel_ros.measurements.headers import (
     UNKNOWN,
     WORDS,
@@ -24,7 +24,6 @@ from smallwheel_ros.measurements.headers import (
     near_miss,
     read_heading,
 )
-from smallwheel_ros.measurements.units import UnitsError
 from smallwheel_ros.measurements.wheels import read_measurements
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
 
-from smallwheel_ros.measurements.units import UnitsError, base_unit, fits, spelled, to_base
+from smallwheel_ros.measurements.columns import UnitsError, base_unit, fits, spelled, to_base
 
 
 @pytest.mark.parametrize(
