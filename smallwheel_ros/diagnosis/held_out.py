@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from smallwheel_ros.fitting.held_out import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.model.model import Model
+
+Choose = Callable[[Points], Sequence[Fit]]  # of training runs, the models of a fold
 
 _SHORTLIST = 4  # models of the whole search that a fold chooses from
 _NEAR = 0.15  # of the range of a setting on one side: eight even levels are near each other, three are not
@@ -73,7 +75,8 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     useless: list[tuple[str, ...]] = []
     while True:
         models = _staircase(found, best, names)
-        errors = _nested(judged, found, [m.families for m in models])
+        choose = _chosen_anew(judged, found, [m.families for m in models])
+        errors = errors_of(judged, choose, len(models))
         added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
         changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
         blind, no_help = [], [name for name in names if name not in added]
@@ -93,7 +96,7 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     worse = compare_cv(errors[0], errors[-1]).worse
     forces: tuple[str, ...] = ()
     if problem.forces_apart:
-        errors = with_forces(problem, models, errors)
+        errors = errors_of(problem, choose, len(models))
         rising = compare_cv(errors[0], errors[-1]).worse
         forces = tuple(name for name in rising if name in problem.points.forces)
     steps = tuple(Step(*step) for step in zip([None, *added], models, errors, strict=True))
@@ -139,8 +142,38 @@ def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[C
     return models
 
 
-def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list[CvErrors]:
-    """Held-out errors of the base and of each step, chosen anew in each fold.
+def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
+    """Held-out errors of a model after each step: one number, whatever command asks for it.
+
+    choose: the models of the judged channels, fitted without a fold. Beside pull and torque each is fitted
+    on to all channels, as the model is that a command writes.
+    """
+    judged = problem.judged.points
+
+    def models(training: Points) -> list[Model]:
+        fits = choose(judged.take(np.isin(judged.run, training.run)))
+        if problem.forces_apart:
+            fits = [problem.with_all_channels(fit, training) for fit in fits]
+        return [fit.model for fit in fits]
+
+    return cross_validate(problem.points, models, steps, known=problem.base.priors)
+
+
+def kept(choose: Choose) -> Choose:
+    """The same, made once for each set of runs."""
+    made: dict[bytes, Sequence[Fit]] = {}
+
+    def known(training: Points) -> Sequence[Fit]:
+        key = np.unique(training.run).tobytes()
+        if key not in made:
+            made[key] = choose(training)
+        return made[key]
+
+    return known
+
+
+def _chosen_anew(judged: Problem, found: Search, chain: list[frozenset[str]]) -> Choose:
+    """The base and the model of each step, chosen anew from a fold's own runs.
 
     chain: families of each step. Of the last step's size a fold takes its most probable model, by its
     own runs alone, of a shortlist of the search of all runs.
@@ -149,9 +182,9 @@ def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list
     # What is named is added as a law of the library.
     laws = [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
 
-    def choose(training: Points) -> list[Model]:
+    def choose(training: Points) -> Sequence[Fit]:
         fitter, base = judged.fold(training)
-        models = [base.model]
+        steps: list[Fit] = [base]
         for size, wanted in enumerate(chain[1:], start=1):
             known = [m for m in laws if len(m.competitors) == size]
             named = [m for m in known[_SHORTLIST:] if m.families == wanted]
@@ -159,10 +192,10 @@ def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list
             fits = sorted((m for m in made if m is not None), key=lambda m: -m.weight)
             if size < len(chain) - 1:
                 fits = [m for m in fits if m.families == wanted] or fits
-            models += [m.model for m in fits[:1]]
-        return models
+            steps += fits[:1]
+        return steps
 
-    return cross_validate(judged.points, choose, len(chain), known=judged.base.priors)
+    return kept(choose)
 
 
 def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
@@ -180,17 +213,6 @@ def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
     if not models:
         return []
     return cross_validate(problem.points, choose, len(models), known=problem.base.priors)
-
-
-def with_forces(problem: Problem, models: Sequence[Fit], errors: list[CvErrors]) -> list[CvErrors]:
-    """Errors of models of the judged channels, with those of pull and torque, which had no say in them."""
-    if not problem.forces_apart:
-        return errors
-    full = of_models(problem, [problem.with_all_channels(m) for m in models])
-    return [
-        replace(e, error={**e.error, **{name: p.error[name] for name in problem.points.forces}})
-        for e, p in zip(errors, full, strict=True)
-    ]
 
 
 def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
