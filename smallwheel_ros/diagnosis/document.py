@@ -304,21 +304,20 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
 def _entry(
     law: Effect | None, parameters: Entry, before: CvErrors, after: CvErrors | None
 ) -> Entry:
-    """What a row says of the law and of the held-out error: of the base, and with the effect."""
+    """What a row says of the law and of the held-out error: of the base, and with the effect.
+
+    reduction: relative fall of the error, root mean square over the channels of each one's ratio.
+    """
+    first, second = before.rmse(), {} if after is None else after.rmse()
+    ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]
+    fall = 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
     return {
-        "held_out_rmse": {} if after is None else after.rmse(),
-        "reduction": None if after is None else _reduction(before, after),
+        "held_out_rmse": second,
+        "reduction": None if after is None else fall,
         "summary": "" if law is None else law.summary,
         "next_step": "" if law is None else law.next_step,
         "parameters": parameters,
     }
-
-
-def _reduction(before: CvErrors, after: CvErrors) -> float:
-    """Relative fall of the error, root mean square over the channels of each one's ratio."""
-    first, second = before.rmse(), after.rmse()
-    ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]
-    return 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
 
 def _parameters(fit: Fit, covariance: Any, part: str, law: Effect | None) -> Entry:

@@ -45,25 +45,22 @@ class Step:
 class HeldOut:
     """What runs that the choice never saw say of each name.
 
-    steps: the base, and with each name that helps a channel. best: the model with laws of the library for
-    these; the most probable one without a name. useless: names that help none, a set of each round, the last
-    first. blind: laws named by evidence alone, since a left-out run could only be extrapolated to. worse:
-    channels whose error rises with what is named; forces: those of pull and torque, which have no say.
+    steps: the base, and with each name that helps a channel; named: these. best: the model with laws of the
+    library for these; the most probable one without a name. useless: names that help none, a set of each
+    round, the last first. blind: laws named by evidence alone, since a left-out run could only be
+    extrapolated to. worse: channels whose error rises with what is named; forces: those of pull and torque,
+    which have no say.
     rivals_help: whether with one of the rivals an error falls; so it is taken where there are none.
     """
 
     steps: tuple[Step, ...]
+    named: tuple[str, ...]
     best: Candidate
     useless: tuple[tuple[str, ...], ...]
     blind: tuple[Competitor, ...]
     worse: tuple[str, ...]
     forces: tuple[str, ...]
     rivals_help: bool
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """What is named still."""
-        return tuple(step.added for step in self.steps if step.added is not None)
 
 
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
@@ -100,7 +97,8 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
         rising = compare_cv(errors[0], errors[-1]).worse
         forces = tuple(name for name in rising if name in problem.points.forces)
     steps = tuple(Step(*step) for step in zip([None, *added], models, errors, strict=True))
-    return HeldOut(steps, best, tuple(useless), tuple(blind), worse, forces, bool(helps))
+    named, left_out = tuple(added), tuple(useless)
+    return HeldOut(steps, named, best, left_out, tuple(blind), worse, forces, bool(helps))
 
 
 def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: CvErrors) -> bool:

@@ -188,27 +188,27 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
         measured, predicted = points.value[mine], fit.predicted[mine]
         if name in FORCES or mine.size < 2 * _PLATEAU:
             continue
-        if min(measured.min(), predicted.min()) > 0.0:
-            found[name] = _plateau(measured, predicted, deviation[mine] / predicted)
+        if min(measured.min(), predicted.min()) <= 0.0:
+            continue
+        resolution = float(np.diff(np.unique(measured), prepend=0.0).min())
+        noise = np.random.default_rng(17).normal(size=(_DRAWS, measured.size))
+        drawn = predicted * np.exp(deviation[mine] / predicted * noise)
+        drawn = np.maximum(np.rint(drawn / resolution), 1.0) * resolution
+        top = np.log(
+            np.sort(np.vstack([measured, drawn]), axis=1)[:, : -measured.size // 2 - 1 : -1]
+        )
+        count = np.arange(1, top.shape[1] + 1)
+        apart = top - top[:, :1]
+        spread = np.cumsum(apart**2, axis=1) / count - (np.cumsum(apart, axis=1) / count) ** 2
+        rounding = (resolution / measured.max()) ** 2 / 12.0
+        close = -np.log(np.maximum(spread, 0.0) + rounding)[:, _PLATEAU - 1 :]
+        flat = (close - close[1:].mean(axis=0)) / close[1:].std(axis=0)
+        best = flat.max(axis=1)
+        k = int(np.argmax(flat[0])) + _PLATEAU
+        p = float((1 + np.sum(best[1:] >= best[0])) / (1 + _DRAWS))
+        value, span = float(np.exp(top[0, :k].mean())), float(np.expm1(-apart[0, k - 1]))
+        found[name] = Plateau(k, value, span, p)
     return found
-
-
-def _plateau(measured: Array, predicted: Array, share: Array) -> Plateau:
-    """Of one channel. share: relative deviation of each value about what is predicted."""
-    resolution = float(np.diff(np.unique(measured), prepend=0.0).min())
-    noise = np.random.default_rng(17).normal(size=(_DRAWS, measured.size))
-    drawn = np.maximum(np.rint(predicted * np.exp(share * noise) / resolution), 1.0) * resolution
-    top = np.log(np.sort(np.vstack([measured, drawn]), axis=1)[:, : -measured.size // 2 - 1 : -1])
-    count = np.arange(1, top.shape[1] + 1)
-    apart = top - top[:, :1]
-    spread = np.cumsum(apart**2, axis=1) / count - (np.cumsum(apart, axis=1) / count) ** 2
-    rounding = (resolution / measured.max()) ** 2 / 12.0
-    close = -np.log(np.maximum(spread, 0.0) + rounding)[:, _PLATEAU - 1 :]
-    flat = (close - close[1:].mean(axis=0)) / close[1:].std(axis=0)
-    best = flat.max(axis=1)
-    k = int(np.argmax(flat[0])) + _PLATEAU
-    p = float((1 + np.sum(best[1:] >= best[0])) / (1 + _DRAWS))
-    return Plateau(k, float(np.exp(top[0, :k].mean())), float(np.expm1(-apart[0, k - 1])), p)
 
 
 @dataclass(frozen=True)

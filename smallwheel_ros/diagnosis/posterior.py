@@ -121,21 +121,17 @@ def _rival_groups(
     share: Mapping[Key, float],
 ) -> list[list[str]]:
     """Sets of families that exclude each other and together are as probable as a name must be."""
-
-    def mass(keys: set[Key]) -> float:
-        return sum(share[k] for k in keys)
-
     models = {f: {k for k, m in members.items() if f in m} for f in rest}
     groups, left = [], list(rest)
     while left:
         group, covered = left[:1], models[left[0]]
         for other in left[1:]:
-            if mass(covered) >= NAMED and probability[other] < 1.0 - NAMED:
+            if sum(map(share.__getitem__, covered)) >= NAMED and probability[other] < 1.0 - NAMED:
                 break
-            if mass(models[other] - covered) >= APART * probability[other]:
+            if sum(map(share.__getitem__, models[other] - covered)) >= APART * probability[other]:
                 group.append(other)
                 covered = covered | models[other]
-        if mass(covered) >= NAMED:
+        if sum(map(share.__getitem__, covered)) >= NAMED:
             groups.append(group)
         left = [f for f in left if f not in group]
     return groups
@@ -204,19 +200,14 @@ def _tied(search: Search, best: Candidate, name: str) -> list[str]:
         return []
     rivals, own = [], columns[law.drivers[0]]
     for other, column in columns.items():
-        r = _correlation(own, column) if other != law.drivers[0] else 0.0
+        apart = min(np.ptp(own), np.ptp(column)) > 1e-12 and other != law.drivers[0]
+        r = float(np.corrcoef(own, column)[0, 1]) if apart else 0.0
         if r * r < TIED or (r * r < TOGETHER and not _does_as_well(search, best, law, other)):
             continue
         known = [c.family for c in search.field.competitors
                  if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip
         rivals.append(known[0] if known else f"unknown:{other}@{law.effect.stage}")
     return rivals
-
-
-def _correlation(a: Array, b: Array) -> float:
-    if np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
-        return 0.0
-    return float(np.corrcoef(a, b)[0, 1])
 
 
 class _Driven:

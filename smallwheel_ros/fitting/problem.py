@@ -216,7 +216,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
     Newton's steps in metres stray from a start that is a decade off.
     """
-    theta = vector.start
+    theta = vector.start.copy()
     channel = next((n for n in points.channels if n not in FORCES), None)
     if channel is None:
         return theta

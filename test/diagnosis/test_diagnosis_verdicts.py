@@ -98,7 +98,8 @@ def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.Monkey
     assert (stuck.word, stuck.named, stuck.closest) == ("unknown_effect", (), ("slip_sinkage",))
     assert "no more than 12" in stuck.reasons[0]
     assert len(stuck.steps) == 1
-    held = replace(evidence.held_out, steps=made.steps[:1], useless=(("slip_sinkage",),))
+    none = {"steps": made.steps[:1], "named": ()}
+    held = replace(evidence.held_out, **none, useless=(("slip_sinkage",),))
     useless = decide(replace(evidence, held_out=held))
     assert (useless.word, useless.closest) == ("unknown_effect", ("slip_sinkage",))
     two = replace(evidence.posterior, rivals=("bulldozing", "multipass"))
