@@ -105,7 +105,7 @@ def document_of(
     learnt = found.field.learnt_from(measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, measurements)
-    alone = errors_alone(judged, found, verdict.probabilities)
+    alone = errors_alone(problem, found, verdict.probabilities)
     ranking = _ranking(found, verdict, alone, base, learnt)
     if told is not None:
         others = [row for row in ranking if row["effect"] != told.part.id]

@@ -196,36 +196,36 @@ def _chosen_anew(judged: Problem, found: Search, chain: list[frozenset[str]]) ->
     return kept(choose)
 
 
-def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
-    """Held-out errors of models as they are, refitted in each fold from where they were."""
+def _as_they_are(judged: Problem, models: Sequence[Fit]) -> Choose:
+    """Models as they are, fitted in each fold from where they were."""
 
-    def choose(training: Points) -> list[Model]:
-        fitter, made = problem.fitter.of_runs(training), []
+    def choose(training: Points) -> Sequence[Fit]:
+        fitter, made = judged.fitter.of_runs(training), []
         for m in models:
             try:
-                made.append(fitter.fit(m.vector, m.theta, m.scatter, turns=0).model)
+                made.append(fitter.fit(m.vector, m.theta, m.scatter, turns=0))
             except FAILURES:
-                made.append(m.model)
+                made.append(m)
         return made
 
-    if not models:
-        return []
-    return cross_validate(problem.points, choose, len(models), known=problem.base.priors)
+    return choose
 
 
 def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
     """Whether with one of the rivals a held-out error falls, be it within its standard error."""
     best = {f: next((m for m in found.ordered if f in m.families), found.none) for f in rivals}
-    base, *errors = of_models(judged, [found.none, *best.values()])
+    models = [found.none, *best.values()]
+    base, *errors = errors_of(judged, _as_they_are(judged, models), len(models))
     falls = [fall for e in errors for fall in compare_cv(base, e).reduction.values()]
     return max(falls, default=0.0) >= USEFUL
 
 
 def errors_alone(
-    judged: Problem, found: Search, probabilities: Mapping[str, float]
+    problem: Problem, found: Search, probabilities: Mapping[str, float]
 ) -> dict[str, CvErrors]:
     """Held-out errors of the most probable families, each alone in its best form."""
     families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))
     models = {f: alone[0] for f in families if (alone := found.all_alone(f))}
     shown = list(models)[:_LISTED]
-    return dict(zip(shown, of_models(judged, [models[f] for f in shown]), strict=True))
+    choose = _as_they_are(problem.judged, [models[f] for f in shown])
+    return dict(zip(shown, errors_of(problem, choose, len(shown)), strict=True))
