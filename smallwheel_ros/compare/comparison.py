@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.compare.contenders import REGRESSION, Contender, standard_contenders
-from smallwheel_ros.compare.reasons import MISSING, lone_soils, why_of
+from smallwheel_ros.compare.reasons import (
+    MISSING,
+    Reasons,
+    left_out,
+    lone_soils,
+    notes_of,
+    why_of,
+)
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import (
@@ -44,11 +51,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Index = NDArray[np.intp]
-Reasons = tuple[tuple[str, Index], ...]
 Progress = Callable[[int, int], object]  # fits done, fits needed
 
 _ROUNDING = 1e-9  # of the error: less of a mean of errors is no bias but its rounding
-_SUNK = "the wheel was measured deeper than its axle"
 _ASK_DIAGNOSE = (
     "how low the error could get is not known before what is missing is: "
     "`smallwheel diagnose` works it out"
@@ -284,8 +289,8 @@ def compare(
         },
         tuple(parts(measurements)),
         folds,
-        _left_out(points, problem.outliers),
-        _notes(points, folds),
+        left_out(points, problem.outliers),
+        notes_of(points, folds),
     )
 
 
@@ -381,37 +386,3 @@ def _known_soil(model: Model, data: Measurements) -> tuple[Mask, list[tuple[str,
             why = f"the rows name no soil, expected one of {', '.join(known)}"
         reasons.append((why, np.flatnonzero(~able & (data.soil == name))))
     return able, reasons
-
-
-def _left_out(points: Points, outliers: Index) -> Reasons:
-    data = points.measurements
-    free = np.ones(len(data), dtype=bool)
-    free[np.concatenate(list(rows_of(points).values()))] = False
-    nothing = np.all([~np.isfinite(v) for v in data.channels.values()], axis=0)
-    found = []
-    for why, rows in (
-        (f"{_SUNK}, where no model of a rolling wheel holds", data.sunk_to_axle),
-        ("nothing was measured", nothing),
-        ("far off the others of their run", np.isin(np.arange(len(data)), outliers)),
-        ("a body that has not settled, or a channel that no model predicts there", free),
-    ):
-        if (rows & free).any():
-            found.append((why, data.line[rows & free]))
-            free[rows] = False
-    return tuple(found)
-
-
-def _notes(points: Points, folds: int) -> tuple[str, ...]:
-    notes = [note for note in points.notes if _SUNK not in note]
-    if not folds:
-        notes.append("all rows are of one run: nothing can be held out, every error is in sample")
-        return tuple(notes)
-    soil = points.measurements.soil
-    run = {i: rows[0] for i, rows in zip(points.run, points.rows, strict=True)}
-    names, count = np.unique(soil[list(run.values())], return_counts=True)
-    if names.size > 1:
-        notes += [
-            f"soil '{name}' has one run: where it is held out, nothing is known of that soil"
-            for name in names[count == 1]
-        ]
-    return tuple(notes)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a law has more error than no law at all, by what its own fit found."""
+"""Why a law has more error than no law at all, by what its own fit found, and which rows have no error."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ import numpy as np
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.constants import HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.held_out import rows_of
 from smallwheel_ros.fitting.line import Line
+from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.display import percent, shown_value
 from smallwheel_ros.measurements.table import Measurements
 
+Reasons = tuple[tuple[str, Index], ...]
+
+_SUNK = "the wheel was measured deeper than its axle"
 _SIZES = 3  # columns of `line` that a law of plates has, too: load, diameter and width
 
 MISSING = "an effect is missing (`smallwheel diagnose`), or a zero is off"
@@ -70,3 +75,39 @@ def lone_soils(data: Measurements) -> list[str]:
     runs = {str(s): np.unique(data.run[data.soil == s]).size for s in np.unique(data.soil)}
     lone = [name for name, count in runs.items() if count == 1]
     return lone if len(lone) < len(runs) else []
+
+
+def left_out(points: Points, outliers: Index) -> Reasons:
+    """Lines of rows that are in no error, with the reason."""
+    data = points.measurements
+    free = np.ones(len(data), dtype=bool)
+    free[np.concatenate(list(rows_of(points).values()))] = False
+    nothing = np.all([~np.isfinite(v) for v in data.channels.values()], axis=0)
+    found = []
+    for why, rows in (
+        (f"{_SUNK}, where no model of a rolling wheel holds", data.sunk_to_axle),
+        ("nothing was measured", nothing),
+        ("far off the others of their run", np.isin(np.arange(len(data)), outliers)),
+        ("a body that has not settled, or a channel that no model predicts there", free),
+    ):
+        if (rows & free).any():
+            found.append((why, data.line[rows & free]))
+            free[rows] = False
+    return tuple(found)
+
+
+def notes_of(points: Points, folds: int) -> tuple[str, ...]:
+    """What is to be known of all errors of a table. folds: 0 where nothing could be held out."""
+    notes = [note for note in points.notes if _SUNK not in note]
+    if not folds:
+        notes.append("all rows are of one run: nothing can be held out, every error is in sample")
+        return tuple(notes)
+    soil = points.measurements.soil
+    run = {i: rows[0] for i, rows in zip(points.run, points.rows, strict=True)}
+    names, count = np.unique(soil[list(run.values())], return_counts=True)
+    if names.size > 1:
+        notes += [
+            f"soil '{name}' has one run: where it is held out, nothing is known of that soil"
+            for name in names[count == 1]
+        ]
+    return tuple(notes)

@@ -14,7 +14,7 @@ from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
-from smallwheel_ros.diagnosis.held_out import with_forces
+from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.search import Candidate, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
@@ -23,13 +23,8 @@ from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
-from smallwheel_ros.fitting.held_out import (
-    Comparison,
-    CvErrors,
-    compare_cv,
-    cross_validate,
-    trainings,
-)
+from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
+from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
@@ -177,9 +172,7 @@ def _step(
     problem, deciding = judged.problem, judged.problem.judged
     base = Grown.of(deciding)
     grown = base.with_effect(deciding, forms)
-    errors = [base.held_out(deciding), grown.held_out(deciding)]
-    before, after = with_forces(problem, [base.model, grown.model], errors)
-    return grown.model, before, after
+    return grown.model, base.held_out(problem), grown.held_out(problem)
 
 
 def _check_column(effect: str, measurements: Measurements, registry: Registry) -> None:
@@ -223,20 +216,21 @@ def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competi
 
 @dataclass(frozen=True)
 class Grown:
-    """A base model with effects, each in the form of the most evidence.
+    """A base model of the judged channels with effects, each in the form of the most evidence.
 
-    model: fitted to all runs. folds: fitted to the training runs of each fold alone (`trainings`).
+    model: fitted to all runs. choose: fitted to the training runs of a fold alone, a list of one.
     """
 
     model: Candidate
-    folds: tuple[Candidate, ...]
+    choose: Choose
 
     @classmethod
     def of(cls, problem: Problem) -> Grown:
         """The base itself."""
-        fits = [problem.fit, *(problem.fold(training)[1] for training in trainings(problem.points))]
-        model, *folds = [Candidate.of(fit) for fit in fits]
-        return cls(model, tuple(folds))
+        return cls(
+            Candidate.of(problem.fit),
+            kept(lambda training: [Candidate.of(problem.fold(training)[1])]),
+        )
 
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
         """The same with one more effect; each fold chooses among the forms within `WINDOW` of the best.
@@ -259,16 +253,17 @@ class Grown:
             for m in close
             for form in m.competitors[-1:]
         ]
-        folds = []
-        for training, fold in zip(trainings(problem.points), self.folds, strict=True):
-            grown = _extended(fitter.of_runs(training), fold, near, 1)
-            folds.append(grown[0] if grown else fold)
-        return Grown(made[0], tuple(folds))
+
+        def choose(training: Points) -> Sequence[Fit]:
+            (fold,) = self.choose(training)
+            assert isinstance(fold, Candidate)  # as `of` and this make them
+            return [*_extended(fitter.of_runs(training), fold, near, 1), fold][:1]
+
+        return Grown(made[0], kept(choose))
 
     def held_out(self, problem: Problem) -> CvErrors:
-        """Each run's errors by the fit of the fold without it."""
-        folds, known = iter(self.folds), problem.base.priors
-        return cross_validate(problem.points, lambda _: [next(folds).model], 1, known=known)[0]
+        """Each run's errors by the fit of the fold without it (`errors_of`)."""
+        return errors_of(problem, self.choose, 1)[0]
 
 
 def _extended(

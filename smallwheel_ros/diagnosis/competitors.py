@@ -190,7 +190,21 @@ def _forms(
             effect = kind.suited_to(points.conditions)
             why = effect.objection(points.conditions)
         if not why:
-            found.append(_competitor(family, effect, points, present))
+            same = present is not None and type(present) is type(effect)
+            if present is not None and same:
+                effect = with_values(effect, dict(present.values()))
+            values = dict(effect.values())
+            priors = {
+                p.name: _prior(p, effect, points, values[p.name] if same else None)
+                for p in effect.parameters()
+            }
+            part = part_of(effect, priors, "" if present is None else family)
+            geometry: Geometry | None = "contact_integral" if effect.geometry else None
+            found.append(
+                Competitor(
+                    family, effect.form, effect.kind, part, effect, geometry, present is not None
+                )
+            )
         reason = reason or why
     return found, reason or "no form of it acts on this data"
 
@@ -225,20 +239,6 @@ def _why_not(family: str, kind: type[Effect], points: Points, columns: Mapping[s
     return kind.never_acts(points.conditions.take(np.unique(points.row)))
 
 
-def _competitor(family: str, effect: Effect, points: Points, present: Effect | None) -> Competitor:
-    same = present is not None and type(present) is type(effect)
-    if present is not None and same:
-        effect = with_values(effect, dict(present.values()))
-    values = dict(effect.values())
-    priors = {
-        p.name: _prior(p, effect, points, values[p.name] if same else None)
-        for p in effect.parameters()
-    }
-    part = part_of(effect, priors, "" if present is None else family)
-    geometry: Geometry | None = "contact_integral" if effect.geometry else None
-    return Competitor(family, effect.form, effect.kind, part, effect, geometry, present is not None)
-
-
 def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) -> Prior:
     """What is known of a number before the data. present: its value where the model has this law."""
     low, high = p.bounds
@@ -266,8 +266,18 @@ def _size(unit: str, points: Points) -> float:
 
 
 def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -> list[Competitor]:
-    found = []
-    stages = _stages(points)
+    """Curves of each setting at each stage that this data can show, and of the depth."""
+    # In sinkage alone, stiffness and digging are one; in drawbar pull alone, a resistance is an error of
+    # the law of thrust.
+    rolling = points.conditions.rolling[points.row]
+    together = STAGES["stiffness"].stands_for + STAGES["shown sinkage"].stands_for
+    stages = dict.fromkeys(["sinkage"] if rolling.any() else [], together)
+    stages |= dict.fromkeys([] if rolling.all() else ["stiffness"], together)
+    if "resistance" in points.channels:
+        shown = ["stiffness", "resistance", "drag", "force"]
+        shown += ["sinkage", "shown sinkage", "height"] if "sinkage" in points.channels else []
+        stages = {stage: STAGES[stage].stands_for for stage in shown}
+    found: list[tuple[EffectPart, str, Span, tuple[str, ...]]] = []
     names = ["load", "diameter", "width", *SETTINGS, *free]
     for name in (n for n in names if n in columns):
         for span in spans_of(name, columns[name]):
@@ -280,39 +290,15 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
                 size = _size(STAGES[stage].unit, points)
                 label = f"unknown:{span.text}@{stage}"
                 part = curve_part(label, stage, span, first, terms + 1 - first, size)
-                found.append(_curve(part, stage, span, stands_for))
-    return found + (_depth(points) if "sinkage" in points.channels else [])
-
-
-def _curve(
-    part: EffectPart, stage: str, span: Span, stands_for: tuple[str, ...] = ()
-) -> Competitor:
-    return Competitor(
-        part.id, "curve", "unknown", part, stage=stage, span=span, stands_for=stands_for
-    )
-
-
-def _stages(points: Points) -> dict[str, tuple[str, ...]]:
-    """Stages at which this data can show a curve, and the stages of effects that each stands for.
-
-    In sinkage alone, stiffness and digging are one. In drawbar pull alone, a resistance is an error of
-    the law of thrust.
-    """
-    rolling = points.conditions.rolling[points.row]
-    if "resistance" in points.channels:
-        shown = ["stiffness", "resistance", "drag", "force"]
-        shown += ["sinkage", "shown sinkage", "height"] if "sinkage" in points.channels else []
-        return {stage: STAGES[stage].stands_for for stage in shown}
-    shown = ["sinkage"] if rolling.any() else []
-    shown += ["stiffness"] if not rolling.all() else []
-    together = STAGES["stiffness"].stands_for + STAGES["shown sinkage"].stands_for
-    return dict.fromkeys(shown, together)
-
-
-def _depth(points: Points) -> list[Competitor]:
-    z = points.value[points.of_channel("sinkage")]
-    z = np.log(z[z > 0])
-    if z.size < 3 or np.ptp(z) < 1.0:  # a factor of e: less depth has no curve
-        return []
-    span = Span("load", float(0.5 * (z.min() + z.max())), float(0.5 * np.ptp(z)))
-    return [_curve(curve_part("unknown:depth@pressure", "pressure", span, 2, 2), "pressure", span)]
+                found.append((part, stage, span, stands_for))
+    z = points.value[points.of_channel("sinkage")] if "sinkage" in points.channels else np.ones(0)
+    depth = np.log(z[z > 0])
+    if depth.size > 2 and np.ptp(depth) >= 1.0:  # a factor of e: less depth has no curve
+        middle = float(0.5 * (depth.min() + depth.max()))
+        span = Span("load", middle, float(0.5 * np.ptp(depth)))
+        part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
+        found.append((part, "pressure", span, ()))
+    return [
+        Competitor(part.id, "curve", "unknown", part, stage=stage, span=span, stands_for=stands_for)
+        for part, stage, span, stands_for in found
+    ]

@@ -14,18 +14,18 @@ from smallwheel_ros.common.tables import each
 from smallwheel_ros.diagnosis.competitors import Competitor, Field
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.held_out import Step, errors_alone
-from smallwheel_ros.diagnosis.misfit import BadRun, of_channels
 from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
 from smallwheel_ros.diagnosis.search import Search
-from smallwheel_ros.diagnosis.verdict import Verdict
+from smallwheel_ros.diagnosis.verdict import Evidence, Verdict
 from smallwheel_ros.diagnosis.zero import Witness
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM, TIE
 from smallwheel_ros.fitting.fit import Fit
-from smallwheel_ros.fitting.held_out import CvErrors, in_sample
-from smallwheel_ros.fitting.result import expected_error, posterior_covariance
-from smallwheel_ros.measurements.display import number, probability_text, words
+from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
+from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.result import expected_error, off_by, posterior_covariance
+from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
 from smallwheel_ros.measurements.settings import repeatability
 from smallwheel_ros.measurements.table import Measurements
 
@@ -91,47 +91,42 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
 
 
 def document_of(
-    problem: Problem,
-    found: Search,
-    verdict: Verdict,
-    steps: Sequence[Step],
-    *,
-    seed: int,
-    bad: Sequence[BadRun] = (),
-    told: Witness | None = None,
-    without: Collection[str] = (),
+    evidence: Evidence, verdict: Verdict, *, seed: int, without: Collection[str] = ()
 ) -> Entry:
     """The document, but for what to measure next.
 
-    seed: of the test of where the base fails. bad: runs that are left out. told: a fault that pull and torque
-    name. without: families that were taken out of the competition.
+    seed: of the test of where the base fails. without: families that were taken out of the competition.
     """
+    problem, found, told = evidence.problem, evidence.found, evidence.told
     judged, measurements = problem.judged, problem.measurements
     points, fitter = judged.points, judged.fitter
-    base, explained = steps[0].errors, found.ordered[0]
+    base, explained = verdict.steps[0].errors, found.ordered[0]
     best = verdict.best if verdict.named else explained
     learnt = found.field.learnt_from(measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, measurements)
-    ranking = _ranking(found, verdict, errors_alone(judged, found, verdict), base, learnt)
+    alone = errors_alone(problem, found, verdict.probabilities)
+    ranking = _ranking(found, verdict, alone, base, learnt)
     if told is not None:
         others = [row for row in ranking if row["effect"] != told.part.id]
-        ranking = [_told_row(problem, steps, told), *others]
-    failing = where_it_fails(points, base, fitter.level, seed, certain=found.p <= ALARM)
-    channels = of_channels(found, verdict, [s.errors for s in steps], points.channels)
+        ranking = [_told_row(problem, verdict.steps, told), *others]
     return _head(problem, verdict.word, "; ".join(verdict.reasons)) | {
         "missing_effects": list(verdict.named),
         "candidates": list(verdict.rivals),
         "unknown": list(verdict.unknown),
         "closest": list(verdict.closest),
-        "channels": _channels(problem, base, expected_error(fitter, best), channels),
+        "channels": _channels(
+            problem, base, expected_error(fitter, best), _findings(verdict, points)
+        ),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,
             "probability_of_none": found.probabilities[()],
         },
-        "where_it_fails": failing,
+        "where_it_fails": where_it_fails(
+            points, base, fitter.level, seed, certain=found.p <= ALARM
+        ),
         "ranking": ranking,
-        "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in steps],
+        "steps": [{"added": s.added, "held_out_rmse": s.errors.rmse()} for s in verdict.steps],
         "run_scatter": best.scatter.deviations,
         "residuals_left": left,
         "curves": [
@@ -147,11 +142,11 @@ def document_of(
                 "size": one.deviations,
                 "against": one.against,
             }
-            for one in bad
+            for one in evidence.bad
         ],
         "notes": [
             *([_may_learn(measurements, without)] if verdict.word == "unknown_effect" else []),
-            *problem.result(steps[-1].model).notes,
+            *problem.result(verdict.steps[-1].model).notes,
             *measurements.notes,
             *(
                 f"{name} was learnt from this very data, so it has no p here: other data must judge it"
@@ -160,6 +155,25 @@ def document_of(
             *([f"after the best explanation {worst}"] if worst else []),
         ],
     }
+
+
+def _findings(verdict: Verdict, points: Points) -> dict[str, str]:
+    """What the verdict is for each channel, in words. points: of the channels that decided."""
+    first, last_errors = verdict.steps[0].errors, verdict.steps[-1].errors
+    before, falls = first.rmse(), compare_cv(first, last_errors).reduction
+    conditions, said = points.measurements.conditions, {}
+    for name, last in last_errors.rmse().items():
+        if name not in points.channels:
+            said[name] = off_by(last_errors.error[name], conditions, name)[0]
+        elif falls.get(name, 0.0) > 0.0 and verdict.named:
+            said[name] = (
+                f"{shown_value(name, before[name])} -> {shown_value(name, last)} with what is named"
+            )
+        elif verdict.word in ("adequate", "missing_effect"):
+            said[name] = "nothing missing" + (" besides" if verdict.named else "")
+        else:
+            said[name] = f"not explained, off by {shown_value(name, last)} on held-out runs"
+    return said
 
 
 def _may_learn(measurements: Measurements, without: Collection[str]) -> str:
@@ -290,21 +304,20 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
 def _entry(
     law: Effect | None, parameters: Entry, before: CvErrors, after: CvErrors | None
 ) -> Entry:
-    """What a row says of the law and of the held-out error: of the base, and with the effect."""
+    """What a row says of the law and of the held-out error: of the base, and with the effect.
+
+    reduction: relative fall of the error, root mean square over the channels of each one's ratio.
+    """
+    first, second = before.rmse(), {} if after is None else after.rmse()
+    ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]
+    fall = 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
     return {
-        "held_out_rmse": {} if after is None else after.rmse(),
-        "reduction": None if after is None else _reduction(before, after),
+        "held_out_rmse": second,
+        "reduction": None if after is None else fall,
         "summary": "" if law is None else law.summary,
         "next_step": "" if law is None else law.next_step,
         "parameters": parameters,
     }
-
-
-def _reduction(before: CvErrors, after: CvErrors) -> float:
-    """Relative fall of the error, root mean square over the channels of each one's ratio."""
-    first, second = before.rmse(), after.rmse()
-    ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]
-    return 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
 
 
 def _parameters(fit: Fit, covariance: Any, part: str, law: Effect | None) -> Entry:

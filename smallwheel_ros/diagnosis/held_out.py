@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from smallwheel_ros.diagnosis.competitors import Competitor
-from smallwheel_ros.diagnosis.misfit import with_misfit
+from smallwheel_ros.diagnosis.posterior import Posterior, by_library
 from smallwheel_ros.diagnosis.search import Candidate, Search, refit
-from smallwheel_ros.diagnosis.verdict import Verdict, demoted, no_help
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import USEFUL
 from smallwheel_ros.fitting.fit import FAILURES, Fit
@@ -24,8 +23,9 @@ from smallwheel_ros.fitting.held_out import (
     leave_out,
 )
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.model.model import Model
+
+Choose = Callable[[Points], Sequence[Fit]]  # of training runs, the models of a fold
 
 _SHORTLIST = 4  # models of the whole search that a fold chooses from
 _NEAR = 0.15  # of the range of a setting on one side: eight even levels are near each other, three are not
@@ -41,51 +41,64 @@ class Step:
     errors: CvErrors
 
 
-def steps_of(problem: Problem, found: Search, verdict: Verdict) -> tuple[Verdict, list[Step]]:
-    """Held-out errors of the base and of it with each name.
+@dataclass(frozen=True)
+class HeldOut:
+    """What runs that the choice never saw say of each name.
 
-    A name that helps no channel on runs that the choice never saw is a candidate and no name; a channel
-    that gets worse is said.
+    steps: the base, and with each name that helps a channel; named: these. best: the model with laws of the
+    library for these; the most probable one without a name. useless: names that help none, a set of each
+    round, the last first. blind: laws named by evidence alone, since a left-out run could only be
+    extrapolated to. worse: channels whose error rises with what is named; forces: those of pull and torque,
+    which have no say.
+    rivals_help: whether with one of the rivals an error falls; so it is taken where there are none.
     """
-    judged, models = problem.judged, _staircase(found, verdict)
-    errors = _nested(judged, found, [m.families for m in models])
-    added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
-    changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
-    useless, blind = [], []
-    for i, (name, change) in enumerate(zip(added, changes, strict=True)):
-        law = next(c for c in models[i + 1].competitors if c.family == name)
-        if not change.helps and _evidence_alone(judged.points, law, errors[i], errors[i + 1]):
-            blind.append(law)
-        elif not change.helps:
-            useless.append(name)
-    if useless:
-        return steps_of(problem, found, demoted(found, verdict, useless))
-    for law in blind:
-        (driver, *_) = law.drivers
-        verdict = verdict.saying(
-            f"{words(law.family)} is named by evidence alone: where it acts, {words(driver)} was set so far "
-            "apart that a left-out run can only be extrapolated to. To settle it, measure at further "
-            f"values of {words(driver)} between these, or repeat them"
-        )
-    if verdict.word == "indistinguishable" and not _any_helps(judged, found, verdict.rivals):
-        verdict = verdict.not_described(no_help(verdict.rivals))
+
+    steps: tuple[Step, ...]
+    named: tuple[str, ...]
+    best: Candidate
+    useless: tuple[tuple[str, ...], ...]
+    blind: tuple[Competitor, ...]
+    worse: tuple[str, ...]
+    forces: tuple[str, ...]
+    rivals_help: bool
+
+
+def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
+    """Held-out errors of the base and of it with each name that the probabilities give.
+
+    A name that helps no channel is taken out, and the errors of the others are found without it.
+    """
+    judged, best, names = problem.judged, posterior.best, posterior.named
+    useless: list[tuple[str, ...]] = []
+    while True:
+        models = _staircase(found, best, names)
+        choose = _chosen_anew(judged, found, [m.families for m in models])
+        errors = errors_of(judged, choose, len(models))
+        added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
+        changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
+        blind, no_help = [], [name for name in names if name not in added]
+        for i, (name, change) in enumerate(zip(added, changes, strict=True)):
+            law = next(c for c in models[i + 1].competitors if c.family == name)
+            if not change.helps and _evidence_alone(judged.points, law, errors[i], errors[i + 1]):
+                blind.append(law)
+            elif not change.helps:
+                no_help.append(name)
+        if not no_help:
+            break
+        names = tuple(name for name in names if name not in no_help)
+        best = by_library(found, best, [*names]) if names else found.ordered[0]
+        useless.insert(0, tuple(no_help))
+    rivals = {*itertools.chain(*useless), *posterior.rivals}
+    helps = names or len(rivals) < 2 or _any_helps(judged, found, rivals)
     worse = compare_cv(errors[0], errors[-1]).worse
-    if worse:
-        verdict = verdict.saying(
-            f"on runs that the choice never saw, the error of {listed(worse)} rises with what is named: "
-            "its law does not carry over to settings outside those measured"
-        )
+    forces: tuple[str, ...] = ()
     if problem.forces_apart:
-        errors = with_forces(problem, models, errors)
+        errors = errors_of(problem, choose, len(models))
         rising = compare_cv(errors[0], errors[-1]).worse
-        worse = tuple(words(name) for name in rising if name in problem.points.forces)
-        if worse:
-            verdict = verdict.saying(
-                f"the held-out error of {listed(worse)} rises with what is named"
-            )
-    verdict = with_misfit(found, replace(verdict, named=tuple(added) or verdict.named))
-    steps = [Step(*step) for step in zip([None, *added], models, errors, strict=True)]
-    return verdict, steps if verdict.named else steps[:1]
+        forces = tuple(name for name in rising if name in problem.points.forces)
+    steps = tuple(Step(*step) for step in zip([None, *added], models, errors, strict=True))
+    named, left_out = tuple(added), tuple(useless)
+    return HeldOut(steps, named, best, left_out, tuple(blind), worse, forces, bool(helps))
 
 
 def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: CvErrors) -> bool:
@@ -111,10 +124,10 @@ def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: Cv
     return compare_cv(before.without(rows), after.without(rows)).helps
 
 
-def _staircase(found: Search, verdict: Verdict) -> list[Candidate]:
+def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[Candidate]:
     """The base and the models with one, two, ... of what is named, the one that says most first."""
-    best, models = verdict.best, [found.none]
-    remaining = [c for c in best.competitors if c.family in verdict.named]
+    models = [found.none]
+    remaining = [c for c in best.competitors if c.family in names]
     while remaining:
         made = [
             found.made(models[-1], c, best.theta[best.vector.places(c.part.id)]) for c in remaining
@@ -124,11 +137,41 @@ def _staircase(found: Search, verdict: Verdict) -> list[Candidate]:
             break
         models.append(max(known, key=lambda m: m.weight))
         remaining = [c for c in remaining if c.key not in models[-1].key]
-    return models[: len(verdict.named) + 1]
+    return models
 
 
-def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list[CvErrors]:
-    """Held-out errors of the base and of each step, chosen anew in each fold.
+def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
+    """Held-out errors of a model after each step: one number, whatever command asks for it.
+
+    choose: the models of the judged channels, fitted without a fold. Beside pull and torque each is fitted
+    on to all channels, as the model is that a command writes.
+    """
+    judged = problem.judged.points
+
+    def models(training: Points) -> list[Model]:
+        fits = choose(judged.take(np.isin(judged.run, training.run)))
+        if problem.forces_apart:
+            fits = [problem.with_all_channels(fit, training) for fit in fits]
+        return [fit.model for fit in fits]
+
+    return cross_validate(problem.points, models, steps, known=problem.base.priors)
+
+
+def kept(choose: Choose) -> Choose:
+    """The same, made once for each set of runs."""
+    made: dict[bytes, Sequence[Fit]] = {}
+
+    def known(training: Points) -> Sequence[Fit]:
+        key = np.unique(training.run).tobytes()
+        if key not in made:
+            made[key] = choose(training)
+        return made[key]
+
+    return known
+
+
+def _chosen_anew(judged: Problem, found: Search, chain: list[frozenset[str]]) -> Choose:
+    """The base and the model of each step, chosen anew from a fold's own runs.
 
     chain: families of each step. Of the last step's size a fold takes its most probable model, by its
     own runs alone, of a shortlist of the search of all runs.
@@ -137,9 +180,9 @@ def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list
     # What is named is added as a law of the library.
     laws = [m for m in found.ordered if all(c.kind != "unknown" for c in m.competitors)]
 
-    def choose(training: Points) -> list[Model]:
+    def choose(training: Points) -> Sequence[Fit]:
         fitter, base = judged.fold(training)
-        models = [base.model]
+        steps: list[Fit] = [base]
         for size, wanted in enumerate(chain[1:], start=1):
             known = [m for m in laws if len(m.competitors) == size]
             named = [m for m in known[_SHORTLIST:] if m.families == wanted]
@@ -147,51 +190,42 @@ def _nested(judged: Problem, found: Search, chain: list[frozenset[str]]) -> list
             fits = sorted((m for m in made if m is not None), key=lambda m: -m.weight)
             if size < len(chain) - 1:
                 fits = [m for m in fits if m.families == wanted] or fits
-            models += [m.model for m in fits[:1]]
-        return models
+            steps += fits[:1]
+        return steps
 
-    return cross_validate(judged.points, choose, len(chain), known=judged.base.priors)
+    return kept(choose)
 
 
-def of_models(problem: Problem, models: Sequence[Fit]) -> list[CvErrors]:
-    """Held-out errors of models as they are, refitted in each fold from where they were."""
+def _as_they_are(judged: Problem, models: Sequence[Fit]) -> Choose:
+    """Models as they are, fitted in each fold from where they were."""
 
-    def choose(training: Points) -> list[Model]:
-        fitter, made = problem.fitter.of_runs(training), []
+    def choose(training: Points) -> Sequence[Fit]:
+        fitter, made = judged.fitter.of_runs(training), []
         for m in models:
             try:
-                made.append(fitter.fit(m.vector, m.theta, m.scatter, turns=0).model)
+                made.append(fitter.fit(m.vector, m.theta, m.scatter, turns=0))
             except FAILURES:
-                made.append(m.model)
+                made.append(m)
         return made
 
-    if not models:
-        return []
-    return cross_validate(problem.points, choose, len(models), known=problem.base.priors)
-
-
-def with_forces(problem: Problem, models: Sequence[Fit], errors: list[CvErrors]) -> list[CvErrors]:
-    """Errors of models of the judged channels, with those of pull and torque, which had no say in them."""
-    if not problem.forces_apart:
-        return errors
-    full = of_models(problem, [problem.with_all_channels(m) for m in models])
-    return [
-        replace(e, error={**e.error, **{name: p.error[name] for name in problem.points.forces}})
-        for e, p in zip(errors, full, strict=True)
-    ]
+    return choose
 
 
 def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
     """Whether with one of the rivals a held-out error falls, be it within its standard error."""
     best = {f: next((m for m in found.ordered if f in m.families), found.none) for f in rivals}
-    base, *errors = of_models(judged, [found.none, *best.values()])
+    models = [found.none, *best.values()]
+    base, *errors = errors_of(judged, _as_they_are(judged, models), len(models))
     falls = [fall for e in errors for fall in compare_cv(base, e).reduction.values()]
     return max(falls, default=0.0) >= USEFUL
 
 
-def errors_alone(judged: Problem, found: Search, verdict: Verdict) -> dict[str, CvErrors]:
+def errors_alone(
+    problem: Problem, found: Search, probabilities: Mapping[str, float]
+) -> dict[str, CvErrors]:
     """Held-out errors of the most probable families, each alone in its best form."""
-    families = sorted(found.field.kinds, key=lambda f: -verdict.probabilities.get(f, 0.0))
+    families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))
     models = {f: alone[0] for f in families if (alone := found.all_alone(f))}
     shown = list(models)[:_LISTED]
-    return dict(zip(shown, of_models(judged, [models[f] for f in shown]), strict=True))
+    choose = _as_they_are(problem.judged, [models[f] for f in shown])
+    return dict(zip(shown, errors_of(problem, choose, len(shown)), strict=True))

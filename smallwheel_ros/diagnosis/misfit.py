@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a verdict may not be calm over: bad runs, a model's misfit to its repeats, unusual scatter.
+"""What a verdict may not be calm over: bad runs, a model's misfit to its repeats, a sensor at its end.
 
 Bad runs do not belong to the others: a digit too many, two rows swapped, a sensor that stuck. A run is held
 against the other runs of its setting, and against what a model, fitted to all, predicts of it from the
@@ -12,24 +12,23 @@ in units of the channel's own robust deviation of these.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_law
 
+from smallwheel_ros.diagnosis.held_out import HeldOut
+from smallwheel_ros.diagnosis.posterior import Posterior
 from smallwheel_ros.diagnosis.residuals import setting_of
 from smallwheel_ros.diagnosis.search import Search
-from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.noise import MOST_OUTLIERS, NORMAL, furthest_off, outlier_limit
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.result import off_by
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.measurements.display import number, p_text, percent, shown_value, words
+from smallwheel_ros.measurements.display import number, words
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
@@ -38,29 +37,6 @@ Index = NDArray[np.intp]
 _FEWEST = 3  # runs of a setting, from which its middle is told from a bad one
 _PLATEAU = 4  # values at least
 _DRAWS = 999
-_SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
-
-# By component of the scatter: what is usual, and what is said of much more.
-_UNUSUAL = {
-    "tau": (
-        constants.SOIL_SCATTER,
-        "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
-        "from run to run",
-    ),
-    "own": (
-        constants.CHANNEL_SCATTER,
-        "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
-        "that is not recorded, differs",
-    ),
-    "fit": (
-        constants.LACK_OF_FIT,
-        "{channel} strays from the law by {size} from setting to setting",
-    ),
-    "along": (
-        constants.CURVE_CORRELATED,
-        "curves stray from a power of depth by {size} over their course",
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -145,13 +121,13 @@ class LackOfFit:
     """What a model leaves of a channel's settings against what runs of one setting differ by.
 
     ratio: root of F, the misfit in deviations of a setting's mean. misfit: root mean square relative
-    misfit of the settings. rows: values of the setting that is furthest off.
+    misfit of the settings. at: the setting that is furthest off, in words.
     """
 
     ratio: float
     p: float
     misfit: float
-    rows: Index
+    at: str
 
 
 def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
@@ -183,7 +159,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
             float(np.sqrt(off / noise)),
             float(f_law.sf(off / noise, spare, repeats)),
             float(np.sqrt(np.mean(mean**2))),
-            worst,
+            setting_of(points, worst),
         )
     return found
 
@@ -212,85 +188,46 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
         measured, predicted = points.value[mine], fit.predicted[mine]
         if name in FORCES or mine.size < 2 * _PLATEAU:
             continue
-        if min(measured.min(), predicted.min()) > 0.0:
-            found[name] = _plateau(measured, predicted, deviation[mine] / predicted)
+        if min(measured.min(), predicted.min()) <= 0.0:
+            continue
+        resolution = float(np.diff(np.unique(measured), prepend=0.0).min())
+        noise = np.random.default_rng(17).normal(size=(_DRAWS, measured.size))
+        drawn = predicted * np.exp(deviation[mine] / predicted * noise)
+        drawn = np.maximum(np.rint(drawn / resolution), 1.0) * resolution
+        top = np.log(
+            np.sort(np.vstack([measured, drawn]), axis=1)[:, : -measured.size // 2 - 1 : -1]
+        )
+        count = np.arange(1, top.shape[1] + 1)
+        apart = top - top[:, :1]
+        spread = np.cumsum(apart**2, axis=1) / count - (np.cumsum(apart, axis=1) / count) ** 2
+        rounding = (resolution / measured.max()) ** 2 / 12.0
+        close = -np.log(np.maximum(spread, 0.0) + rounding)[:, _PLATEAU - 1 :]
+        flat = (close - close[1:].mean(axis=0)) / close[1:].std(axis=0)
+        best = flat.max(axis=1)
+        k = int(np.argmax(flat[0])) + _PLATEAU
+        p = float((1 + np.sum(best[1:] >= best[0])) / (1 + _DRAWS))
+        value, span = float(np.exp(top[0, :k].mean())), float(np.expm1(-apart[0, k - 1]))
+        found[name] = Plateau(k, value, span, p)
     return found
 
 
-def _plateau(measured: Array, predicted: Array, share: Array) -> Plateau:
-    """Of one channel. share: relative deviation of each value about what is predicted."""
-    resolution = float(np.diff(np.unique(measured), prepend=0.0).min())
-    noise = np.random.default_rng(17).normal(size=(_DRAWS, measured.size))
-    drawn = np.maximum(np.rint(predicted * np.exp(share * noise) / resolution), 1.0) * resolution
-    top = np.log(np.sort(np.vstack([measured, drawn]), axis=1)[:, : -measured.size // 2 - 1 : -1])
-    count = np.arange(1, top.shape[1] + 1)
-    apart = top - top[:, :1]
-    spread = np.cumsum(apart**2, axis=1) / count - (np.cumsum(apart, axis=1) / count) ** 2
-    rounding = (resolution / measured.max()) ** 2 / 12.0
-    close = -np.log(np.maximum(spread, 0.0) + rounding)[:, _PLATEAU - 1 :]
-    flat = (close - close[1:].mean(axis=0)) / close[1:].std(axis=0)
-    best = flat.max(axis=1)
-    k = int(np.argmax(flat[0])) + _PLATEAU
-    p = float((1 + np.sum(best[1:] >= best[0])) / (1 + _DRAWS))
-    return Plateau(k, float(np.exp(top[0, :k].mean())), float(np.expm1(-apart[0, k - 1])), p)
+@dataclass(frozen=True)
+class Misfit:
+    """What the best explanation leaves that chance does not. lack_of_fit, plateaus: by channel."""
+
+    lack_of_fit: Mapping[str, LackOfFit]
+    plateaus: Mapping[str, Plateau]
+    scatter: Mapping[str, float]
 
 
-def with_misfit(found: Search, verdict: Verdict) -> Verdict:
-    """The verdict after its model was held against the repeats, and its scatter against the usual.
-
-    Where the settings' means stray from the model by more than their runs allow, or scatter is beyond
-    twice the usual range, something is left that no law here describes.
-    """
-    alone = verdict.named and not verdict.rivals and not verdict.unknown
-    model = verdict.best if alone else found.ordered[0]
-    judged = found.none if verdict.word == "adequate" else model
-    misfits = lack_of_fit(found.fitter, judged)
-    rejected = {name: m for name, m in misfits.items() if m.p * len(misfits) <= constants.ALARM}
-    if rejected and verdict.word in ("adequate", "missing_effect"):
-        name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
-        at = setting_of(found.fitter.points, worst.rows)
-        verdict = verdict.not_described(
-            f"runs of one setting repeat each other, and their means stray from the model: {words(name)} "
-            f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
-            f"p {p_text(worst.p)}), most at {at}"
-        )
-    for name, flat in plateaus(found.fitter, judged).items():
-        if flat.p <= _SURE:
-            verdict = verdict.not_described(
-                f"the {flat.count} largest values of {words(name)} lie within {percent(flat.span)} of each "
-                f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
-                f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
-            )
-    for name, size in model.scatter.deviations.items():
-        component, _, channel = name.partition(":")
-        usual, said = _UNUSUAL.get(component, (np.inf, ""))
-        if size <= usual * np.exp(constants.SPREAD):
-            continue
-        reason = said.format(channel=words(channel), size=percent(size))
-        beyond = size > usual * np.exp(2.0 * constants.SPREAD) and verdict.word == "adequate"
-        verdict = verdict.not_described(reason) if beyond else verdict.saying(reason)
-    return verdict
-
-
-def of_channels(
-    found: Search, verdict: Verdict, errors: Sequence[CvErrors], judged: Sequence[str]
-) -> dict[str, str]:
-    """What the verdict is for each channel, in words.
-
-    errors: held out, of the base and after each name. judged: channels that decided.
-    """
-    conditions = found.fitter.points.measurements.conditions
-    before, falls = errors[0].rmse(), compare_cv(errors[0], errors[-1]).reduction
-    said = {}
-    for name, last in errors[-1].rmse().items():
-        if name not in judged:
-            said[name] = off_by(errors[-1].error[name], conditions, name)[0]
-        elif falls.get(name, 0.0) > 0.0 and verdict.named:
-            said[name] = (
-                f"{shown_value(name, before[name])} -> {shown_value(name, last)} with what is named"
-            )
-        elif verdict.word in ("adequate", "missing_effect"):
-            said[name] = "nothing missing" + (" besides" if verdict.named else "")
-        else:
-            said[name] = f"not explained, off by {shown_value(name, last)} on held-out runs"
-    return said
+def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
+    """Of the model with what is named, where no more is open; of the base, where nothing is missing."""
+    rivals = posterior.rivals or held.useless
+    named_alone = held.named and not rivals and not posterior.unknown
+    model = held.best if named_alone else found.ordered[0]
+    judged = found.none if posterior.word == "adequate" else model
+    return Misfit(
+        lack_of_fit(found.fitter, judged),
+        plateaus(found.fitter, judged),
+        model.scatter.deviations,
+    )

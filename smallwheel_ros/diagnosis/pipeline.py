@@ -13,19 +13,19 @@ import numpy as np
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.held_out import Step, steps_of
-from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, most_bad
+from smallwheel_ros.diagnosis.held_out import Step, held_out
+from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, misfit_of, most_bad
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
+from smallwheel_ros.diagnosis.posterior import Posterior, Word, posterior_of
 from smallwheel_ros.diagnosis.search import Search, search
 from smallwheel_ros.diagnosis.text import verdict_sentences
-from smallwheel_ros.diagnosis.verdict import Verdict, Word, decide
-from smallwheel_ros.diagnosis.zero import fault_told, with_fault
+from smallwheel_ros.diagnosis.verdict import Evidence, Verdict, decide
+from smallwheel_ros.diagnosis.zero import fault_told
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.measurements.table import Measurements
 
 if TYPE_CHECKING:
@@ -40,14 +40,23 @@ Progress = Callable[[str], None]
 class Diagnosis(Result):
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
-    search and decision are None, and steps empty, where the data is insufficient.
+    evidence, search and decision are None, and steps empty, where the data is insufficient.
     """
 
     document: dict[str, Any]
     problem: Problem
-    search: Search | None = None
+    evidence: Evidence | None = None
     decision: Verdict | None = None
-    steps: tuple[Step, ...] = ()
+
+    @property
+    def search(self) -> Search | None:
+        """Every model that was refitted."""
+        return None if self.evidence is None else self.evidence.found
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The base, and with each effect that is named."""
+        return () if self.decision is None else self.decision.steps
 
     @property
     def measurements(self) -> Measurements:
@@ -142,47 +151,51 @@ def diagnose(
         Where nothing usable was measured.
     """
     known = registry or default_registry()
-
-    def searched(problem: Problem) -> Search:
-        judged = problem.judged
-        model = judged.vector.model(judged.vector.start)
-        field = field_of(judged.points, model, known, without)
-        return search(judged.fitter, judged.fit, field, seed=seed)
-
     progress("fitting the base model")
     problem = Problem.of(measurements, base)
     reason = _insufficient(problem.judged.points)
     if reason or len(problem.points) < 2:
         return _too_little(problem, reason, known, without)
     progress("testing each effect")
-    plain, told = problem, fault_told(problem, known, without)
-    if told is not None:
-        problem = problem.with_part(told.part, told.told)
-    most = most_bad(problem.judged.points.run_count)
-    found = searched(problem)
-    with_all = verdict = decide(found)
-    bad: list[BadRun] = []
-    while (more := bad_runs(found.fitter, found.ordered[0])) and len(bad) + len(more) <= most:
-        bad += more
-        rows = np.concatenate([one.rows for one in more])
-        plain, problem = plain.without(rows), problem.without(rows)
-        found = searched(problem)
-        verdict = decide(found)
-    for one in bad:
-        verdict = verdict.saying(one.words(measurements))
-    if bad:
-        verdict = verdict.saying(_changes(with_all, verdict, len(bad)))
-    progress("held-out error of each step")
-    verdict, steps = steps_of(problem, found, verdict)
-    if told is not None:
-        verdict, steps = with_fault(plain, verdict, steps, told)
+    evidence = _evidence(problem, known, without, seed, progress)
+    verdict = decide(evidence)
     progress("ranking")
-    document = written.document_of(
-        problem, found, verdict, steps, seed=seed, bad=bad, told=told, without=without
-    )
+    document = written.document_of(evidence, verdict, seed=seed, without=without)
     progress("what to measure next")
-    document["next_measurements"] = [asdict(p) for p in proposals(found, verdict, limits or {})]
-    return Diagnosis(written.plain(document), problem, found, verdict, tuple(steps))
+    proposed = proposals(evidence.found, verdict, limits or {})
+    document["next_measurements"] = [asdict(p) for p in proposed]
+    return Diagnosis(written.plain(document), evidence.problem, evidence, verdict)
+
+
+def _evidence(
+    plain: Problem,
+    known: Registry,
+    without: Collection[str],
+    seed: int,
+    progress: Progress,
+    bad: tuple[BadRun, ...] = (),
+    first: Posterior | None = None,
+) -> Evidence:
+    """All that a verdict is made from. bad: runs that were left out, first: what was said with them.
+
+    Where a run does not belong to the others it is left out, and the way is gone once more.
+    """
+    told = fault_told(plain, known, without)
+    problem = plain if told is None else plain.with_part(told.part, told.told)
+    judged = problem.judged
+    model = judged.vector.model(judged.vector.start)
+    field = field_of(judged.points, model, known, without)
+    found = search(judged.fitter, judged.fit, field, seed=seed)
+    posterior = posterior_of(found)
+    more = bad_runs(found.fitter, found.ordered[0])
+    if more and len(bad) + len(more) <= most_bad(judged.points.run_count + len(bad)):
+        left = plain.without(np.concatenate([one.rows for one in more]))
+        more, first = [*bad, *more], first or posterior
+        return _evidence(left, known, without, seed, progress, tuple(more), first)
+    progress("held-out error of each step")
+    held = held_out(problem, found, posterior)
+    misfit = misfit_of(found, posterior, held)
+    return Evidence(problem, found, posterior, held, misfit, bad, first or posterior, told)
 
 
 def _too_little(
@@ -194,15 +207,6 @@ def _too_little(
     judged = problem.judged
     field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
     return Diagnosis(written.insufficient(problem, reason, field), problem)
-
-
-def _changes(before: Verdict, after: Verdict, count: int) -> str:
-    """Whether bad runs would change the verdict, in words."""
-    those = "it" if count == 1 else "them"
-    if (before.word, set(before.named)) == (after.word, set(after.named)):
-        return f"with {those} the verdict would be the same"
-    named = f" of {listed(before.named)}" if before.named else ""
-    return f"with {those} the verdict would be '{words(before.word)}'{named}"
 
 
 def _insufficient(points: Points) -> str:

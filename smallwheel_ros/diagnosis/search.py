@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The posterior over which effects are missing: models of up to four competitors, by their evidence.
+"""The posterior over which effects are missing: models of up to three competitors, by their evidence.
 
     P(S) proportional to Z(S) * product over S of (prior odds)
 
@@ -191,12 +191,9 @@ def _tested(screen: Screen, seed: int) -> tuple[float, dict[str, float]]:
     families = screen.by_family(np.hstack([errors, screen.draws(REPLICATES, seed)]))
     masses = np.array(list(families.values()))
     missing, largest = np.logaddexp.reduce(masses), np.max(masses[:, 1:], axis=0)
-
-    def p_value(null: Array, seen: float) -> float:
-        return float((1 + np.sum(null >= seen)) / (1 + REPLICATES))
-
-    of_family = {name: p_value(largest, float(mass[0])) for name, mass in families.items()}
-    return p_value(missing[1:], float(missing[0])), of_family
+    as_bad = np.sum(largest >= masses[:, :1], axis=1), np.sum(missing[1:] >= missing[0])
+    of_each, p = ((1 + count) / (1 + REPLICATES) for count in as_bad)
+    return float(p), dict(zip(families, of_each.tolist(), strict=True))
 
 
 def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
@@ -244,21 +241,17 @@ def _extend(found: Search, size: int) -> bool:
         here = found.screen if size == 1 else _screen_at(found, parent)
         gain = here.gains((found.fitter.points.value - parent.predicted)[:, None])[:, 0]
         gain = gain + np.log([c.competitor.share for c in here.columns])
-        for column in _promising(here.columns, gain, most, forms):
+        promising: dict[tuple[str, str], Column] = {}
+        for column in (here.columns[i] for i in np.argsort(-gain)):
+            key = column.competitor.key
+            if key not in promising and sum(family == key[0] for family, _ in promising) < forms:
+                promising[key] = column
+        for column in list(promising.values())[:most]:
             if _key(parent.exchanged(None, column.competitor)) in found.models:
                 continue
             made = found.made(parent, column.competitor, column.start)
             reached = reached if made is None else max(reached, made.weight)
     return bool(reached > best - _REST)
-
-
-def _promising(columns: list[Column], gain: Array, most: int, forms: int) -> list[Column]:
-    chosen: dict[tuple[str, str], Column] = {}
-    for i in np.argsort(-gain):
-        key = columns[i].competitor.key
-        if key not in chosen and sum(family == key[0] for family, _ in chosen) < forms:
-            chosen[key] = columns[i]
-    return list(chosen.values())[:most]
 
 
 def _screen_at(found: Search, parent: Candidate) -> Screen:

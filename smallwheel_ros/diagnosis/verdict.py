@@ -1,46 +1,74 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict: what the posterior over models lets one say.
+"""The decision: what all the evidence together lets one say. It is made here, once, and fits nothing.
 
-- A family that is in the models of at least `NAMED` of the probability is named.
-- Families that take each other's place and together have that much are indistinguishable.
-- Something is missing where p of `Search` is up to `ALARM`: then nothing is called adequate. Above it
-  nothing is named.
-- A curve without a name counts for the named effect whose most general form it is, as long as a law
-  of that effect does better than none; otherwise something unknown follows that setting.
-- A name whose setting moved with another one is a tie, where a law of the other does as well.
+In the order in which it is heard, the first that speaks has the word:
+
+1. the probabilities of the models (`posterior`): names, rivals, or nothing missing;
+2. runs that the choice never saw (`held_out`): a name that helps on none is a rival;
+3. what the best explanation leaves (`misfit`): with lack of fit, a sensor at its end or wild scatter no
+   law here describes the data, and names are its closest description;
+4. a fault that pull and torque tell (`zero`) stands beside all that, since they judge it alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.competitors import TAKEN_OUT, Competitor
-from smallwheel_ros.diagnosis.search import Candidate, Key, Search
-from smallwheel_ros.effects.base import STAGES, Effect
-from smallwheel_ros.fitting.constants import (
-    ALARM,
-    APART,
-    BEATS,
-    MENTIONED,
-    NAMED,
-    TIE,
-    TIED,
-    TOGETHER,
-    USEFUL,
-)
-from smallwheel_ros.fitting.fit import FAILURES
-from smallwheel_ros.measurements.display import listed, percent
-from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.diagnosis.competitors import TAKEN_OUT
+from smallwheel_ros.diagnosis.held_out import HeldOut, Step
+from smallwheel_ros.diagnosis.misfit import BadRun, Misfit
+from smallwheel_ros.diagnosis.posterior import Posterior, Word
+from smallwheel_ros.diagnosis.search import Candidate, Search
+from smallwheel_ros.diagnosis.zero import Witness
+from smallwheel_ros.fitting import Problem, constants
+from smallwheel_ros.fitting.constants import ALARM, TIE, USEFUL
+from smallwheel_ros.measurements.display import listed, number, p_text, percent, shown_value, words
 
-Array = NDArray[np.float64]
-Word = Literal[
-    "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
-]
+_SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
+
+# By component of the scatter: what is usual, and what is said of much more.
+_UNUSUAL = {
+    "tau": (
+        constants.SOIL_SCATTER,
+        "runs differ by {size} of k, more than most prepared soil: something that is not recorded differs "
+        "from run to run",
+    ),
+    "own": (
+        constants.CHANNEL_SCATTER,
+        "{channel} differs by {size} from run to run, more than most rigs: its instrument, or something "
+        "that is not recorded, differs",
+    ),
+    "fit": (
+        constants.LACK_OF_FIT,
+        "{channel} strays from the law by {size} from setting to setting",
+    ),
+    "along": (
+        constants.CURVE_CORRELATED,
+        "curves stray from a power of depth by {size} over their course",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that a decision is made from.
+
+    problem: with the told fault in its base, without the bad runs. bad: runs that are left out, and first:
+    what the probabilities said with them. told: a fault that pull and torque name.
+    """
+
+    problem: Problem
+    found: Search
+    posterior: Posterior
+    held_out: HeldOut
+    misfit: Misfit
+    bad: tuple[BadRun, ...]
+    first: Posterior
+    told: Witness | None
 
 
 @dataclass(frozen=True)
@@ -50,88 +78,67 @@ class Verdict:
     named: families that are missing, the clearest first. rivals: families of which one is missing,
     and the data cannot tell which. unknown: curves without a name. closest: names that describe the data
     best and not well enough. probabilities: of each family. best: the model that explains the data best,
-    with laws of the library alone where they do. reasons: sentences.
+    with laws of the library alone where they do. steps: the base, and with each name. reasons: sentences.
     """
 
     word: Word
     named: tuple[str, ...]
     rivals: tuple[str, ...]
     unknown: tuple[str, ...]
+    closest: tuple[str, ...]
     probabilities: Mapping[str, float]
     best: Candidate
-    reasons: tuple[str, ...] = ()
-    closest: tuple[str, ...] = ()
-
-    def saying(self, reason: str, **changes: Any) -> Verdict:
-        """The verdict with one more reason, and what that changes."""
-        return replace(self, reasons=(*self.reasons, reason), **changes)
-
-    def not_described(self, reason: str) -> Verdict:
-        """Something is left that no law here describes: what was named is its closest description."""
-        closest = (*self.closest, *self.named, *self.rivals)
-        return self.saying(reason, word="unknown_effect", named=(), rivals=(), closest=closest)
+    steps: tuple[Step, ...]
+    reasons: tuple[str, ...]
 
 
-def family_of(search: Search, competitor: Competitor) -> str:
-    """The family that a competitor speaks for: a curve for the effect that it generalises.
-
-    Of several the one of the fewest drivers: a curve of slip is a law of slip before it is one of slip
-    and lugs.
-    """
-    if competitor.kind != "unknown":
-        return competitor.family
-    named = [other for other in search.field.competitors if competitor.generalises(other)]
-    return min(named, key=lambda other: len(other.drivers), default=competitor).family
-
-
-def decide(search: Search) -> Verdict:
-    """Turn a search into a verdict."""
-    best, share = search.ordered[0], search.probabilities
-    speaks = {c.family: family_of(search, c) for m in search.models.values() for c in m.competitors}
-    members = {key: {speaks[family] for family, _ in key} for key in search.models}
-    families = {f for m in members.values() for f in m}
-    probability = {f: sum(share[k] for k, m in members.items() if f in m) for f in sorted(families)}
-    if search.p > ALARM:
-        return Verdict("adequate", (), (), (), probability, search.none)
-    ordered = [f for f in sorted(probability, key=lambda f: -probability[f])
-               if probability[f] >= MENTIONED]  # fmt: skip
-    named = [f for f in ordered if probability[f] >= NAMED]
-    rest = [f for f in ordered if f not in named]
-    groups = _rival_groups(rest, probability, members, share) or ([] if named else [rest])
-    named, unknown = _without_a_law(search, best, named, speaks)
-    # A set that has the truth holds what is likely, too.
-    rivals = [*(groups[0] if groups else []), *(f for f in rest if probability[f] > 0.5)]
-    reasons: list[str] = []
-    library = _by_library(search, best, named)
-    for name in list(named):
-        tied = _tied(search, library, name)
-        if tied:
-            named.remove(name)
-            rivals = [name, *(t for t in tied if t not in (*named, *rivals)), *rivals]
-            reasons.append(f"{listed([name, *tied])} were varied together")
-    rivals = list(dict.fromkeys(rivals))
-    if len(rivals) == 1 and named:
-        rivals = []
-    word: Word = (
-        "missing_effect" if named else "indistinguishable" if len(rivals) > 1 else "unknown_effect"
-    )
-    if not named and unknown and not groups:
+def decide(evidence: Evidence) -> Verdict:
+    """Turn the evidence into a verdict."""
+    said, held, told = evidence.posterior, evidence.held_out, evidence.told
+    word, named, closest = said.word, held.named, said.closest
+    rivals = tuple(dict.fromkeys([*itertools.chain(*held.useless), *said.rivals]))
+    reasons = [*said.ties]
+    if said.unknown:
+        reasons.append(_unexplained(evidence.found, said.unknown))
+    reasons += [*_of_bad_runs(evidence), *_of_held_out(held, rivals)]
+    if held.useless and not named:
+        word = "indistinguishable" if len(rivals) > 1 else "unknown_effect"
+    if not held.rivals_help:
         word = "unknown_effect"
-    closest: list[str] = []
+    stray, flat = _of_lack_of_fit(evidence.misfit), _of_plateaus(evidence.misfit)
+    scatter = dict(_of_scatter(evidence.misfit))
+    if word in ("adequate", "missing_effect"):
+        reasons += stray
+    else:
+        stray = []
+    reasons += [*flat, *scatter]
+    if stray or flat or (word == "adequate" and any(scatter.values())):
+        word = "unknown_effect"
     if word == "unknown_effect":
-        unknown = unknown or [r for r in rivals if r.startswith("unknown:")]
-        closest, rivals = [r for r in rivals if r not in unknown], []
-    if unknown:
-        reasons.append(_unexplained(search, best, unknown))
+        closest, named, rivals = (*closest, *named, *rivals), (), ()
+    steps, probabilities = held.steps if named else held.steps[:1], said.probabilities
+    if told is not None:
+        name = told.part.id
+        named, probabilities = (name, *named), {**probabilities, name: told.probability}
+        word = "missing_effect" if word == "adequate" else word
+        with_it = Step(name, steps[0].model, steps[0].errors)
+        steps = (Step(None, told.base, told.errors), with_it, *steps[1:])
+        forces = listed([words(n) for n in evidence.problem.points.forces])
+        reasons.append(
+            f"{words(name)} is told by {forces}: their law holds at the sinkage as it is shown "
+            f"{number(told.evidence, 2)} nats worse than at one that is corrected"
+        )
     return Verdict(
-        word, tuple(named), tuple(rivals), tuple(unknown), probability, library if named else best,
-        tuple(reasons), tuple(closest),
-    )  # fmt: skip
+        word, named, rivals, said.unknown, closest, probabilities, held.best, steps, tuple(reasons)
+    )
 
 
-def _unexplained(search: Search, best: Candidate, unknown: Sequence[str]) -> str:
-    """What follows a setting, and whether the library was tried on it and lost, in words."""
-    said = f"there is {listed(unknown)}"
+# --- What each piece of evidence says, in words
+
+
+def _unexplained(search: Search, unknown: Sequence[str]) -> str:
+    """What follows a setting, and whether the library was tried on it and lost."""
+    said, best = f"there is {listed(unknown)}", search.ordered[0]
     laws = [m for m in search.ordered if m.competitors
             and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
     if not laws:
@@ -152,165 +159,74 @@ def _unexplained(search: Search, best: Candidate, unknown: Sequence[str]) -> str
     return f"{said}, and no law of the library does"
 
 
-def no_help(names: Sequence[str]) -> str:
-    """That a name is worth nothing to who predicts, in words."""
-    return f"with {listed(names, 'or')} no error on held-out runs falls by {percent(USEFUL)}"
+def _of_bad_runs(evidence: Evidence) -> Iterator[str]:
+    """Which runs are left out and why, and whether they would change what the probabilities say."""
+    bad, before, after = evidence.bad, evidence.first, evidence.posterior
+    for one in bad:
+        yield one.words(evidence.problem.measurements)
+    those = "it" if len(bad) == 1 else "them"
+    if not bad:
+        return
+    if (before.word, set(before.named)) == (after.word, set(after.named)):
+        yield f"with {those} the verdict would be the same"
+        return
+    named = f" of {listed(before.named)}" if before.named else ""
+    yield f"with {those} the verdict would be '{words(before.word)}'{named}"
 
 
-def demoted(search: Search, verdict: Verdict, names: list[str]) -> Verdict:
-    """The verdict with some of its names as candidates: they help on no run that was held out."""
-    named = [n for n in verdict.named if n not in names]
-    best = _by_library(search, verdict.best, named) if named else search.ordered[0]
-    rivals = tuple(dict.fromkeys([*names, *verdict.rivals]))
-    said = no_help(names)
-    verdict = replace(verdict, named=tuple(named), rivals=rivals, best=best)
-    if named:
-        return verdict.saying(said)
-    if len(rivals) > 1:
-        return verdict.saying(said, word="indistinguishable")
-    return verdict.not_described(said)
+def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
+    """Which names help on no run that the choice never saw, and where such runs cannot say."""
+    no_help = "with {} no error on held-out runs falls by " + percent(USEFUL)
+    yield from (no_help.format(listed(names, "or")) for names in reversed(held.useless))
+    for law in held.blind:
+        driver = words(law.drivers[0])
+        yield (
+            f"{words(law.family)} is named by evidence alone: where it acts, {driver} was set so far "
+            "apart that a left-out run can only be extrapolated to. To settle it, measure at further "
+            f"values of {driver} between these, or repeat them"
+        )
+    if not held.rivals_help:
+        yield no_help.format(listed(rivals, "or"))
+    if held.worse:
+        yield (
+            f"on runs that the choice never saw, the error of {listed(held.worse)} rises with what is named: "
+            "its law does not carry over to settings outside those measured"
+        )
+    if held.forces:
+        forces = listed([words(name) for name in held.forces])
+        yield f"the held-out error of {forces} rises with what is named"
 
 
-def _rival_groups(
-    rest: list[str],
-    probability: Mapping[str, float],
-    members: Mapping[Key, set[str]],
-    share: Mapping[Key, float],
-) -> list[list[str]]:
-    """Sets of families that exclude each other and together are as probable as a name must be."""
-
-    def mass(keys: set[Key]) -> float:
-        return sum(share[k] for k in keys)
-
-    models = {f: {k for k, m in members.items() if f in m} for f in rest}
-    groups, left = [], list(rest)
-    while left:
-        group, covered = left[:1], models[left[0]]
-        for other in left[1:]:
-            if mass(covered) >= NAMED and probability[other] < 1.0 - NAMED:
-                break
-            if mass(models[other] - covered) >= APART * probability[other]:
-                group.append(other)
-                covered = covered | models[other]
-        if mass(covered) >= NAMED:
-            groups.append(group)
-        left = [f for f in left if f not in group]
-    return groups
-
-
-def _without_a_law(
-    search: Search, best: Candidate, named: list[str], speaks: Mapping[str, str]
-) -> tuple[list[str], list[str]]:
-    """Names for which only a free curve does: what follows that setting has no law here."""
-    kept, unknown = [], []
-    for name in named:
-        if name.startswith("unknown:"):
-            unknown.append(name)
-            continue
-        curves = [c for c in best.competitors if c.kind == "unknown" and speaks[c.family] == name]
-        if not curves or any(c.family == name for c in best.competitors):
-            kept.append(name)
-            continue
-        rest = tuple(sorted(c.key for c in best.competitors if c not in curves))
-        without = search.models.get(rest)
-        least = -np.inf if without is None else without.evidence
-        law = _best_form(search, best, curves[0], name)
-        if name in law.families and law.evidence > least + BEATS:
-            kept.append(name)
-        else:
-            unknown.append(curves[0].family)
-    return kept, unknown
-
-
-def _by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
-    """The best model with laws of the library for exactly what is named, of all their forms."""
-    wanted, model = frozenset(named), best
-    for competitor in best.competitors:
-        family = family_of(search, competitor)
-        if competitor.family != family and family in wanted - model.families:
-            model = _best_form(search, model, competitor, family)
-    for family in sorted(wanted - model.families):
-        model = _best_form(search, model, None, family)
-    for competitor in model.competitors:
-        if competitor.family not in wanted:
-            model = search.made(model, out=competitor) or model
-    known = [m for m in search.ordered if m.families == model.families]
-    return max([model, *known], key=lambda m: m.weight)
-
-
-def _best_form(search: Search, model: Candidate, out: Competitor | None, family: str) -> Candidate:
-    """The model with the family's best form in the place of a competitor, or beside all it has."""
-    forms = [c for c in search.field.competitors if c.family == family]
-    made = [
-        search.made(model, form, out=out) for form in forms if out is None or form.key != out.key
-    ]
-    good = [m for m in made if m is not None]
-    if out is not None and out.family == family:
-        good.append(model)
-    return max(good, key=lambda m: m.weight, default=model)
-
-
-# --- Settings that were varied together
-
-
-def _tied(search: Search, best: Candidate, name: str) -> list[str]:
-    """Rivals of a name: the same law, driven by a setting that moved with its own, does as well."""
-    law = next((c for c in best.competitors if c.family == name), None)
-    columns = search.field.columns
-    if law is None or law.effect is None or not law.drivers or law.drivers[0] not in columns:
+def _of_lack_of_fit(misfit: Misfit) -> list[str]:
+    """The channel whose settings stray most from what their own repeats allow, where one does."""
+    found = misfit.lack_of_fit
+    rejected = {name: one for name, one in found.items() if one.p * len(found) <= ALARM}
+    if not rejected:
         return []
-    rivals, own = [], columns[law.drivers[0]]
-    for other, column in columns.items():
-        r = _correlation(own, column) if other != law.drivers[0] else 0.0
-        if r * r < TIED or (r * r < TOGETHER and not _does_as_well(search, best, law, other)):
-            continue
-        known = [c.family for c in search.field.competitors
-                 if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip
-        rivals.append(known[0] if known else f"unknown:{other}@{law.effect.stage}")
-    return rivals
+    name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
+    return [
+        f"runs of one setting repeat each other, and their means stray from the model: {words(name)} "
+        f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
+        f"p {p_text(worst.p)}), most at {worst.at}"
+    ]
 
 
-def _correlation(a: Array, b: Array) -> float:
-    if np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
-        return 0.0
-    return float(np.corrcoef(a, b)[0, 1])
+def _of_plateaus(misfit: Misfit) -> list[str]:
+    """Sensors that seem to be at the end of their range."""
+    return [
+        f"the {flat.count} largest values of {words(name)} lie within {percent(flat.span)} of each "
+        f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
+        f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
+        for name, flat in misfit.plateaus.items()
+        if flat.p <= _SURE
+    ]
 
 
-class _Driven:
-    """A law that reads another setting in the place of its own: driver, by what `column` makes of it."""
-
-    def __init__(self, law: Effect, driver: str, column: Any) -> None:
-        self._law, self._driver, self._column = law, driver, column
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self._law, name)
-        if name not in STAGES:
-            return found
-        return lambda *arguments: found(*arguments[:-1], self._swapped(arguments[-1]))
-
-    def _swapped(self, conditions: Conditions) -> Conditions:
-        column = self._column(conditions)
-        if self._driver in conditions.covariates:
-            return replace(conditions, covariates={**conditions.covariates, self._driver: column})
-        return replace(conditions, **{self._driver: column})
-
-
-def _does_as_well(search: Search, best: Candidate, law: Competitor, other: str) -> bool:
-    """Whether the model keeps its evidence when a law reads another setting, put in its own's place."""
-    driver, conditions = law.drivers[0], search.fitter.points.conditions
-    own = conditions[driver]
-    line = np.polyfit(conditions[other], own, 1)
-
-    def column(of: Conditions) -> Array:
-        return np.clip(np.polyval(line, of[other]), own.min(), own.max())
-
-    def build(numbers: Mapping[str, Any]) -> Effect:
-        return cast(Effect, _Driven(law.part.build(numbers), driver, column))
-
-    vector = best.vector
-    parts = [replace(p, build=build) if p.id == law.part.id else p for p in vector.parts]
-    try:
-        fit = search.fitter.fit(vector.with_parts(parts), best.theta, best.scatter)
-    except FAILURES:
-        return False
-    return fit.evidence > best.evidence - TIE
+def _of_scatter(misfit: Misfit) -> Iterator[tuple[str, bool]]:
+    """Scatter of over twice the usual size, and whether it is over four times: nothing is calm then."""
+    for name, size in misfit.scatter.items():
+        component, _, channel = name.partition(":")
+        usual, said = _UNUSUAL.get(component, (np.inf, ""))
+        if size > usual * np.exp(constants.SPREAD):
+            beyond = size > usual * np.exp(2.0 * constants.SPREAD)
+            yield said.format(channel=words(channel), size=percent(size)), bool(beyond)

@@ -14,17 +14,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from smallwheel_ros.diagnosis.held_out import Step
-from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.effects.base import Array, Effect
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
-from smallwheel_ros.fitting.held_out import compare_cv
+from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem, fit_points
-from smallwheel_ros.measurements.display import listed, number, words
 from smallwheel_ros.physics.conditions import Conditions
 
 _SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
@@ -38,13 +35,15 @@ class Witness:
 
     part: the effect under its prior. told: the same, with what they know of its number as its prior, for
     channels that do not include them. evidence: nats with it over without. probability: of it, before
-    anything else is looked at.
+    anything else is looked at. base, errors: the model without it, and its held-out errors.
     """
 
     part: EffectPart
     told: EffectPart
     evidence: float
     probability: float
+    base: Fit
+    errors: CvErrors
 
 
 @dataclass(frozen=True)
@@ -75,13 +74,16 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
     fitter, none = fit_points(mine, Base(effects=(_AsShown(),)).vector(mine), working=False)
     share = constants.EXPECTED_EFFECTS / len(registry.families)
     faults = _faults(registry, {*without, *problem.base.names})
-    made = [one for fault in faults if (one := _with(fitter, none, fault, share)) is not None]
-    told = max(made, key=lambda one: one.evidence, default=None)
-    if told is None or told.probability < constants.NAMED:
+    made = [one for fault in faults if (one := _with(fitter, none, fault)) is not None]
+    part, told, evidence = max(made, key=lambda one: one[-1], default=(None, None, -np.inf))
+    odds = share * float(np.exp(min(evidence, 50.0)))
+    probability = odds / (1.0 + odds)
+    if part is None or told is None or probability < constants.NAMED:
         return None
-    before, after = problem.held_out(), problem.with_part(told.part, told.told).held_out()
-    useful = before is not None and after is not None and compare_cv(before, after).helps
-    return told if useful else None
+    before, after = problem.held_out(), problem.with_part(part, told).held_out()
+    if before is None or after is None or not compare_cv(before, after).helps:
+        return None
+    return Witness(part, told, evidence, probability, problem.judged.fit, before)
 
 
 def _faults(registry: Registry, blocked: Collection[str]) -> Iterator[Effect]:
@@ -104,8 +106,8 @@ def _as_measured(points: Points) -> Points:
     return replace(kept, conditions=replace(points.conditions, covariates=covariates))
 
 
-def _with(fitter: Fitter, none: Fit, effect: Effect, share: float) -> Witness | None:
-    """What speaks for one fault; None where it cannot be fitted. share: its prior odds."""
+def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
+    """One fault under its prior and as it is told, and its evidence; None where it cannot be fitted."""
     (known,) = effect.parameters()
     middle = float(known.neutral or 0.0)
     wide = constants.SHOWN_SINKAGE if known.unit == "m" else constants.INSTRUMENT
@@ -124,28 +126,4 @@ def _with(fitter: Fitter, none: Fit, effect: Effect, share: float) -> Witness | 
         return None
     best = max(fits, key=lambda fit: fit.evidence)
     told = Prior(float(best.theta[-1]), float(np.sqrt(best.covariance[-1, -1])), *known.bounds)
-    evidence = best.evidence - none.evidence
-    odds = share * float(np.exp(min(evidence, 50.0)))
-    return Witness(plain, part_of(effect, {known.name: told}), evidence, odds / (1.0 + odds))
-
-
-def with_fault(
-    plain: Problem, verdict: Verdict, steps: list[Step], told: Witness
-) -> tuple[Verdict, list[Step]]:
-    """The verdict and its steps with the fault that pull and torque name as the first of them.
-
-    plain: the problem without it.
-    """
-    name, errors = told.part.id, plain.held_out()
-    assert errors is not None  # as it was named
-    verdict = replace(
-        verdict,
-        word="missing_effect" if verdict.word == "adequate" else verdict.word,
-        named=(name, *verdict.named),
-        probabilities={**verdict.probabilities, name: told.probability},
-    ).saying(
-        f"{words(name)} is told by {listed([words(n) for n in plain.points.forces])}: their law holds at the "
-        f"sinkage as it is shown {number(told.evidence, 2)} nats worse than at one that is corrected"
-    )
-    base = Step(None, plain.judged.fit, errors)
-    return verdict, [base, replace(steps[0], added=name), *steps[1:]]
+    return plain, part_of(effect, {known.name: told}), best.evidence - none.evidence

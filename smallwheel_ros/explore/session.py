@@ -17,7 +17,6 @@ from smallwheel_ros.diagnosis import Base, Diagnosis, diagnose
 from smallwheel_ros.diagnosis.apply import Grown
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.document import failing_settings
-from smallwheel_ros.diagnosis.held_out import with_forces
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.fit import FAILURES
@@ -227,7 +226,7 @@ class Session:
             for name in chosen:
                 if name not in self.chosen:
                     grown = grown.with_effect(problem.judged, self.forms[name])
-            fit, errors = problem.result(grown.model), grown.held_out(problem.judged)
+            fit, errors = problem.result(grown.model), grown.held_out(problem)
         except FAILURES as error:
             raise ExploreError(f"without run '{run}' the fit failed: {error}") from error
         return [*_errors_moved(before, errors, rows), *_numbers_moved(before.fit, fit)]
@@ -242,7 +241,7 @@ class Session:
             grown = self._grown(kept, tuple(name for name in names if name not in self.chosen))
             self.progress = (len(names), 1 + len(names))
             fit = problem.result(grown.model)
-            after = with_forces(problem, [grown.model], [grown.held_out(problem.judged)])[0]
+            after = grown.held_out(problem)
         before = after if names == self.chosen else self.view(self.chosen).after
         return View(names, fit, before, after, compare_cv(before, after))
 

@@ -124,7 +124,7 @@ FIRST_REFITS = 8
 # extensions of each model that are refitted - search budget
 REFITS = 6
 # effects of the largest model - search budget
-MOST_EFFECTS = 4
+MOST_EFFECTS = 3
 # folds of the held-out error - up to twice as many runs are left out one by one
 FOLDS = 6
 # fewest runs of a verdict - scatter between fewer runs is not told from an effect

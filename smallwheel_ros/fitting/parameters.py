@@ -10,7 +10,7 @@ a wheel of 0.2 m: k itself is the pressure at one metre, an extrapolation whose 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -188,7 +188,9 @@ class ParameterVector:
     """The free parameters of a model and their joint prior.
 
     soils: where they start. fixed: effects that are in the model as they are. of_soils: free numbers
-    of the soils; soil_precision: of their Gaussian prior, shape (soil parameters,) * 2.
+    of the soils; soil_precision: of their Gaussian prior, shape (soil parameters,) * 2. Of all free
+    parameters, the soils' first (base_size of them): where a fit starts, lower and upper bounds, means
+    (centre) and deviations (scale) of the priors, each of shape (parameters,).
     """
 
     soils: tuple[Soil, ...]
@@ -198,42 +200,27 @@ class ParameterVector:
     parts: tuple[EffectPart, ...]
     of_soils: tuple[FreeParameter, ...]
     soil_precision: Array
+    free: tuple[FreeParameter, ...] = field(init=False)
+    names: tuple[str, ...] = field(init=False)
+    start: Array = field(init=False)
+    bounds: tuple[Array, Array] = field(init=False)
+    centre: Array = field(init=False)
+    scale: Array = field(init=False)
+    base_size: int = field(init=False)
 
-    @cached_property
-    def free(self) -> tuple[FreeParameter, ...]:
-        """The free parameters: those of the soils, then those of each effect."""
-        return (*self.of_soils, *(p for part in self.parts for p in part.parameters))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters."""
-        return tuple(p.name for p in self.free)
-
-    @property
-    def start(self) -> Array:
-        """Where a fit starts, shape (parameters,)."""
-        return np.array([p.start for p in self.free])
-
-    @cached_property
-    def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds, each of shape (parameters,)."""
-        limits = np.array([(p.prior.low, p.prior.high) for p in self.free]).reshape(-1, 2)
-        return limits[:, 0], limits[:, 1]
-
-    @cached_property
-    def centre(self) -> Array:
-        """Means of the priors, shape (parameters,)."""
-        return np.array([p.prior.centre for p in self.free])
-
-    @cached_property
-    def scale(self) -> Array:
-        """Deviations of the priors, shape (parameters,)."""
-        return np.array([p.prior.deviation for p in self.free])
-
-    @property
-    def base_size(self) -> int:
-        """How many parameters are the soils'; they come first."""
-        return len(self.of_soils)
+    def __post_init__(self) -> None:
+        """Put down what is known of the free parameters, those of the soils and then of each effect."""
+        free = (*self.of_soils, *(p for part in self.parts for p in part.parameters))
+        limits = np.array([(p.prior.low, p.prior.high) for p in free]).reshape(-1, 2)
+        self.__dict__.update(
+            free=free,
+            names=tuple(p.name for p in free),
+            start=np.array([p.start for p in free]),
+            bounds=(limits[:, 0], limits[:, 1]),
+            centre=np.array([p.prior.centre for p in free]),
+            scale=np.array([p.prior.deviation for p in free]),
+            base_size=len(self.of_soils),
+        )
 
     def places(self, effect: str) -> Index:
         """Which parameters are that effect's, shape (its parameters,)."""

@@ -216,7 +216,7 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
     Newton's steps in metres stray from a start that is a decade off.
     """
-    theta = vector.start
+    theta = vector.start.copy()
     channel = next((n for n in points.channels if n not in FORCES), None)
     if channel is None:
         return theta
@@ -360,16 +360,18 @@ class Problem:
         """Whether there are pull and torque that do not decide about effects."""
         return len(self.points.forces) not in (0, len(self.points.channels))
 
-    def _own(self, fit: Fit) -> tuple[ParameterVector, Array]:
-        """The parameters of a fit of the judged channels, for all channels, and where they start."""
+    def with_all_channels(self, fit: Fit, training: Points | None = None) -> Fit:
+        """A model of the judged channels fitted to all, of a fold's training runs where they are given."""
+        fitter, base = (self.fitter, self.fit) if training is None else self.fold(training)
         own = {part.id: part for part in self.base.parts}
-        parts = [own.get(part.id, part) for part in fit.vector.parts]
-        vector = replace(self.vector.with_parts(parts), geometry=fit.vector.geometry)
-        return vector, vector.begun_at(fit.vector, fit.theta)
-
-    def with_all_channels(self, fit: Fit) -> Fit:
-        """A model of the judged channels fitted to all."""
-        return self.fitter.fit(*self._own(fit), self.fit.scatter)
+        parts = tuple(own.get(part.id, part) for part in fit.vector.parts)
+        geometry = fit.vector.geometry
+        if parts == base.vector.parts and geometry == base.vector.geometry:
+            return base
+        vector = replace(base.vector.with_parts(parts), geometry=geometry)
+        known = [dict(zip(m.vector.names, m.theta, strict=True)) for m in (base, fit)]
+        start = np.array([(known[0] | known[1]).get(p.name, p.start) for p in vector.free])
+        return fitter.fit(vector, start, base.scatter)
 
     def result(self, fit: Fit | None = None) -> FitResult:
         """A model of the judged channels, the base where None, fitted to all, for people and files."""

@@ -13,6 +13,7 @@ import pytest
 from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, rolled, table
 
+from benchmarks.worlds import WORLDS
 from smallwheel_ros.diagnosis import Base, add_effect, base_of, diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.held_out import _evidence_alone
@@ -127,8 +128,10 @@ def test_a_wrong_law_of_pull_does_not_decide_about_sinkage(growth: float, pull: 
     for key in ("verdict", "missing_effects", "candidates", "run_scatter"):
         assert found[key] == without[key]
     for first, second in zip(without["steps"], found["steps"], strict=True):
+        # The error is of the model that a command writes, which is fitted to pull too: a law of pull
+        # as wrong as these costs the sinkage up to 3 %.
         assert second["held_out_rmse"]["sinkage"] == pytest.approx(
-            first["held_out_rmse"]["sinkage"]
+            first["held_out_rmse"]["sinkage"], rel=0.05
         )
         assert "drawbar_pull" in second["held_out_rmse"]
     said = found["channels"]["drawbar_pull"]["finding"]
@@ -225,6 +228,21 @@ def test_one_step_has_one_error_whatever_command_asks() -> None:
     base = judged.problem.held_out()
     assert base is not None
     assert base.rmse() == pytest.approx(before, rel=1e-9)
+
+
+def test_beside_pull_too_one_step_has_one_error(tmp_path: Path) -> None:
+    write_table(WORLDS["pull/rim-without-R-slip_sinkage"](3)[0], tmp_path / "rig.csv")
+    measured = read_measurements(tmp_path / "rig.csv")
+    assert set(measured.channels) == {"sinkage", "drawbar_pull"}
+    judged, added = diagnose(measured), add_effect("slip_sinkage", Base(), measured)
+    errors = [step.errors.rmse() for step in judged.steps]
+    assert [added.before.rmse(), added.after.rmse()] == errors
+    base = Problem.of(measured).held_out()
+    assert base is not None
+    assert base.rmse() == pytest.approx(errors[0], rel=1e-9)
+    # An effect that is not named passes the same function: its error before is the same number.
+    other = add_effect("hardpan", Base(), measured)
+    assert other.before.rmse() == pytest.approx(errors[0], rel=1e-9)
 
 
 @pytest.mark.parametrize(

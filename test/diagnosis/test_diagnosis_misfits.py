@@ -22,7 +22,7 @@ from benchmarks.learn_worlds import table as without_a_law
 from smallwheel_ros.compare.comparison import compare
 from smallwheel_ros.diagnosis import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.misfit import bad_runs, lack_of_fit
-from smallwheel_ros.diagnosis.verdict import family_of
+from smallwheel_ros.diagnosis.posterior import family_of
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM

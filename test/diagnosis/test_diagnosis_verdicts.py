@@ -18,11 +18,14 @@ from plain_rig import PlainRig, rolled, table
 
 from smallwheel_ros.diagnosis import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.misfit import Plateau
 from smallwheel_ros.diagnosis.next_measurement import propose
 from smallwheel_ros.diagnosis.search import search
+from smallwheel_ros.diagnosis.verdict import decide
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import REPLICATES
+from smallwheel_ros.fitting.fit import Fitter, Predictor
 from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
@@ -74,6 +77,35 @@ def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise() -> None:
         assert error < 0.3 * first[channel]
         assert error < 1.5 * found["channels"][channel]["noise_floor"]
     assert "The model lacks slip sinkage" in diagnosis_page(found).text()
+
+
+def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = plain(2.0, 1)
+    evidence, made = found.evidence, found.decision
+    assert evidence is not None
+    assert made is not None
+
+    def no_fit(*_: object, **__: object) -> None:
+        raise AssertionError("the decision fits nothing")
+
+    monkeypatch.setattr(Fitter, "fit", no_fit)
+    monkeypatch.setattr(Predictor, "__call__", no_fit)
+    again = decide(evidence)
+    assert (again.word, again.named, again.reasons) == ("missing_effect", ("slip_sinkage",), ())
+    assert again.steps == made.steps
+    flat = Plateau(6, 0.012, 0.001, 0.001)
+    stuck = decide(replace(evidence, misfit=replace(evidence.misfit, plateaus={"sinkage": flat})))
+    assert (stuck.word, stuck.named, stuck.closest) == ("unknown_effect", (), ("slip_sinkage",))
+    assert "no more than 12" in stuck.reasons[0]
+    assert len(stuck.steps) == 1
+    none = {"steps": made.steps[:1], "named": ()}
+    held = replace(evidence.held_out, **none, useless=(("slip_sinkage",),))
+    useless = decide(replace(evidence, held_out=held))
+    assert (useless.word, useless.closest) == ("unknown_effect", ("slip_sinkage",))
+    two = replace(evidence.posterior, rivals=("bulldozing", "multipass"))
+    tied = decide(replace(evidence, held_out=held, posterior=two))
+    assert tied.word == "indistinguishable"
+    assert tied.rivals == ("slip_sinkage", "bulldozing", "multipass")
 
 
 def test_two_effects_are_named_and_each_step_falls(folder: Path) -> None:

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the probabilities of the models say, before any other evidence is heard.
+
+- A family that is in the models of at least `NAMED` of the probability would be named.
+- Families that take each other's place and together have that much are rivals.
+- Something is missing where p of `Search` is up to `ALARM`. Above it nothing is named.
+- A curve without a name counts for the named effect whose most general form it is, as long as a law
+  of that effect does better than none; otherwise something unknown follows that setting.
+- A name whose setting moved with another one is a tie, where a law of the other does as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.diagnosis.competitors import Competitor
+from smallwheel_ros.diagnosis.search import Candidate, Key, Search
+from smallwheel_ros.effects.base import STAGES, Effect
+from smallwheel_ros.fitting.constants import (
+    ALARM,
+    APART,
+    BEATS,
+    MENTIONED,
+    NAMED,
+    TIE,
+    TIED,
+    TOGETHER,
+)
+from smallwheel_ros.fitting.fit import FAILURES
+from smallwheel_ros.measurements.display import listed
+from smallwheel_ros.physics.conditions import Conditions
+
+Array = NDArray[np.float64]
+Word = Literal[
+    "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
+]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What the probabilities say, and the models that they say it with.
+
+    word: the verdict, were there no other evidence. named: families that are missing, the clearest first.
+    rivals: families of which one is missing. unknown: curves without a name that no law stands for. closest:
+    names that describe the data best and not well enough. probabilities: of each family. best: with laws of
+    the library for what is named, else the most probable. ties: sentences on settings that were varied
+    together.
+    """
+
+    word: Word
+    probabilities: Mapping[str, float]
+    best: Candidate
+    named: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    closest: tuple[str, ...] = ()
+    ties: tuple[str, ...] = ()
+
+
+def posterior_of(search: Search) -> Posterior:
+    """What the models of a search say together."""
+    best, share = search.ordered[0], search.probabilities
+    speaks = {c.family: family_of(search, c) for m in search.models.values() for c in m.competitors}
+    members = {key: {speaks[family] for family, _ in key} for key in search.models}
+    families = {f for m in members.values() for f in m}
+    probability = {f: sum(share[k] for k, m in members.items() if f in m) for f in sorted(families)}
+    if search.p > ALARM:
+        return Posterior("adequate", probability, search.none)
+    ordered = [f for f in sorted(probability, key=lambda f: -probability[f])
+               if probability[f] >= MENTIONED]  # fmt: skip
+    named = [f for f in ordered if probability[f] >= NAMED]
+    rest = [f for f in ordered if f not in named]
+    groups = _rival_groups(rest, probability, members, share) or ([] if named else [rest])
+    named, unknown = _without_a_law(search, best, named, speaks)
+    # A set that has the truth holds what is likely, too.
+    rivals = [*(groups[0] if groups else []), *(f for f in rest if probability[f] > 0.5)]
+    library, ties = by_library(search, best, named), []
+    for name in list(named):
+        tied = _tied(search, library, name)
+        if tied:
+            named.remove(name)
+            rivals = [name, *(t for t in tied if t not in (*named, *rivals)), *rivals]
+            ties.append(f"{listed([name, *tied])} were varied together")
+    rivals = list(dict.fromkeys(rivals))
+    if named:
+        word: Word = "missing_effect"
+        rivals = rivals if len(rivals) > 1 else []
+    elif len(rivals) > 1 and (groups or not unknown):
+        word = "indistinguishable"
+    else:
+        word = "unknown_effect"
+        unknown = unknown or [r for r in rivals if r.startswith("unknown:")]
+    closest = [r for r in rivals if r not in unknown] if word == "unknown_effect" else []
+    return Posterior(
+        word, probability, library if named else best, tuple(named),
+        () if word == "unknown_effect" else tuple(rivals), tuple(unknown), tuple(closest), tuple(ties),
+    )  # fmt: skip
+
+
+def family_of(search: Search, competitor: Competitor) -> str:
+    """The family that a competitor speaks for: a curve for the effect that it generalises.
+
+    Of several the one of the fewest drivers: a curve of slip is a law of slip before it is one of slip
+    and lugs.
+    """
+    if competitor.kind != "unknown":
+        return competitor.family
+    named = [other for other in search.field.competitors if competitor.generalises(other)]
+    return min(named, key=lambda other: len(other.drivers), default=competitor).family
+
+
+def _rival_groups(
+    rest: list[str],
+    probability: Mapping[str, float],
+    members: Mapping[Key, set[str]],
+    share: Mapping[Key, float],
+) -> list[list[str]]:
+    """Sets of families that exclude each other and together are as probable as a name must be."""
+    models = {f: {k for k, m in members.items() if f in m} for f in rest}
+    groups, left = [], list(rest)
+    while left:
+        group, covered = left[:1], models[left[0]]
+        for other in left[1:]:
+            if sum(map(share.__getitem__, covered)) >= NAMED and probability[other] < 1.0 - NAMED:
+                break
+            if sum(map(share.__getitem__, models[other] - covered)) >= APART * probability[other]:
+                group.append(other)
+                covered = covered | models[other]
+        if sum(map(share.__getitem__, covered)) >= NAMED:
+            groups.append(group)
+        left = [f for f in left if f not in group]
+    return groups
+
+
+def _without_a_law(
+    search: Search, best: Candidate, named: list[str], speaks: Mapping[str, str]
+) -> tuple[list[str], list[str]]:
+    """Names for which only a free curve does: what follows that setting has no law here."""
+    kept, unknown = [], []
+    for name in named:
+        if name.startswith("unknown:"):
+            unknown.append(name)
+            continue
+        curves = [c for c in best.competitors if c.kind == "unknown" and speaks[c.family] == name]
+        if not curves or any(c.family == name for c in best.competitors):
+            kept.append(name)
+            continue
+        rest = tuple(sorted(c.key for c in best.competitors if c not in curves))
+        without = search.models.get(rest)
+        least = -np.inf if without is None else without.evidence
+        law = _best_form(search, best, curves[0], name)
+        if name in law.families and law.evidence > least + BEATS:
+            kept.append(name)
+        else:
+            unknown.append(curves[0].family)
+    return kept, unknown
+
+
+def by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
+    """The best model with laws of the library for exactly what is named, of all their forms."""
+    wanted, model = frozenset(named), best
+    for competitor in best.competitors:
+        family = family_of(search, competitor)
+        if competitor.family != family and family in wanted - model.families:
+            model = _best_form(search, model, competitor, family)
+    for family in sorted(wanted - model.families):
+        model = _best_form(search, model, None, family)
+    for competitor in model.competitors:
+        if competitor.family not in wanted:
+            model = search.made(model, out=competitor) or model
+    known = [m for m in search.ordered if m.families == model.families]
+    return max([model, *known], key=lambda m: m.weight)
+
+
+def _best_form(search: Search, model: Candidate, out: Competitor | None, family: str) -> Candidate:
+    """The model with the family's best form in the place of a competitor, or beside all it has."""
+    forms = [c for c in search.field.competitors if c.family == family]
+    made = [
+        search.made(model, form, out=out) for form in forms if out is None or form.key != out.key
+    ]
+    good = [m for m in made if m is not None]
+    if out is not None and out.family == family:
+        good.append(model)
+    return max(good, key=lambda m: m.weight, default=model)
+
+
+# --- Settings that were varied together
+
+
+def _tied(search: Search, best: Candidate, name: str) -> list[str]:
+    """Rivals of a name: the same law, driven by a setting that moved with its own, does as well."""
+    law = next((c for c in best.competitors if c.family == name), None)
+    columns = search.field.columns
+    if law is None or law.effect is None or not law.drivers or law.drivers[0] not in columns:
+        return []
+    rivals, own = [], columns[law.drivers[0]]
+    for other, column in columns.items():
+        apart = min(np.ptp(own), np.ptp(column)) > 1e-12 and other != law.drivers[0]
+        r = float(np.corrcoef(own, column)[0, 1]) if apart else 0.0
+        if r * r < TIED or (r * r < TOGETHER and not _does_as_well(search, best, law, other)):
+            continue
+        known = [c.family for c in search.field.competitors
+                 if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip
+        rivals.append(known[0] if known else f"unknown:{other}@{law.effect.stage}")
+    return rivals
+
+
+class _Driven:
+    """A law that reads another setting in the place of its own: driver, by what `column` makes of it."""
+
+    def __init__(self, law: Effect, driver: str, column: Any) -> None:
+        self._law, self._driver, self._column = law, driver, column
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._law, name)
+        if name not in STAGES:
+            return found
+        return lambda *arguments: found(*arguments[:-1], self._swapped(arguments[-1]))
+
+    def _swapped(self, conditions: Conditions) -> Conditions:
+        column = self._column(conditions)
+        if self._driver in conditions.covariates:
+            return replace(conditions, covariates={**conditions.covariates, self._driver: column})
+        return replace(conditions, **{self._driver: column})
+
+
+def _does_as_well(search: Search, best: Candidate, law: Competitor, other: str) -> bool:
+    """Whether the model keeps its evidence when a law reads another setting, put in its own's place."""
+    driver, conditions = law.drivers[0], search.fitter.points.conditions
+    own = conditions[driver]
+    line = np.polyfit(conditions[other], own, 1)
+
+    def column(of: Conditions) -> Array:
+        return np.clip(np.polyval(line, of[other]), own.min(), own.max())
+
+    def build(numbers: Mapping[str, Any]) -> Effect:
+        return cast(Effect, _Driven(law.part.build(numbers), driver, column))
+
+    vector = best.vector
+    parts = [replace(p, build=build) if p.id == law.part.id else p for p in vector.parts]
+    try:
+        fit = search.fitter.fit(vector.with_parts(parts), best.theta, best.scatter)
+    except FAILURES:
+        return False
+    return fit.evidence > best.evidence - TIE
