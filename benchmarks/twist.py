@@ -5,15 +5,21 @@ Peers: the rims' mean with the constant that is best on this drive, and with one
 Reach: NEES of vx .2 to 2 on the two real drives and .9 of the errors within two deviations, .5 to 2 on the
 simulated ones, a log score above the best constant's, 0.2 ms a message.
 
-`PYTHONPATH=. python benchmarks/twist.py`; real drives are looked for in ../shared/data, and left out without.
+`PYTHONPATH=. python benchmarks/twist.py --figure docs/images/odometry.png`; real drives are looked for in
+../shared/data, and left out without.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
 
 from benchmarks._twist_drives import REAL, Array, Drive, real, simulated
 from benchmarks._twist_ekf import TURN, Ekf, X, Y
@@ -22,6 +28,7 @@ from smallwheel_ros.pipeline.twist import Twists, TwistState, messages, twist
 CUT = 4.0  # deviations that count for more count as these in the log score
 GAP, FIXES, FIX_STD, GYRO_STD = 30.0, 30.0, 0.1, 0.02  # s, s, m, rad/s
 RAW = 0.001  # m^2/s^2: what makers tell
+Ends = tuple[list[float], list[bool]]  # errors (m), and whether the covariance holds them
 
 
 def told(drive: Drive) -> tuple[Twists, float]:
@@ -103,6 +110,7 @@ def gaps(drive: Drive, rows: Twists, variance: float | None) -> tuple[list[float
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=6, help="simulated drives of each slip")
+    parser.add_argument("--figure", type=Path, help="picture of the errors at the ends of gaps")
     chosen = parser.parse_args()
     drives = [simulated(seed, slip) for slip in (0.05, 0.2, 0.4) for seed in range(chosen.seeds)]
     groups = [("simulated", drives)]
@@ -110,11 +118,28 @@ def main() -> None:
         groups.append(("real", [real(name) for name in ("warthog_grass", "warthog_sand1")]))
     else:
         print(f"no real drives: there is no {REAL}")
-    for group, members in groups:
-        table(group, members)
+    ends = {group: table(group, members) for group, members in groups}
+    if chosen.figure:
+        figure(ends, chosen.figure)
 
 
-def table(group: str, drives: list[Drive]) -> None:
+def figure(groups: dict[str, dict[str, Ends]], path: Path) -> None:
+    """Errors at the ends of gaps, those within 95 % of the filter's covariance full, others hollow."""
+    canvas, axes = plt.subplots(1, len(groups), figsize=(8, 2.6), layout="constrained")
+    for ax, (group, ends) in zip(np.atleast_1d(axes), groups.items(), strict=True):
+        for height, (errors, inside) in enumerate(ends.values()):
+            jitter = height + np.random.default_rng(0).uniform(-0.2, 0.2, len(errors))
+            faces = np.where(inside, f"C{height}", "none")
+            ax.scatter(errors, jitter, s=22, edgecolors=f"C{height}", facecolors=faces)
+            ax.plot([np.median(errors)] * 2, [height - 0.35, height + 0.35], color="k", lw=1.5)
+        ax.set_yticks(range(len(ends)), [f"{n}: {np.mean(i):.0%}" for n, (_, i) in ends.items()])
+        ax.invert_yaxis()
+        ax.set_xlabel(f"error after {GAP:g} s without fixes [m]")
+        ax.set_title(f"{group}: {len(next(iter(ends.values()))[0])} gaps", fontsize=10)
+    canvas.savefig(path, dpi=110)
+
+
+def table(group: str, drives: list[Drive]) -> dict[str, Ends]:
     found = [told(drive) for drive in drives]
     rows = [each[0] for each in found]
     masks = [judged(drive) for drive in drives]
@@ -137,7 +162,6 @@ def table(group: str, drives: list[Drive]) -> None:
     )
     print(f"{'drive':<24}" + "".join(f"{head:>8}" for head in heads))
     kept = []
-    Ends = tuple[list[float], list[bool]]
     ends: dict[str, Ends] = {name: ([], []) for name in ("raw", "constant", "ours")}
     for i, (drive, row, mask) in enumerate(zip(drives, rows, masks, strict=True)):
         extra = drive.truth_var[mask]
@@ -173,6 +197,7 @@ def table(group: str, drives: list[Drive]) -> None:
     for name, (errors, inside) in ends.items():
         rms = float(np.sqrt(np.mean(np.square(errors))))
         print(f"  {name:<9}{np.mean(inside):5.2f} {np.median(errors):6.2f} / {rms:.2f}")
+    return ends
 
 
 if __name__ == "__main__":
