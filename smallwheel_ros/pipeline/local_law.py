@@ -10,8 +10,10 @@ import numpy as np
 
 from smallwheel_ros.estimator.identifiability import Variety
 from smallwheel_ros.estimator.settings import SoilPrior
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 
-from .law import LEAST_SHARE, LawModel
+from .law import LEAST_SHARE, LOG_DEPTH, LawModel
+from .missing_effect import MissingEffect
 from .soil_filter import Law
 from .tables import Array, Columns, Flags
 
@@ -23,7 +25,8 @@ class Version:
     law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
     the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
     ln k and of sinkage from place to place. border: m along the vehicle's path, behind which wheels are on
-    version `old` still. variety: of the stretches used.
+    version `old` still. variety: of the stretches used. missing: effect that the model misses;
+    missed_variance: of ln k by that, in scatter, too.
     """
 
     model: LawModel | None
@@ -38,6 +41,8 @@ class Version:
     border: float = -math.inf
     old: int = 0
     variety: Variety = field(default_factory=Variety)
+    missing: MissingEffect | None = None
+    missed_variance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,12 @@ class LocalLaws(Columns):
         turn[:, 3, 4] = 1.0 / self.net(shown)
         whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
         return whole
+
+
+def constants(law: Array) -> tuple[float, float, float]:
+    """k (Pa/m^(n+m)), n and m of ln pressure at the soil's reference, n and m."""
+    log_pressure, n, m = law.tolist()
+    return math.exp(log_pressure - n * LOG_DEPTH - m * math.log(REFERENCE_DIAMETER)), n, m
 
 
 def law_of(version: Version) -> Law:
