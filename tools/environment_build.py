@@ -253,7 +253,11 @@ def find_uv(pip: list[str | Path]) -> tuple[str | Path, dict[str, str]]:
     there = shutil.which("uv")
     if there:
         return there, variables
-    run("uv's installation", [*pip, "install", "--no-deps", "--require-hashes", "-r", UV], "Left out.")
+    run(
+        "uv's installation",
+        [*pip, "install", "--no-deps", "--require-hashes", "-r", UV],
+        "Left out.",
+    )
     return VENV / "bin" / "uv", variables
 
 
