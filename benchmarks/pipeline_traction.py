@@ -16,7 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.pipeline_rates import table_of
+from benchmarks.robot_drives import table_of
 from benchmarks.traction_rates import SETTLE, settings_of
 from benchmarks.traction_rates import run as run_of_today
 from benchmarks.traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
