@@ -70,9 +70,9 @@ def trace() -> tuple[list[Call], list[Call]]:
 
 def table(append: list[Call], turn: list[Call]) -> str:
     """What a message passes, and the stages of a turn in their order."""
-    words = ", ".join(f"`{name}`" for _, name in append)
+    words, where = ", ".join(f"`{name}`" for _, name in append), append[0][0]
     lines = [
-        f"A message as it comes: {len(append)} functions of {len({file for file, _ in append})} file: {words}.",
+        f"A message as it comes: {len(append)} functions of `{where}`: {words}.",
         "",
         f"A turn: {len(turn)} calls from one page, `{PAGE_OF_CODE}`.",
         "",
