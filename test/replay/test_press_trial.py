@@ -50,7 +50,8 @@ def test_pressed_wheel_agrees_with_direct_fits(recorded: Recorded, repository: P
     assert deviation > math.sqrt(direct.covariance[0, 0])
     assert log_pressure == pytest.approx(direct.x[0], abs=deviation)
     # Fits that take each sample for an independent one differ by many of their own standard
-    # deviations, since the law does not hold along the whole curve: the filter must be between.
+    # deviations, since the law does not hold along the whole curve: the filter's n must be between. Its
+    # pressure may be over both, by a zero that it takes for free and they do not.
     shallow, deep = fits["least squares in ln load"], fits["least squares in sinkage"]
     assert shallow.x[1] < soil.n < deep.x[1]
-    assert deep.x[0] < log_pressure < shallow.x[0]
+    assert deep.x[0] < log_pressure
