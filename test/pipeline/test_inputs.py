@@ -49,7 +49,7 @@ def drive(
             "imu": imu(at, climb, felt),
             "odom": odometry(at, 0.02 * speed * i, speed, orientation, turn, variances),
             "joint_states": joints(at, [rim / 0.125], list(effort), ["front_joint"]),
-            "radar": velocity(at, speed if radar is None else radar, aside),
+            "radar": velocity(at, (speed if radar is None else radar) + 1e-4 * math.sin(i), aside),
             "front/load": wrench(at, 60.0),
             "front/sinkage": sinkage(at, 0.008 + 1e-4 * (i % 3)),
         }
@@ -139,8 +139,8 @@ def test_nearer_ground_is_a_deeper_wheel() -> None:
     fed.give("front/load", wrench(START, 60.0))
     fed.give("front/sinkage", distance(START, 0.288))
     rows, _ = fed.rest()
-    assert rows.sinkage == pytest.approx(0.012)
-    assert rows.sinkage_std == pytest.approx(0.002)
+    assert rows.sinkage == pytest.approx(0.012, rel=1e-5)  # a Range has numbers of 32 bits
+    assert rows.sinkage_std == pytest.approx(0.002, rel=1e-5)
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 0.01, 3.0])
@@ -225,7 +225,7 @@ def test_stuck_with_spinning_wheels_is_no_travel() -> None:
     rows, _ = drive(fed, 250, rim=0.5, radar=0.0)
     assert rows.distance[-1] == 0.0
     assert fed.pipeline.soil.accepted == 0
-    assert rows.slip[-1] == pytest.approx(1.0)
+    assert rows.slip[-1] == pytest.approx(1.0, abs=0.01)
     half, _ = drive(Fed(**RADAR), 250, rim=0.5, radar=0.25)
     assert half.distance[-1] == pytest.approx(1.25, rel=0.03)
 
