@@ -24,14 +24,12 @@ from smallwheel_ros.estimator.reading import Reading, covariates_of
 from smallwheel_ros.estimator.wheel_sinkage import NO_SINKAGE, Law, static_sinkage
 from smallwheel_ros.model.nearby import Shear, neighbours, slopes
 from smallwheel_ros.model.stages import Stages
+from smallwheel_ros.onboard.settings import REFERENCE_SLIP as REFERENCE_SLIP
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
-# The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
-# the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
-REFERENCE_SLIP = 0.4
 Array = NDArray[np.float64]
 # Sinkage and resistances, their slopes and that of ln load by the law and ln load; share of the load that
 # reaches the soil, and factor on thrust.
