@@ -104,7 +104,7 @@ class _Judge:
         scored = drive.path[i] >= SETTLE
         self.add("sinkage", made.sinkage, made.sinkage_std, drive.sinkage[i, j], scored)
         value = made.compaction_resistance + made.other_resistance
-        deviation = np.hypot(made.compaction_resistance_std, made.other_resistance_std)
+        deviation = made.rolling_resistance_coefficient_std * made.load
         self.add("resistance", value, deviation, drive.resistance[i, j], scored)
         pull, moves = drive.pull[i, j], drive.moves[i]
         self.add("pull", made.drawbar_pull, made.drawbar_pull_std, pull, scored & moves)

@@ -14,11 +14,10 @@ import numpy as np
 
 from benchmarks.robot_drives import RobotDrive, make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
-from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
+from smallwheel_ros.estimator.settings import EstimatorSettings, usual_strength
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
-from smallwheel_ros.pipeline.local_law import Version, law_of
+from smallwheel_ros.pipeline.identifiability import SoilEstimate
+from smallwheel_ros.pipeline.local_law import Reported, law_of
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import Loaded, StretchState, stretches
 
@@ -54,17 +53,6 @@ class Score:
         return asdict(self)
 
 
-def estimate_of(version: Version, prior: SoilPrior, distance: float) -> SoilEstimate:
-    """A version of the law in the terms of the field, at the soil's reference."""
-    mean, covariance = law_of(version)
-    pressure, n, m = mean.tolist()
-    log_k = pressure - n * math.log(REFERENCE_SINKAGE) - m * math.log(REFERENCE_DIAMETER)
-    return SoilEstimate(
-        math.exp(log_k), n, m, pressure, covariance, prior.law[1], REFERENCE_SINKAGE, REFERENCE_DIAMETER,
-        version.variety, version.accepted, 0, 0, distance, settled=version.settled,
-    )  # fmt: skip
-
-
 def run(drive: RobotDrive) -> tuple[Soils, Score]:
     """Let the pipeline's soils drive, and score them."""
     world, wheels, rows = drive.world, VEHICLES[drive.world.vehicle], drive.rows
@@ -75,7 +63,7 @@ def run(drive: RobotDrive) -> tuple[Soils, Score]:
     closed, loads = stretches(state, rows, settings)
     assert closed is not None
     stamps = soils.take(closed)
-    version = soils.version_of(rows, 0, stamps)
+    version, newest = soils.version_of(rows, 0, stamps)
     asked = Loaded(
         rows.wheel, loads.load, (loads.load_std / loads.load) ** 2, np.zeros(len(rows)), rows.slip,
         rows.speed, rows.passes, rows.pass_doubt,
@@ -84,18 +72,18 @@ def run(drive: RobotDrive) -> tuple[Soils, Score]:
     said = np.isfinite(expected)
     held = np.abs(expected - drive.sinkage)[said] <= 1.96 * np.sqrt(variance[said])
     score = Score(world.name, 0, held=float(held.mean()), changes=soils.changes)
-    newest = np.searchsorted(stamps, rows.stamp)
+    reported = Reported(drive.prior, estimator)
     for place in range(1, len(drive.at)):
         over = np.flatnonzero(rows.distance >= drive.at[place])
         number = int(newest[over[0]]) if over.size else len(soils.versions) - 1
-        at = float(drive.at[place])
-        judge(estimate_of(soils.versions[number], drive.prior, at), drive, place, score)
-    last = estimate_of(soils.versions[-1], drive.prior, float(drive.at[-1]))
-    judge(last, drive, len(drive.at) - 1, score)
+        judge(reported.estimate(soils.versions[number]), drive, place, score)
+    judge(reported.estimate(soils.versions[-1]), drive, len(drive.at) - 1, score)
     borders = [soils.versions[i].border for i in range(len(soils.versions))]
     met = np.array(borders)[newest] > -math.inf
     if drive.border is not None and met.any():
         score.found = float(rows.distance[met][0]) - drive.border
+    alarm = soils.watch.alarm
+    score.effect = "" if alarm is None else alarm.effect
     return soils, score
 
 

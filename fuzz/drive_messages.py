@@ -13,9 +13,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test"))
 
-from smallwheel_ros.pipeline.answers import mobility_columns, soil_fields
 from topic_messages import Fed, imu, joints, odometry, sinkage, step, wrench
 
+from smallwheel_ros.pipeline.answers import mobility_columns, soil_fields
 from smallwheel_ros.pipeline.pipeline import Turn
 
 _STEPS = 24
@@ -45,7 +45,7 @@ def _messages() -> Iterator[tuple[str, Message, int]]:
 
 def numbers(fed: Fed, turn: Turn) -> Iterator[float]:
     """Every number that node and replay would write of a turn."""
-    columns = mobility_columns(turn.estimates, fed.settings.onboard)
+    columns = mobility_columns(turn.estimates, fed.pipeline)
     soil = soil_fields(fed.pipeline.soil, fed.pipeline.rejected)
     for value in (*columns.values(), *soil.values()):
         if not isinstance(value, str):

@@ -12,7 +12,6 @@ import numpy as np
 from fuzz.target import NUMBERS, ROOT, Target
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.estimator.saved_state import read_state
 from smallwheel_ros.estimator.settings import SoilPrior, usual_strength
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model_file import read_model
@@ -22,6 +21,7 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.saved_state import read_state
 
 SAND = soil("dry_sand")
 VEHICLE = OnboardSettings((Wheel("w", 0.25, 0.1),), SoilPrior.from_soil(SAND), usual_strength(SAND))

@@ -12,6 +12,7 @@ from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
 from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.nearby_sinkage import NearbySinkage
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
@@ -173,3 +174,11 @@ class TestOnTheRobot:
             slip=self.SLIP,
         )  # fmt: skip
         assert on.compaction + on.other == pytest.approx(expected.true_resistance, rel=1e-9)
+
+    @pytest.mark.parametrize("added", [(), (effect("load_offset", offset=3.0),)])
+    def test_nearby_sinkage(self, added: tuple[Effect, ...]) -> None:
+        row = Conditions.of([40.0, 80.0], 0.2, 0.1, slip=0.3)
+        near = NearbySinkage(SAND, self.FAULTS, row)
+        softer = replace(SAND, n=SAND.n + 1e-4)
+        expected = predict(Model(softer, effects=(*self.FAULTS, *added)), row).sinkage
+        assert near.log_sinkage(softer, *added) == pytest.approx(np.log(expected), abs=1e-6)

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from benchmarks.robot_drives import RobotDrive, make_drive, table_of
-from benchmarks.robot_scores import estimate_of, run
+from benchmarks.robot_scores import run
 from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.local_law import Version, flags_of, law_of
+from smallwheel_ros.pipeline.local_law import Reported, Version, flags_of, law_of
+from smallwheel_ros.pipeline.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
@@ -57,7 +57,7 @@ def driven(
         closed, loads = stretches(state, block, settings)
         stamps = np.empty(0, dtype=np.int64) if closed is None else soils.take(closed)
         versions += [soils.versions[i] for i in range(first + 1, len(soils.versions))]
-        number = soils.version_of(block, first, stamps)
+        number = soils.version_of(block, first, stamps)[0]
         found.append(np.array([number, loads.load, loads.load_std]))
         if forget:
             soils.forget(number)
@@ -190,7 +190,10 @@ def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
     soils, versions, _ = driven(drive.rows, settings)
     saved = soils.record()
     assert saved is not None
-    path, now = tmp_path / "soil.json", estimate_of(versions[-1], drive.prior, 12.0)
+    path, now = (
+        tmp_path / "soil.json",
+        Reported(drive.prior, settings.estimator).estimate(versions[-1]),
+    )
     write_state(path, SavedState(saved, soils.variety, soils.accepted), drive.prior, (), now)
     state = read_state(path, drive.prior, ())
     again = Soils(settings.prior, settings.estimator, (), settings.wheels)
