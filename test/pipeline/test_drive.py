@@ -145,7 +145,8 @@ def test_a_looping_bag_starts_over(drive: Drive, rows: list[Row]) -> None:
             turns += list(pipeline.turns())
     turns += list(pipeline.turns(last=True))
     assert pipeline.time_jumps == 1
-    (again,) = [i for i, turn in enumerate(turns) if turn.starts_over]
+    begin, again = (i for i, turn in enumerate(turns) if turn.starts_over)
+    assert begin == 0
     first, second = (
         Estimates.joined([turn.estimates for turn in part])
         for part in (turns[:again], turns[again:])
@@ -173,9 +174,9 @@ def test_a_load_that_drops_out_is_named_and_survived(drive: Drive, rows: list[Ro
     missing = made.status == Status.LOAD_MISSING
     assert missing.sum() > 20
     assert (made.wheel[missing] == 0).all()
-    for name in ("load", "sinkage", "compaction_resistance", "drawbar_pull", "margin"):
+    for name in ("load", "sinkage", "compaction_resistance", "drawbar_pull"):
         assert np.isnan(getattr(made, name)[missing]).all(), name
-    assert np.isfinite(made.margin[~missing]).all()
+    assert np.isfinite(made.margin).all()
 
 
 def test_a_wheel_without_sinkage_sensor_is_predicted(drive: Drive, rows: list[Row]) -> None:
@@ -266,7 +267,8 @@ def test_odometry_that_was_away_for_long_does_not_stop_the_path() -> None:
         away = 10 * SECOND if i >= 200 else 0
         stamp, x = START + i * SECOND // 20 + away, 0.02 * i + (4.0 if away else 0.0)
         rows += [("odom", stamp, (0.4, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), stamp)]
-        rows += [("w/wheel_speed", stamp, (0.4 / 0.125,), stamp), ("w/load", stamp, (60.0,), stamp)]
+        turning = (0.4 + 0.03 * math.sin(0.3 * i)) / 0.9 / 0.125
+        rows += [("w/wheel_speed", stamp, (turning,), stamp), ("w/load", stamp, (60.0,), stamp)]
         rows += [("w/sinkage", stamp, (0.01 + 1e-5 * (i % 7), 1e-6), stamp)]
     found, _ = run(settings_from(ONE), rows)
     assert found.distance[-1] == pytest.approx(12.0, rel=0.03)
@@ -275,14 +277,16 @@ def test_odometry_that_was_away_for_long_does_not_stop_the_path() -> None:
 def test_too_heavy_a_load_is_sunk_to_the_axle() -> None:
     vehicle = settings_from({**ONE, **EVERY})
     rows: list[Row] = []
-    for i in range(20):
-        stamp = START + i * SECOND // 20
+    for i in range(60):
+        stamp, speed = START + i * SECOND // 20, 0.4 + 0.03 * math.sin(0.3 * i)
         rows += [("odom", stamp, (0.4, 0.0, 0.02 * i, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), stamp)]
-        rows += [("w/wheel_speed", stamp, (0.4 / 0.125,), stamp), ("w/load", stamp, (1e7,), stamp)]
+        rows += [
+            ("w/wheel_speed", stamp, (speed / 0.125,), stamp),
+            ("w/load", stamp, (1e7,), stamp),
+        ]
         rows += [("w/sinkage", stamp, (0.05, 0.0), stamp)]
     _, made = run(vehicle, rows)
-    assert made is not None
-    assert (made.status == Status.SUNK_TO_AXLE).all()
+    assert (made.status[20:] == Status.SUNK_TO_AXLE).all()  # before, the soil is any
     for name in ("sinkage", "compaction_resistance", "drawbar_pull"):
         assert np.isnan(getattr(made, name)).all(), name
 
@@ -295,14 +299,21 @@ def test_a_variance_that_is_not_known_is_the_parameters(variance: float) -> None
     assert found.sinkage_std.tolist() == [0.0023]
 
 
-def test_a_reading_below_zero_is_one_and_a_wheel_in_the_air_is_not() -> None:
+def test_readings_below_zero_are_used() -> None:
+    """On firm ground half of them are; that a sensor's zero is far off is for the checks."""
     vehicle = settings_from({**ONE, **EVERY})
     pipeline = Pipeline(vehicle.onboard)
     rows: list[Row] = []
-    for i, shown in enumerate((-0.001, -0.2)):
-        stamp = START + i * SECOND // 20
-        rows += [("w/load", stamp, (60.0,), None), ("w/sinkage", stamp, (shown, 0.0), None)]
-    run(vehicle, rows, pipeline=pipeline)
-    ((stream, _),) = pipeline.problems
-    assert stream == "w/sinkage"
-    assert pipeline.rejected == 1
+    for i in range(400):
+        stamp, speed = START + i * SECOND // 20, 0.4 + 0.03 * math.sin(0.3 * i)
+        rows += [("odom", stamp, (0.36, 0.0, 0.018 * i, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), stamp)]
+        rows += [
+            ("w/wheel_speed", stamp, (speed / 0.125,), stamp),
+            ("w/load", stamp, (60.0,), stamp),
+        ]
+        rows += [("w/sinkage", stamp, (3e-4 + 1e-3 * math.sin(i), 0.0), stamp)]
+    _, made = run(vehicle, rows, pipeline=pipeline)
+    assert (made.sinkage_measured < 0.0).mean() > 0.3
+    assert pipeline.accepted > 200
+    assert pipeline.rejected < 10
+    assert (made.sinkage[200:] > 0.0).all()
