@@ -267,7 +267,7 @@ def test_odometry_that_was_away_for_long_does_not_stop_the_path() -> None:
         away = 10 * SECOND if i >= 200 else 0
         stamp, x = START + i * SECOND // 20 + away, 0.02 * i + (4.0 if away else 0.0)
         rows += [("odom", stamp, (0.4, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), stamp)]
-        turning = (0.4 + 0.03 * math.sin(0.3 * i)) / 0.9 / 0.125
+        turning = 0.4 * (1.0 + 0.1 * math.sin(0.07 * i)) / 0.9 / 0.125
         rows += [("w/wheel_speed", stamp, (turning,), stamp), ("w/load", stamp, (60.0,), stamp)]
         rows += [("w/sinkage", stamp, (0.01 + 1e-5 * (i % 7), 1e-6), stamp)]
     found, _ = run(settings_from(ONE), rows)
