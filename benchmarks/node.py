@@ -6,8 +6,8 @@
 Limit: a receiver, an rclpy node with the same subscriptions and QoS that appends each serialised message
 to a list and does nothing else. Both get the same messages, in turns of one run: at each tick loads, odometry
 and joint states, then the sinkages, all with one stamp. Target: at most 1.6 times the receiver's processor
-time, a median delay of 60 ms from a sinkage to its estimate, and no turn of more than 40 ms. The node is as it
-is shipped: every message counts for the soil, ten estimates a second of each wheel go out.
+time, a median delay of 60 ms from a sinkage to its estimate, and no turn of more than 40 ms. The node is as
+it is shipped: every message counts for the soil, ten estimates a second of each wheel go out.
 """
 
 from __future__ import annotations
@@ -177,6 +177,7 @@ class Measured:
         self.vehicle: Vehicle | None = None
 
     def on_diagnostics(self, message: Any) -> None:
+        """Keep the longest turn of the last second, where the node says it."""
         values = [value for status in message.status for value in status.values]
         self.turns += [float(v.value) for v in values if v.key == "longest turn [ms]"]
 
