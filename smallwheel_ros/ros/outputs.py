@@ -8,6 +8,7 @@ import math
 import time
 from array import array
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -289,8 +290,8 @@ class CostPublisher:
 class Outputs:
     """The publishers of a configured node; `destroy` them in the end.
 
-    newest: the newest row of each wheel, None before the first. cost: the cost map. report: takes topic,
-    reason and words of something that went wrong.
+    newest: the newest row of each wheel. cost: the cost map. report: takes topic, reason and words of
+    something that went wrong.
     """
 
     def __init__(
@@ -299,7 +300,7 @@ class Outputs:
         self._node, self._settings, self._pipeline, self._report = node, settings, pipeline, report
         self._publishers: dict[str, LifecyclePublisher] = {}
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
-        self.newest: Estimates | None = None
+        self.newest = no_estimates()
         self._soil_sent: int | None = None
         # Stamp, soil and rejected readings of the newest soil that is not published yet.
         self._soil_waits: tuple[int, Soil, int] | None = None
@@ -345,7 +346,8 @@ class Outputs:
         """Forget what was published: the soil is another one, or time has gone back."""
         self.cost.clear()
         self.delete_markers()
-        self.newest = self._soil_sent = self._soil_waits = None
+        self.newest = no_estimates()
+        self._soil_sent = self._soil_waits = None
 
     def publish(self, turn: Turn, frame: str) -> None:
         """Publish what a turn has made, and keep what goes out at rates of its own.
@@ -416,7 +418,7 @@ class Outputs:
     def publish_markers(self, frame: str) -> None:
         """Publish the markers if anybody looks at them."""
         publisher = self._publishers["~/markers"]
-        if self.newest is not None and publisher.get_subscription_count():
+        if len(self.newest) and publisher.get_subscription_count():
             publisher.publish(markers(self.newest, self._settings.onboard.wheels, frame))
 
     def delete_markers(self) -> None:
@@ -431,8 +433,15 @@ def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     return OUTPUTS | (TWIST if settings.twist_publish else {})
 
 
-def newest_of(before: Estimates | None, found: Estimates) -> Estimates:
+def no_estimates() -> Estimates:
+    """Estimates without a row."""
+    kinds: dict[str, type] = {"Integers": np.int64, "Flags": np.bool_}
+    columns = {f.name: np.empty(0, kinds.get(str(f.type), np.float64)) for f in fields(Estimates)}
+    return Estimates(**columns)
+
+
+def newest_of(before: Estimates, found: Estimates) -> Estimates:
     """The newest row of each wheel, in the order of their numbers. found: behind those before."""
-    every = found if before is None else Estimates.joined([before, found])
+    every = Estimates.joined([before, found])
     _, last = np.unique(every.wheel[::-1], return_index=True)
     return every.take(len(every) - 1 - last)
