@@ -19,9 +19,9 @@ from scipy.signal import lfilter
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.onboard.settings import IMU, OnboardSettings, VelocitySource
+from smallwheel_ros.onboard.settings import IMU, OnboardSettings, TwistSettings, VelocitySource
 from smallwheel_ros.pipeline.tables import SECOND
-from smallwheel_ros.pipeline.twist import Rows, TwistSettings
+from smallwheel_ros.pipeline.twist import Rows
 
 Array = NDArray[np.float64]
 _PLACES = [up / "shared" / "data" / "real_drives" for up in Path(__file__).resolve().parents]

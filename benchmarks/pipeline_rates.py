@@ -96,7 +96,7 @@ def run(drive: RobotDrive) -> tuple[Soils, Score]:
     closed, loads = stretches(state, rows, settings)
     assert closed is not None
     stamps = soils.take(closed)
-    version = soils.version_of(rows, 0, stamps)
+    version = soils.version_of(rows, 0, stamps)[0]
     asked = Loaded(
         rows.wheel, loads.load, (loads.load_std / loads.load) ** 2, np.zeros(len(rows)), rows.slip,
         rows.speed, rows.passes, rows.pass_doubt,

@@ -69,7 +69,7 @@ def estimates_of(rows: Readings, settings: OnboardSettings) -> Estimates:
     strengths = Strengths(settings.strength, settings.wheels, rolling, settings.mass)
     closed, loads = stretches(StretchState.of(settings), rows, settings)
     stamps = np.empty(0, dtype=np.int64) if closed is None else soils.take(closed)
-    law = soils.version_of(rows, 0, stamps)
+    law = soils.version_of(rows, 0, stamps)[0]
     made = steps(StepState(), rows, loads.load, loads.load_std, law, soils, settings)
     ends = np.empty(0, dtype=np.int64) if made is None else strengths.take(made)
     believed = np.searchsorted(ends, rows.stamp)

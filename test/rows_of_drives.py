@@ -126,7 +126,7 @@ def run(
     *,
     together: bool = False,
     pipeline: Pipeline | None = None,
-) -> tuple[Readings, Estimates | None]:
+) -> tuple[Readings, Estimates]:
     """Readings and estimates of rows with turns at cuts. together: rows between cuts are given at once."""
     pipeline = pipeline or Pipeline(settings.onboard)
     known = set(widths_of(settings.onboard))
@@ -138,9 +138,8 @@ def run(
         turns += pipeline.turns()
         begin = cut
     turns += pipeline.turns(last=True)
-    made = [turn.estimates for turn in turns if turn.estimates is not None]
     readings = Readings.joined([turn.readings for turn in turns])
-    return readings, Estimates.joined(made) if made else None
+    return readings, Estimates.joined([turn.estimates for turn in turns])
 
 
 def give(streams: Streams, rows: Sequence[Row], *, together: bool = False) -> None:

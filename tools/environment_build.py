@@ -23,7 +23,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from environment_checks import ROOT, CannotBuild, check_machine, interpreter
+from environment_checks import ROOT, CannotBuild, check_machine, interpreter, last_line
+from environment_uv import uv_variables
 
 VENV = ROOT / ".venv"
 VENV_PYTHON = VENV / "bin" / "python"
@@ -31,6 +32,7 @@ STATE = VENV / "smallwheel.json"
 BUILD = VENV / "build"
 LOG = VENV / "make.log"
 LOCK = ROOT / "tools" / "environment.lock"
+UV = ROOT / "tools" / "uv.txt"
 # Change it when the steps below change so that environments made before must be made anew.
 RECIPE = 1
 
@@ -188,7 +190,10 @@ def patch_cmake_files() -> None:
                 f"{file} names a folder of the machine that built it, in a form that"
                 " tools/environment_build.py does not know: has tools/environment.lock changed?"
             )
-        file.write_text(text)
+        # Not into the file that is there: it may be a link into uv's cache.
+        new = file.with_suffix(".new")
+        new.write_text(text)
+        new.replace(file)
 
 
 def make_venv() -> None:
@@ -203,23 +208,64 @@ def make_venv() -> None:
     )
     packages = sum("==" in line for line in LOCK.read_text().splitlines())
     say(f"[2/3] ROS 2 Jazzy and {packages} packages in all; about a minute, once")
-    pip: list[str | Path] = [
-        VENV_PYTHON,
-        "-m",
-        "pip",
-        "install",
-        "--disable-pip-version-check",
-        "--no-input",
-    ]
-    run(
-        "Installing the packages",
-        # The lock file is complete, so nothing has to be resolved.
-        [*pip, "--no-deps", "--no-compile", "-r", LOCK],
-        "Is the package registry within reach, and room for 1 GB on the disk? Run make again.",
-    )
+    install_packages()
     compile_packages()
     patch_cmake_files()
     write_state(python=str(interpreter()), environment=environment_key())
+
+
+def install_packages() -> None:
+    """Install the lock file's packages by uv, or by pip where uv is not to be had or fails.
+
+    Both refuse a file whose hash the lock does not have, so it does not matter which did it.
+    """
+    pip: list[str | Path] = [VENV_PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input"]
+    advice = "Is the package registry within reach, and room for 1 GB on the disk? Run make again."
+    # The lock file is complete, so nothing has to be resolved.
+    lock: list[str | Path] = ["--no-deps", "--require-hashes", "-r", LOCK]
+    try:
+        uv, variables = find_uv(pip)
+        to: list[str | Path] = ["pip", "install", "--verify-hashes", "--python", VENV_PYTHON]
+        run("uv", [uv, *to, *lock], advice, **variables)
+    except (CannotBuild, OSError) as problem:
+        say(f"      by pip, which is slower: {first_lines(problem)}")
+        # What uv may have left half done does not count.
+        anew = ["install", "--no-compile", "--ignore-installed"]
+        run("Installing the packages", [*pip, *anew, *lock], advice)
+
+
+def find_uv(pip: list[str | Path]) -> tuple[str | Path, dict[str, str]]:
+    """Return uv, that of the PATH or from the registry, and the variables it is to run with.
+
+    Raises
+    ------
+    CannotBuild
+        If it cannot be had, or pip has a setting that uv cannot follow.
+    """
+    listed = subprocess.run(
+        [*pip, "config", "list"], stdin=subprocess.DEVNULL, capture_output=True, text=True
+    )
+    if listed.returncode:
+        raise CannotBuild(f"pip does not say its settings ({last_line(listed.stderr)})")
+    variables = uv_variables(listed.stdout, os.environ)
+    if isinstance(variables, str):
+        raise CannotBuild(f"uv does not know pip's setting {variables}")
+    there = shutil.which("uv")
+    if there:
+        return there, variables
+    run(
+        "uv's installation",
+        [*pip, "install", "--no-deps", "--require-hashes", "-r", UV],
+        "Left out.",
+    )
+    return VENV / "bin" / "uv", variables
+
+
+def first_lines(problem: Exception) -> str:
+    """Return what failed and the last line that it said, in one line."""
+    first, *rest = str(problem).splitlines()
+    said = [line.strip() for line in rest[:-1] if line.strip()]
+    return f"{first.partition('. Its last lines')[0]}" + (f" ({said[-1]})" if said else "")
 
 
 def compile_packages() -> None:

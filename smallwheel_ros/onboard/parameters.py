@@ -232,6 +232,7 @@ def _onboard(given: Given, inputs: Mapping[str, WheelInputs]) -> OnboardSettings
         mass=given.vehicle_mass or 0.0,
         gravity_height=given.gravity_height or usual_height,
         mobility_rate=given.mobility_rate,
+        twist=given.twist if given.twist_publish else None,
         soil_told=bool(given.soil_name or given.model_file or known.k is not None),
     )
 

@@ -99,6 +99,19 @@ class Timing:
 
 
 @dataclass(frozen=True)
+class TwistSettings:
+    """How the twist of the rims is told."""
+
+    rim_delay: float = Parameter(0.0, "s", 0.0, 1.0).means(
+        "How much later the wheel speeds are stamped than the imu's readings of the same instant."
+    )
+    correlation_time: float = Parameter(0.4, "s", 0.0, 10.0).means(
+        "Errors of slip last, and a filter takes each message for a new one: variances sent are multiplied"
+        " by twice this times the rate. 0: the variance of one reading."
+    )
+
+
+@dataclass(frozen=True)
 class OnboardSettings:
     """Everything that `Onboard` needs to know before the first message; `settings_from` checks it.
 
@@ -131,6 +144,8 @@ class OnboardSettings:
         Hz, estimates of each wheel at most; 0: one for each measured sinkage.
     soil_told
         Whether the user has said which soil it is; else it is any.
+    twist
+        How the twist of the rims is told; None: it is not.
     """
 
     wheels: tuple[Wheel, ...]
@@ -155,6 +170,7 @@ class OnboardSettings:
     gravity_height: float = 0.0
     mobility_rate: float = 10.0
     soil_told: bool = True
+    twist: TwistSettings | None = None
 
     @property
     def without_soil_sensors(self) -> bool:
@@ -344,6 +360,12 @@ class Given:
         "File that ~/save_soil writes, and that the estimate goes on from at the start where it is"
         " there. Empty: ~/save_soil has nowhere to write to."
     )
+    twist_publish: bool = Parameter(False, name="twist.publish").means(
+        "Whether ~/twist is sent: the twist of the rims with a covariance that grows with slip, for"
+        " robot_localization and others (docs/odometry.md). It needs imu_topic and lateral_position of the"
+        " wheels."
+    )
+    twist: TwistSettings = field(default_factory=TwistSettings)
     soil: Start = field(default_factory=Start)
     noise: SensorNoise = field(default_factory=SensorNoise)
     timing: Timing = field(default_factory=Timing)

@@ -301,8 +301,12 @@ class Checks:
     ----------
     doubted
         By stream that is not to be used now: since when, ns; 0: since the beginning.
+    history
+        The same as it was: stamps (ns) from which on streams were doubted, and which.
     done
         Stamp (ns) up to which raw rows were taken.
+    holds
+        What is complained of in the newest span.
     """
 
     def __init__(self, settings: OnboardSettings) -> None:
@@ -310,6 +314,8 @@ class Checks:
         self.memory = Memory()
         self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]
         self.doubted: dict[str, int] = {}
+        self.history: list[tuple[int, dict[str, int]]] = [(_NEVER, {})]
+        self.holds: tuple[Finding, ...] = ()
         self.done = self._next = _NEVER
         self._rows: dict[str, tuple[Integers, Array]] = {}
         self._said: set[tuple[str, str]] = set()
@@ -326,6 +332,11 @@ class Checks:
             (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=_NEVER
         )
         return self._judge(newest + SPAN + 1) if newest > _NEVER else []
+
+    def forget_history(self, stamp: int) -> None:
+        """Keep what holds behind a stamp (ns)."""
+        while len(self.history) > 1 and self.history[1][0] <= stamp:
+            del self.history[0]
 
     def _keep(self, raw: Raw) -> None:
         for name, (stamps, values) in raw.items():
@@ -360,6 +371,7 @@ class Checks:
 
     def _span(self, begin: int) -> list[Finding]:
         found: list[Finding] = []
+        holds: list[Finding] = []
         doubted: dict[str, int] = {}
         self.memory.doubted.clear()
         with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -371,12 +383,15 @@ class Checks:
                     self.memory.doubted.update(said.doubts)
                     for stream in said.doubts:
                         doubted[stream] = min(since, doubted.get(stream, since))
+                    holds.append(Finding(begin + SPAN, rule, said.subject, _words(said, begin)))
                     if (rule, said.subject) not in self._said:
                         self._said.add((rule, said.subject))
-                        found.append(Finding(begin + SPAN, rule, said.subject, _words(said, begin)))
+                        found.append(holds[-1])
             if window.rims is not None:
                 self.memory.way = float(window.way(np.array([SPAN / SECOND]))[0])
-        self.doubted = doubted
+        self.doubted, self.holds = doubted, tuple(holds)
+        if doubted.keys() != self.history[-1][1].keys():
+            self.history.append((begin + SPAN + AROUND, doubted))
         return found
 
 

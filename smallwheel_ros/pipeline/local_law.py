@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from smallwheel_ros.estimator.identifiability import Variety
-from smallwheel_ros.estimator.settings import SoilPrior
+from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
-from .law import LEAST_SHARE, LawModel
+from .identifiability import SoilEstimate, Variety, seen_as
+from .law import LEAST_SHARE, LOG_DEPTH, LawModel
+from .missing_effect import MissingEffect
 from .soil_filter import Law
 from .tables import Array, Columns, Flags
 
@@ -23,7 +25,9 @@ class Version:
     law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
     the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
     ln k and of sinkage from place to place. border: m along the vehicle's path, behind which wheels are on
-    version `old` still. variety: of the stretches used.
+    version `old` still. variety: of the stretches used. missing: effect that the model misses;
+    missed_variance: of ln k by that, in scatter, too. outliers: readings left out; changes: of soil found;
+    distance: m, of the vehicle: all up to here.
     """
 
     model: LawModel | None
@@ -38,6 +42,11 @@ class Version:
     border: float = -math.inf
     old: int = 0
     variety: Variety = field(default_factory=Variety)
+    missing: MissingEffect | None = None
+    missed_variance: float = 0.0
+    outliers: int = 0
+    changes: int = 0
+    distance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +80,12 @@ class LocalLaws(Columns):
         return whole
 
 
+def constants(law: Array) -> tuple[float, float, float]:
+    """k (Pa/m^(n+m)), n and m of ln pressure at the soil's reference, n and m."""
+    log_pressure, n, m = law.tolist()
+    return math.exp(log_pressure - n * LOG_DEPTH - m * math.log(REFERENCE_DIAMETER)), n, m
+
+
 def law_of(version: Version) -> Law:
     """Mean and covariance of (ln pressure at the soil's reference, n, m)."""
     return version.law, version.slopes @ version.covariance @ version.slopes.T
@@ -82,3 +97,28 @@ def flags_of(version: Version, prior: SoilPrior, share: float = 0.5) -> Flags:
     known = spread <= share * np.sqrt(np.diag(prior.law[1]))
     determined: Flags = known & version.settled
     return determined
+
+
+class Reported:
+    """Reports laws at the sinkage and the diameter of the settings, the prior's covariance too."""
+
+    def __init__(self, prior: SoilPrior, settings: EstimatorSettings) -> None:
+        self._at = sinkage, diameter = settings.reference_sinkage, settings.reference_diameter
+        self._turn = np.eye(3)  # of (ln pressure, n, m)
+        self._turn[0, 1] = math.log(sinkage / REFERENCE_SINKAGE)
+        self._turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
+        self._prior = seen_as(self._turn, prior.law[1])
+
+    def estimate(self, version: Version) -> SoilEstimate:
+        """The soil as it was believed."""
+        law, covariance = law_of(version)
+        more = np.diag([version.missed_variance, 0.0, 0.0])
+        pressure, n, m = (self._turn @ law).tolist()
+        sinkage, diameter = self._at
+        k = math.exp(pressure - n * math.log(sinkage) - m * math.log(diameter))
+        return SoilEstimate(
+            k, n, m, pressure, seen_as(self._turn, covariance + more), self._prior, *self._at,
+            variety=version.variety, accepted=version.accepted, outliers=version.outliers,
+            soil_changes=version.changes, distance=version.distance,
+            missing_effect=version.missing, settled=version.settled,
+        )  # fmt: skip

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,14 @@ class StuckSensors:
             coarse = step[-1] if most < step[-1] < math.inf else 0.0
             full = len(shown) == _STUCK and count.sum() >= _STUCK
             self.stuck[wheel] = full and most + coarse < _STILL * varies
+
+    def findings(self, names: Sequence[str]) -> tuple[str, ...]:
+        """In words, with what to check. names: of the wheels."""
+        return tuple(
+            f"{names[wheel]}: its sinkage sensor shows the same wherever it rolls, and is not used: is it"
+            " stuck, dirty, or does it look at the wheel?"
+            for wheel in np.flatnonzero(self.stuck).tolist()
+        )
 
 
 class Weighed(NamedTuple):

@@ -16,8 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.common.parameter import Parameter
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings, TwistSettings
 from smallwheel_ros.physics.conditions import ROLLING
 
 from .ground import GRAVITY, SPEED_VARIANCE
@@ -35,19 +34,6 @@ _UNKNOWN = 1e6  # variance of what is not measured: 0 would be certain, 1e308 ma
 
 class TwistError(SmallwheelError):
     """A vehicle whose rims cannot tell a twist."""
-
-
-@dataclass(frozen=True)
-class TwistSettings:
-    """The user's part of it."""
-
-    rim_delay: float = Parameter(0.0, "s", 0.0, 1.0).means(
-        "How much later the wheel speeds are stamped than the imu's readings of the same instant."
-    )
-    correlation_time: float = Parameter(0.4, "s", 0.0, 10.0).means(
-        "Errors of slip last, and a filter takes each message for a new one: variances sent are multiplied"
-        " by twice this times the rate. 0: the variance of one reading."
-    )
 
 
 @dataclass(frozen=True)

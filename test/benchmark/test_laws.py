@@ -287,3 +287,4 @@ def test_the_data_that_is_passed_on_has_licence_source_and_tasks(repository: Pat
         for file in folder.glob("*.csv"):
             assert list(tasks_of(read_measurements(file))), file
             assert file.stat().st_size < 100_000
+        assert sum(file.stat().st_size for file in folder.glob("*.mcap")) < 1_500_000

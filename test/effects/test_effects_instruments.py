@@ -10,13 +10,13 @@ import pytest
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.estimator.missing_effect import NearbySinkage
 from smallwheel_ros.estimator.path_steps import Sample
 from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.estimator.soil_filter import LocalLaw
 from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, wheel_sinkage
 from smallwheel_ros.model.model import Model, Prediction, predict
+from smallwheel_ros.model.nearby_sinkage import NearbySinkage
 from smallwheel_ros.onboard.wheel_on_soil import wheels_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil

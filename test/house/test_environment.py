@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import os
 import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -42,6 +44,13 @@ def checkout(source: Path, tmp_path: Path) -> Path:
 
 def make_env(checkout: Path, *options: str, **environment: str) -> tuple[int, list[str]]:
     """Run `make env`; return its exit code and the lines on standard error but make's own."""
+    return make_env_saying(checkout, *options, **environment)[:2]
+
+
+def make_env_saying(
+    checkout: Path, *options: str, **environment: str
+) -> tuple[int, list[str], str]:
+    """Do the same; return standard output too."""
     outer = ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")  # of the make that may have started the tests
     variables = {k: v for k, v in os.environ.items() if k not in outer}
     result = subprocess.run(
@@ -53,7 +62,7 @@ def make_env(checkout: Path, *options: str, **environment: str) -> tuple[int, li
         timeout=300,
     )
     lines = [line for line in result.stderr.splitlines() if not line.startswith("make: ")]
-    return result.returncode, lines
+    return result.returncode, lines, result.stdout
 
 
 def test_this_machine_is_fit(tool: ModuleType) -> None:
@@ -147,3 +156,53 @@ def test_a_failed_download_leaves_nothing_that_is_believed(checkout: Path) -> No
         assert lines[0].startswith("smallwheel_ros: Installing the packages failed")
         assert "Run make again" in lines[-1]
         assert not any("Traceback" in line for line in lines)
+
+
+@pytest.fixture
+def uv_variables(source: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., object]:
+    monkeypatch.syspath_prepend(str(source / "tools"))
+    function: Callable[..., object] = importlib.import_module("environment_uv").uv_variables
+    return function
+
+
+def test_uv_looks_where_pip_does(uv_variables: Callable[..., object]) -> None:
+    listed = (
+        "global.index-url='https://a/simple'\nglobal.constraint='c.txt'\n"
+        "global.extra-index-url='https://b/simple\\nhttps://c/simple'\n"
+        "install.index-url='https://d/simple'\n:env:.no-index='0'\n:env:.find-links='/w'\n"
+    )
+    assert uv_variables(listed, {}) == {
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_DEFAULT_INDEX": "https://d/simple",
+        "UV_INDEX": "https://b/simple https://c/simple",
+        "UV_FIND_LINKS": "/w",
+    }
+    assert "UV_FIND_LINKS" not in uv_variables(listed, {"UV_FIND_LINKS": "/v"})  # type: ignore[operator]
+
+
+def test_what_uv_cannot_follow_is_left_to_pip(uv_variables: Callable[..., object]) -> None:
+    assert uv_variables("install.no-binary=':all:'\n", {}) == "no-binary"
+    assert uv_variables("global.index-url=broken\n", {}) == "index-url"
+
+
+@pytest.mark.slow
+def test_where_uv_fails_pip_goes_on_and_it_is_said(checkout: Path, tmp_path: Path) -> None:
+    """This uv writes down what it was asked, and fails; pip then fails too, of no index."""
+    asked = tmp_path / "asked"
+    uv = tmp_path / "bin" / "uv"
+    uv.parent.mkdir()
+    uv.write_text(f'#!/bin/sh\necho "$UV_NO_INDEX $@" > {asked}\necho "no such wheel"\nexit 3\n')
+    uv.chmod(0o755)
+    code, lines, printed = make_env_saying(
+        checkout,
+        PATH=f"{uv.parent}:{os.environ['PATH']}",
+        PIP_CONFIG_FILE=os.devnull,
+        PIP_NO_INDEX="1",
+        PIP_EXTRA_INDEX_URL="",
+        PIP_FIND_LINKS="",
+    )
+    assert code != 0
+    assert asked.read_text().startswith("1 pip install")
+    assert "--require-hashes" in asked.read_text()
+    assert "by pip, which is slower: uv failed (no such wheel)" in printed
+    assert lines[0].startswith("smallwheel_ros: Installing the packages failed")

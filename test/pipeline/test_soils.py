@@ -57,7 +57,7 @@ def driven(
         closed, loads = stretches(state, block, settings)
         stamps = np.empty(0, dtype=np.int64) if closed is None else soils.take(closed)
         versions += [soils.versions[i] for i in range(first + 1, len(soils.versions))]
-        number = soils.version_of(block, first, stamps)
+        number = soils.version_of(block, first, stamps)[0]
         found.append(np.array([number, loads.load, loads.load_std]))
         if forget:
             soils.forget(number)

@@ -50,7 +50,7 @@ def driven(
         closed, loads = stretches(stretched, block, settings)
         first, told = len(soils.versions) - 1, len(strengths.believed) - 1
         stamps = np.empty(0, dtype=np.int64) if closed is None else soils.take(closed)
-        law = soils.version_of(block, first, stamps)
+        law = soils.version_of(block, first, stamps)[0]
         made = steps(stepped, block, loads.load, loads.load_std, law, soils, settings)
         ends = np.empty(0, dtype=np.int64) if made is None else strengths.take(made)
         known = np.isfinite(loads.load)

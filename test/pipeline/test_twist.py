@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks._twist_drives import Drive, simulated, vehicle
+from smallwheel_ros.onboard.settings import TwistSettings
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.twist import (
     Rows,
     TwistError,
     Twists,
-    TwistSettings,
     TwistState,
     messages,
     twist,

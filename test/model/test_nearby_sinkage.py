@@ -11,8 +11,8 @@ import pytest
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.missing_effect import NearbySinkage
 from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.model.nearby_sinkage import NearbySinkage
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 

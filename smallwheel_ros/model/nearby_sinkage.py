@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an instrument shows of rolling wheels in soils near to one, from one solution of the contact integral.
+
+What an effect makes of load, modulus and exponent moves ln z along the slopes, what it digs comes on top as
+it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.model.stages import Stages
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.contact import ContactSinkage, contact_sinkage
+from smallwheel_ros.physics.sinkage import loads_by_depth
+from smallwheel_ros.physics.soil import Soil
+
+Array = NDArray[np.float64]
+
+
+class NearbySinkage:
+    """Sinkage of rolling wheels about one soil with some effects.
+
+    conditions: rolling rows. Raises what `model.predict` raises.
+    """
+
+    def __init__(self, soil: Soil, effects: Sequence[Effect], conditions: Conditions) -> None:
+        self._soil, self._effects, self._conditions = soil, tuple(effects), conditions
+        self._stages = Stages(self._effects, conditions)
+        self._at = self._stages.loaded(soil.k, soil.n, soil.m)
+        self._solved: ContactSinkage | None = None
+        if not self._stages.layered:
+            load, diameter, modulus, exponent = self._at
+            self._solved = contact_sinkage(load, diameter, conditions.width, modulus, exponent)
+            self._log_z = np.log(self._solved.sinkage)
+
+    def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
+        """Give ln of what the instrument would show (m), shape (rows,).
+
+        soil: near to the one at the start. added: effects of little strength. NaN where there is no
+        sinkage.
+        """
+        turned = any(
+            effect.overrides("wheel_diameter") or effect.overrides("corrected_load")
+            for effect in added
+        )
+        if self._solved is None or turned:  # no slopes for that
+            model = Model(soil, effects=(*self._effects, *added))
+            return _log(predict(model, self._conditions).sinkage)
+        here = self._at
+        more_stages = Stages(added, self._stages.conditions)
+        there = here if soil is self._soil else self._stages.loaded(soil.k, soil.n, soil.m)
+        there = more_stages.on_soil(there)
+        more = np.log(there.load / here.load) - np.log(there.modulus / here.modulus)
+        if more_stages.layered:
+            depth, borne = self._loads_by_depth
+            factor = more_stages.pressure_factor(depth)
+            more = more + np.log(here.load / np.einsum("ij,ij->j", borne, factor))
+        log_z = self._log_z + self._solved.slope_load * more
+        log_z = log_z + self._solved.slope_exponent * (there.exponent - here.exponent)
+        z = np.exp(log_z)
+        for stages in (self._stages, more_stages):
+            z = stages.change_rolling("sinkage", z)
+        for stages in (self._stages, more_stages):
+            z = stages.change("measured_sinkage", z)
+        return _log(z)
+
+    @cached_property
+    def _loads_by_depth(self) -> tuple[Array, Array]:
+        """What bears the wheels at which depth: all layered effects are told from it."""
+        assert self._solved is not None
+        _, diameter, modulus, exponent = self._at
+        width = self._conditions.width
+        return loads_by_depth(self._solved.sinkage, diameter, width, modulus, exponent)
+
+
+def _log(sinkage: Array) -> Array:
+    return np.asarray(np.log(np.where(sinkage > 0.0, sinkage, np.nan)))

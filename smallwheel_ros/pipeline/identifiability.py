@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The soil as it is believed, in the terms of the field; what is determined of it, and what cannot be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .missing_effect import MissingEffect
+
+Array = NDArray[np.float64]
+
+DETERMINED = 0.5  # posterior over prior standard deviation, at most
+_SAME_DIAMETER = 1.05  # largest over smallest
+_SAME_LOAD = 1.3
+
+
+class Identifiable(NamedTuple):
+    """True: the data has cut the standard deviation to half of the prior's or less.
+
+    At half, three quarters of what is known comes from the data. False: the value is essentially
+    the prior's. The modulus is judged at the reference diameter.
+    """
+
+    k: bool
+    n: bool
+    m: bool
+    effective_modulus: bool
+    reference_pressure: bool
+
+
+@dataclass(frozen=True)
+class Variety:
+    """Smallest and largest diameter (m) and load per width (N/m) of the accepted measurements."""
+
+    diameters: tuple[float, float] | None = None
+    loadings: tuple[float, float] | None = None
+
+    def with_wheel(self, diameter: float, loading: float) -> Variety:
+        """Widen by one measurement."""
+        if self.diameters is None or self.loadings is None:
+            return Variety((diameter, diameter), (loading, loading))
+        (d_low, d_high), (l_low, l_high) = self.diameters, self.loadings
+        if d_low <= diameter <= d_high and l_low <= loading <= l_high:
+            return self
+        return Variety(
+            (min(d_low, diameter), max(d_high, diameter)),
+            (min(l_low, loading), max(l_high, loading)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SoilEstimate:
+    """The soil under the wheels as it is believed now; every number is finite, SI units.
+
+    Attributes
+    ----------
+    k, n, m
+        The law p = k z^n D^m; k in Pa/m^(n+m).
+    log_reference_pressure
+        ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
+    log_covariance
+        Of (log_reference_pressure, n, m), shape (3, 3): the one to compute with.
+    prior_covariance
+        `log_covariance` as it was before the first measurement.
+    reference_sinkage, reference_diameter
+        m.
+    variety
+        Of the accepted measurements.
+    accepted, outliers
+        Measurements that updated the estimate, and those that did not fit it.
+    soil_changes
+        How often a run of surprises was taken for another soil.
+    distance
+        Travel (m) of the newest measurement.
+    missing_effect
+        The alarm that the model misses an effect, None while there is none.
+    settled
+        Whether enough was measured for deviations to be what they are: before, nothing is determined.
+    """
+
+    k: float
+    n: float
+    m: float
+    log_reference_pressure: float
+    log_covariance: Array
+    prior_covariance: Array
+    reference_sinkage: float
+    reference_diameter: float
+    variety: Variety
+    accepted: int
+    outliers: int
+    soil_changes: int
+    distance: float
+    missing_effect: MissingEffect | None = None
+    settled: bool = True
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of (k, n, m), shape (3, 3), linearised at the estimate."""
+        slopes = np.eye(3)
+        slopes[0] = self.k * self._log_modulus_row(1.0)
+        return seen_as(slopes, self.log_covariance)
+
+    @property
+    def reference_pressure(self) -> float:
+        """Pa, at `reference_sinkage` under a wheel of `reference_diameter`."""
+        return math.exp(self.log_reference_pressure)
+
+    @property
+    def reference_pressure_std(self) -> float:
+        """Pa."""
+        return self.reference_pressure * math.sqrt(self.log_covariance[0, 0])
+
+    @cached_property
+    def remaining(self) -> Mapping[str, float]:
+        """Posterior over prior standard deviation of what `Identifiable` judges, by name."""
+        of_k, of_modulus = (
+            self._log_modulus_row(1.0),
+            self._log_modulus_row(self.reference_diameter),
+        )
+        rows = np.array([of_k, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], of_modulus, [1.0, 0.0, 0.0]])
+        after, before = (
+            np.einsum("ij,jk,ik->i", rows, covariance, rows)
+            for covariance in (self.log_covariance, self.prior_covariance)
+        )
+        left = np.sqrt(np.maximum(after, 0.0) / before)
+        return dict(zip(Identifiable._fields, left.tolist(), strict=True))
+
+    @cached_property
+    def identifiable(self) -> Identifiable:
+        """What the data has determined."""
+        known = {name: self.settled and left <= DETERMINED for name, left in self.remaining.items()}
+        return Identifiable(**known)
+
+    @property
+    def status(self) -> tuple[str, ...]:
+        """In words, what is not determined and why; empty when everything is determined."""
+        return _in_words(self.identifiable, self.variety, self.accepted)
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """For each parameter in words whether the data has determined it, and how far."""
+        found = {}
+        for name, left in self.remaining.items():
+            known = "determined" if getattr(self.identifiable, name) else "not determined"
+            found[name] = f"{known}: {100.0 * left:.0f} % of the prior's standard deviation is left"
+        return found
+
+    def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
+        """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).
+
+        Without a diameter, for the reference diameter. The deviation is linearised.
+        """
+        row = self._log_modulus_row(self.reference_diameter if diameter is None else diameter)
+        modulus = math.exp(row @ (self.log_reference_pressure, self.n, self.m))
+        variance = float(row @ self.log_covariance @ row)
+        return modulus, modulus * math.sqrt(max(variance, 0.0))
+
+    def _log_modulus_row(self, diameter: float) -> Array:
+        """Weights of (log_reference_pressure, n, m) in ln(k D^m) of a diameter (m)."""
+        across = math.log(diameter / self.reference_diameter)
+        return np.array([1.0, -math.log(self.reference_sinkage), across])
+
+
+def seen_as(slopes: Array, covariance: Array) -> Array:
+    """Covariance of slopes @ x, symmetric to the last digit."""
+    whole = slopes @ covariance @ slopes.T
+    found: Array = 0.5 * (whole + whole.T)
+    return found
+
+
+def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
+    """Say what these wheels (diameters in m) cannot determine, wherever they drive."""
+    sizes = sorted(diameters)
+    if not sizes or sizes[-1] > _SAME_DIAMETER * sizes[0]:
+        return ()
+    return (
+        f"all wheels have one diameter ({sizes[0]:.3g} m): m stays what the prior says, and k with "
+        "it; the effective modulus k D^m of these wheels can be determined. A wheel of another "
+        "diameter would determine m",
+    )
+
+
+def _in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tuple[str, ...]:
+    """Say what is not determined, and why."""
+    if variety.diameters is None or variety.loadings is None:
+        return ("no measurement yet: soil and uncertainty are the prior's",)
+    (d_low, d_high), (l_low, l_high) = variety.diameters, variety.loadings
+    one_diameter, one_load = d_high <= _SAME_DIAMETER * d_low, l_high <= _SAME_LOAD * l_low
+    so_far = f"{accepted} measurements so far do not suffice"
+    words = []
+    if not identifiable.reference_pressure:
+        words.append(f"reference pressure not determined yet: {so_far}")
+    if not identifiable.n:
+        reason = f"load hardly varied ({l_low:.3g} to {l_high:.3g} N per m of width)"
+        words.append(
+            f"n not determined: {reason}" if one_load else f"n not determined yet: {so_far}"
+        )
+    if not identifiable.m:
+        reason = f"all wheels have one diameter ({d_low:.3g} m)"
+        words.append(
+            f"m not determined: {reason}" if one_diameter else f"m not determined yet: {so_far}"
+        )
+    if not identifiable.k:
+        words.append("k not determined: it needs n and m; go by effective modulus or pressure")
+    if not identifiable.effective_modulus:
+        words.append("effective modulus not determined: it needs n; go by the reference pressure")
+    return tuple(words)

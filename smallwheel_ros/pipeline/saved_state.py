@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The estimate in a file, so that a restart on the same soil goes on where it was.
+
+JSON, written whole or not at all. It holds the newest soil, and what is
+known of the sensors. What it was estimated with, prior and effects, is in it
+too: under another prior or another model the numbers would mean something else.
+A checksum tells a file that is as it was written from any other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.common.files import OutputError, json_text, read_text_file, write_bytes
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
+
+from .identifiability import SoilEstimate, Variety
+
+Array = NDArray[np.float64]
+
+FORMAT = "smallwheel soil state"
+# 1, of 0.1.0: without the sensors' faults; 2: without the zero of the load cells; 3: without checksum.
+_VERSION = 4
+
+
+@dataclass(frozen=True)
+class SoilRecord:
+    """A soil's law and what is known of the sensors' faults, but for those of single wheels.
+
+    reference: load (N), diameter, width (m) of the reference wheel. mean, covariance: of the soil's
+    numbers (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
+    """
+
+    reference: tuple[float, float, float]
+    mean: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """What a file holds; None: no soil had been measured. strength: as the traction's filter has it."""
+
+    soil: SoilRecord | None
+    variety: Variety
+    accepted: int
+    strength: Any = None
+
+
+def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
+    numbers = {entry.name: getattr(prior, entry.name) for entry in fields(prior)}
+    return {
+        "prior": {**numbers, "soil": prior.soil.name},
+        "effects": [{"id": e.id, "form": e.form, **dict(e.values())} for e in effects],
+    }
+
+
+def write_state(
+    path: Path, state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
+) -> None:
+    """Write a file beside and rename it: whole or not at all. Raises EstimatorError where it cannot be.
+
+    now: for people who look into the file.
+    """
+    soil = state.soil
+    summary = (
+        f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
+        f"{state.accepted} measurements"
+    )
+    law = soil and {
+        "reference": soil.reference,
+        "mean": soil.mean.tolist(),
+        "covariance": soil.covariance.tolist(),
+    }
+    content = {
+        "format": FORMAT,
+        "version": _VERSION,
+        "summary": summary,
+        **_made_with(prior, effects),
+        "accepted": state.accepted,
+        "diameters": state.variety.diameters,
+        "loadings": state.variety.loadings,
+        "soil": law,
+        "strength": state.strength,
+    }
+    with suppress(OSError):  # without the folder the writing says so
+        path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        write_bytes(path, json_text({**content, "sha256": _checksum(content)}).encode())
+    except OutputError as error:
+        raise EstimatorError(str(error)) from None
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def check_may_replace(path: Path) -> None:
+    """Refuse to write over something else than a saved soil. Raises EstimatorError."""
+    try:
+        if not os.path.lexists(path) or _content(path).get("format") == FORMAT:
+            return
+    except (OSError, ValueError, RecursionError):
+        pass
+    raise EstimatorError(
+        f"{path}: there is something that is no saved soil, and it is left as it is; remove it, or"
+        " save under another name"
+    )
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """Read the JSON object in a file. Raises OSError, ValueError or RecursionError."""
+    content = json.loads(read_text_file(path), parse_constant=_no_constant)
+    if not isinstance(content, dict):
+        raise ValueError("not a JSON object")  # noqa: TRY004  # one of the faults of a text
+    return content
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number")
+
+
+def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> SavedState:
+    """Read a file. Raises EstimatorError saying what is wrong with it and what to do."""
+    try:
+        content = _content(path)
+    except OSError as error:
+        raise EstimatorError(
+            f"{path}: no saved soil can be read there: {error.strerror or error}"
+        ) from None
+    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, nested without end
+        raise _corrupt(path, str(error)) from None
+    if content.get("format") != FORMAT:
+        raise _corrupt(path, f"expected a file of format '{FORMAT}'")
+    if content.get("version") != _VERSION:
+        raise EstimatorError(
+            f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}; "
+            "delete the file to begin with the prior"
+        )
+    told = content.pop("sha256", None)
+    if told != _checksum(content):
+        raise _corrupt(
+            path, "it is not as it was written: it is damaged, or somebody has changed it"
+        )
+    _compare(path, content, _made_with(prior, effects))
+    ranges = (content[name] and tuple(content[name]) for name in ("diameters", "loadings"))
+    soil = content["soil"]
+    if soil is not None:
+        mean, covariance = np.array(soil["mean"]), np.array(soil["covariance"])
+        soil = SoilRecord(tuple(soil["reference"]), mean, covariance)
+    return SavedState(soil, Variety(*ranges), content["accepted"], content["strength"])
+
+
+def _corrupt(path: Path, why: str) -> EstimatorError:
+    return EstimatorError(
+        f"{path}: not a whole saved soil ({why}); delete the file to begin with the prior"
+    )
+
+
+def _compare(path: Path, content: dict[str, Any], expected: dict[str, Any]) -> None:
+    for name, value in expected["prior"].items():
+        found = content["prior"].get(name)
+        same = found == value
+        if isinstance(value, float):  # of another processor the last digit may be another
+            same = math.isclose(found, value, rel_tol=1e-9, abs_tol=1e-9)
+        if not same:
+            raise EstimatorError(
+                f"{path}: saved under another prior ({name} {found!r}, now {value!r}); restore the "
+                "old setting, or delete the file to begin with the prior"
+            )
+    if content["effects"] != expected["effects"]:
+        names = [effect["id"] for effect in content["effects"]]
+        raise EstimatorError(
+            f"{path}: saved under another model (effects {names}, or other numbers of them); use "
+            "that model file, or delete the file to begin with the prior"
+        )

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The strength as it is believed, in the terms of the field; what is determined of it, and what is not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.physics.wheel import Quantity
+
+from .forces import COHESION, FRICTION, OTHER, SHEAR
+from .identifiability import DETERMINED
+from .strength import FORM_SHEAR, STRENGTH, Excitation, Strengths
+from .tables import Array
+
+_SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest; apart
+_NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
+_NEEDS = {
+    "balance": "vehicle.mass is not given; it would tell friction and the reserve on slopes",
+    "slope": "not yet: it needs load and slip of all wheels, and a slope (imu_topic, or odom with pitch)",
+    "torque": "<wheel>.torque_source is none; it would tell what each wheel pulls at this moment",
+}
+
+
+@dataclass(frozen=True)
+class StrengthEstimate:
+    """The soil's strength as it is believed now; SI units, every number finite.
+
+    cohesion, friction_angle, shear_displacement: Pa, rad, m; the last with what forms of the shear curve mean
+    by it. other_resistance: that the law does not give, as a share of the load. steps: of the path that it
+    rests on; 0: it is the configured one. sources: of balance, torque and pull, those that have told of it.
+    remaining: posterior over prior standard deviation of each, and of `thrust`. status: in words, what is not
+    determined and why; empty when everything is.
+    """
+
+    cohesion: Quantity
+    friction_angle: Quantity
+    shear_displacement: Quantity
+    other_resistance: Quantity
+    steps: int
+    sources: frozenset[str]
+    remaining: Mapping[str, float]
+    status: tuple[str, ...]
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """For each number in words whether it is determined, and how far."""
+        return {
+            name: ("determined" if left <= DETERMINED else "not determined")
+            + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
+            for name, left in self.remaining.items()
+        }
+
+
+def strength_of(strengths: Strengths) -> StrengthEstimate:
+    """The newest, by the filter of the reserve."""
+    believed = strengths.believed[-1][1]
+    mean = believed.x[:STRENGTH]
+    deviation = np.sqrt(np.maximum(np.diag(believed.P)[:STRENGTH], 0.0))
+    remaining = dict(zip(_NAMES, (deviation / strengths.now.prior_std).tolist(), strict=True))
+    # The most that is held under a load, c A + W tan(phi): nearly all of it is friction.
+    remaining["thrust"] = remaining["friction_angle"]
+    shear = math.exp(float(mean[SHEAR]))
+    return StrengthEstimate(
+        Quantity(max(float(mean[COHESION]), 0.0), float(deviation[COHESION])),
+        Quantity(float(mean[FRICTION]), float(deviation[FRICTION])),
+        Quantity(shear, shear * math.hypot(float(deviation[SHEAR]), FORM_SHEAR)),
+        Quantity(float(mean[OTHER]), float(deviation[OTHER])),
+        strengths.steps,
+        frozenset(strengths.sources),
+        remaining,
+        _in_words(remaining, strengths.excitation, strengths.steps),
+    )
+
+
+def is_determined(P: Array, prior_std: Array) -> bool:
+    """Whether what is held, nearly all of it friction, is determined: half of the prior's doubt is gone."""
+    return math.sqrt(max(float(P[FRICTION, FRICTION]), 0.0)) <= DETERMINED * float(
+        prior_std[FRICTION]
+    )
+
+
+def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
+    """By source of the strength that is not in use: what it needs, and what it would bring."""
+    found = {}
+    if "balance" not in sources:
+        found["balance"] = _NEEDS["slope" if mass else "balance"]
+    if "torque" not in sources and not torque:
+        found["torque"] = _NEEDS["torque"]
+    return found
+
+
+def _in_words(
+    remaining: Mapping[str, float], excitation: Excitation, steps: int
+) -> tuple[str, ...]:
+    if not steps:
+        return (
+            "thrust is not determined: no balance, torque or drawbar pull was measured; the strength "
+            "is the configured one",
+        )
+    (lightest, heaviest), (least, most) = excitation.load, excitation.slip
+    so_far = f"{steps} steps of the path so far do not suffice"
+    words = []
+    slip_varied = most - least > _SAME_SLIP
+    why = so_far if slip_varied else f"slip hardly varied ({least:.2f} to {most:.2f})"
+    if remaining["friction_angle"] > DETERMINED:
+        words.append(f"friction angle is not determined: {why}")
+    if remaining["cohesion"] > DETERMINED:
+        apart = so_far
+        if heaviest <= _SAME_LOAD * lightest:
+            apart = f"load hardly varied ({lightest:.3g} to {heaviest:.3g} N)"
+        words.append(f"cohesion is not determined apart from the friction angle: {apart}")
+    if remaining["shear_displacement"] > DETERMINED:
+        words.append(f"shear displacement is not determined: {why}")
+    return tuple(words)
