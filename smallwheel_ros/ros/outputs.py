@@ -8,7 +8,6 @@ import math
 import time
 from array import array
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -25,20 +24,19 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
-from smallwheel_ros.estimator.identifiability import SoilEstimate as Soil
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
-from smallwheel_ros.onboard.ground import GroundMapper
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.answers import (
     margin_before_driving,
     mobility_columns,
     soil_fields,
-    status_texts,
 )
+from smallwheel_ros.pipeline.ground_map import GroundMapper
+from smallwheel_ros.pipeline.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.inputs import angles_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND, Estimates
+from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
 from smallwheel_ros.pipeline.twist import Twists, messages
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
@@ -97,8 +95,8 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
 def _pose_of(transform: Any) -> Pose:
     """Place and heading of a geometry_msgs/Transform; the heading is NaN where it has no rotation."""
     by, turn = transform.translation, transform.rotation
-    cosine, sine, *_ = angles_of(*(np.float64(getattr(turn, axis)) for axis in "xyzw"))
-    return Pose(by.x, by.y, math.atan2(sine, cosine))
+    cosine, sine, *_ = angles_of(*np.array([[turn.x], [turn.y], [turn.z], [turn.w]]))
+    return Pose(by.x, by.y, math.atan2(float(sine[0]), float(cosine[0])))
 
 
 # --- Markers
@@ -193,7 +191,7 @@ class CostPublisher:
         self.received = 0
         self.published = 0
         self.map = CostMap(settings, wheels, prior)
-        self._ground = GroundMapper(self.map)
+        self._ground = GroundMapper(self.map, tuple(wheels))
 
     def add(self, estimates: Estimates, frame: str) -> None:
         """Take rows of estimates; frame is that of the odometry."""
@@ -300,7 +298,7 @@ class Outputs:
         self._node, self._settings, self._pipeline, self._report = node, settings, pipeline, report
         self._publishers: dict[str, LifecyclePublisher] = {}
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
-        self.newest = no_estimates()
+        self.newest = none_of(Estimates)
         self._soil_sent: int | None = None
         # Stamp, soil and rejected readings of the newest soil that is not published yet.
         self._soil_waits: tuple[int, Soil, int] | None = None
@@ -346,7 +344,7 @@ class Outputs:
         """Forget what was published: the soil is another one, or time has gone back."""
         self.cost.clear()
         self.delete_markers()
-        self.newest = no_estimates()
+        self.newest = none_of(Estimates)
         self._soil_sent = self._soil_waits = None
 
     def publish(self, turn: Turn, frame: str) -> None:
@@ -374,8 +372,7 @@ class Outputs:
 
     def _publish_estimates(self, found: Estimates) -> None:
         wheels = self._settings.onboard.wheels
-        columns = mobility_columns(found, self._settings.onboard)
-        columns["status_text"] = status_texts(found, self._pipeline)
+        columns = mobility_columns(found, self._pipeline)
         names = list(columns)
         values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
         for stamp, wheel, row in zip(
@@ -431,13 +428,6 @@ class Outputs:
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     """Types and QoS of what is published, by name."""
     return OUTPUTS | (TWIST if settings.twist_publish else {})
-
-
-def no_estimates() -> Estimates:
-    """Estimates without a row."""
-    kinds: dict[str, type] = {"Integers": np.int64, "Flags": np.bool_}
-    columns = {f.name: np.empty(0, kinds.get(str(f.type), np.float64)) for f in fields(Estimates)}
-    return Estimates(**columns)
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:

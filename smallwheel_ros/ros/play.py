@@ -2,7 +2,8 @@
 """Play a bag over DDS into the running node, no faster than it answers, and keep what it says.
 
 The node listens best effort, so nothing in DDS slows a fast player down: it holds back while the node's
-estimates are far behind what it plays, and no message is lost. `ros2 bag play` can do more, where it is installed.
+estimates are far behind what it plays, and no message is lost. `ros2 bag play` can do more, where it is
+installed.
 """
 
 from __future__ import annotations
@@ -119,7 +120,9 @@ class _Player:
 
     def __init__(self, bag: Path, alive: Callable[[], str | None]) -> None:
         self._bag, self._alive, self.found = bag, alive, Recording()
-        self._in_vain = -1  # answers there were when it was waited for another one that did not come
+        self._in_vain = (
+            -1
+        )  # answers there were when it was waited for another one that did not come
 
     def __enter__(self) -> _Player:
         self._stack = ExitStack()

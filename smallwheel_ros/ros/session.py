@@ -20,10 +20,10 @@ from smallwheel_ros.common.errors import reason
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
-from smallwheel_ros.onboard.soil_file import SoilFile
-from smallwheel_ros.onboard.statements import Kind, Statement, alarms
 from smallwheel_ros.pipeline.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.soil_file import SoilFile
+from smallwheel_ros.pipeline.statements import Kind, Statement, alarms
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of

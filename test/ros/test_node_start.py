@@ -81,8 +81,8 @@ def test_each_topic_is_waited_for_in_the_line_of_its_group(
     lines = input_lines(topics)
     found: dict[str, int] = {}
     for line in lines:
-        what, topics = re.fullmatch(r"waits for ([\w ]+): (.*) \([\w/]+\)", line).groups()
-        found[what] = found.get(what, 0) + len(topics.split(", "))
+        what, named = re.fullmatch(r"waits for ([\w ]+): (.*) \([\w/]+\)", line).groups()
+        found[what] = found.get(what, 0) + len(named.split(", "))
     assert found == groups
     for topic in topics:
         assert sum(topic in re.split(r"[ ,]+", line) for line in lines) >= 1

@@ -11,7 +11,8 @@ from node_peer import ONE_WHEEL, Peer
 
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.pipeline import Pipeline, StrengthEstimate
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.strength_words import StrengthEstimate
 from smallwheel_ros.ros import NodeProcess
 
 ONE_DIAMETER = "all wheels have one diameter (0.25 m)"
@@ -90,7 +91,8 @@ def test_strength_is_said_once_it_is_measured() -> None:
     measured = StrengthEstimate(
         sources=frozenset({"torque", "balance"}),
         status=("cohesion not determined",),
-        verdicts={"friction_angle": "determined: 20 % of the prior's standard deviation is left"},
+        remaining={"friction_angle": 0.2},
+        other_resistance=Quantity(0.05, 0.02),
         steps=7,
         cohesion=Quantity(800.0, 300.0),
         friction_angle=Quantity(0.42, 0.02),
