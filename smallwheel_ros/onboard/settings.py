@@ -293,11 +293,9 @@ class Given:
         OnboardSettings.velocity_lateral_position, "m", -10.0, 10.0
     ).means(
         "Place of the velocity sensor left of base_link: in a turn it is faster or slower."
-        " Without it: by tf, if tf2_ros is installed."
     )
     velocity_yaw: float = Parameter(0.0, "rad", -3.15, 3.15).means(
         "Direction of the velocity sensor's x axis in base_link, positive to the left."
-        " Without it: by tf, if tf2_ros is installed."
     )
     maximum_speed: float = Parameter(OnboardSettings.maximum_speed, "m/s", 0.01, 1000.0).means(
         "A vehicle is not faster: messages that say so are refused and counted."

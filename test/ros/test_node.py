@@ -118,6 +118,37 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
     assert wrong_type is not None
 
 
+def test_what_cannot_be_read_is_counted_and_said(
+    peer: Peer, one_wheel: Path, tmp_path: Path, repository: Path
+) -> None:
+    """Bytes that are no message of the type, and joint states without the joint."""
+    from sensor_msgs.msg import JointState
+
+    log = tmp_path / "node.log"
+    with NodeProcess([one_wheel], log) as node:
+        peer.wait_for_node()
+        for raw in (
+            b"\x00\x01\x00\x00",
+            b"\x00\x01\x00\x00\xff\xff",
+            b"\x00\x01\x00\x00" + 60 * b"\xff",
+        ):
+            peer.load.publish(raw)
+        joints = JointState(name=["arm", "mast"], velocity=[0.0, 1.0])
+        peer.stamp(joints)
+        peer.publish("/joint_states", joints)
+        wanted = {"/front/load: not_readable": "3", "/joint_states: no_value": "1"}
+        peer.spin_until(lambda: wanted.items() <= peer.counts().items(), f"counts {wanted}")
+        assert {key.split(": ")[1] for key in wanted} <= documented_reasons(repository)
+        # and then all is well
+        peer.drive(0.0, 0.5)
+        peer.spin_until(lambda: len(peer.mobility) > 5, "estimates")
+        assert all(all_finite(m) for m in peer.mobility)
+        assert node.death() is None
+    text = log.read_text()
+    assert "Traceback" not in text
+    assert "has no value of its joint; it has arm, mast" in text
+
+
 def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:
     from lifecycle_msgs.msg import State, Transition
     from lifecycle_msgs.srv import ChangeState, GetState
