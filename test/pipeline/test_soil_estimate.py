@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,3 +112,12 @@ def test_wrong_priors_and_settings_are_refused_by_name() -> None:
     ):
         with pytest.raises(EstimatorError, match=name):
             EstimatorSettings(**{name: value})
+
+
+def test_the_example_of_the_page_runs(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (repository / "docs" / "estimator.md").read_text(encoding="utf-8")
+    code = text.split("```python\n")[1].split("```")[0]
+    exec(compile(code, "docs/estimator.md", "exec"), {})
+    turn, soil = capsys.readouterr().out.strip().splitlines()
+    assert all(math.isfinite(float(number)) for number in turn.split())
+    assert "determined" in soil
