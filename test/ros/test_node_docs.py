@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from node_peer import documented_reasons
+
 from smallwheel_ros.pipeline.answers import Status
 
 # As the pipeline counts: `note(stream, "reason", ...)`, or `return "reason", words` for who notes it.

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from bag_kinds import beginning
 from click.testing import CliRunner
-from smallwheel_ros.pipeline.answers import status_texts
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
+from smallwheel_ros.pipeline.answers import status_texts
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros import NodeProcess
