@@ -2,8 +2,8 @@
 """What is said of each row that is due: numbers, conditions, margin and risk, whatever is missing.
 
 margin   of any ground (`margin`) until the strength is determined, afterwards the filter's: never a mean
-risk     probability that the vehicle's margin, 0.08 unsure for ground ahead, is under what goes on being asked
-for; at least 0.5 over the first level of the warning
+risk     probability that the vehicle's margin, 0.08 unsure for ground ahead, is under what goes on being
+asked for; at least 0.5 over the first level of the warning
 """
 
 from __future__ import annotations

@@ -82,6 +82,7 @@ from .checks_window import AROUND, GRAVITY, SPAN, Memory, Raw, Vehicle, Window
 from .tables import SECOND, Array, Integers
 
 _NEVER = -(1 << 62)
+OF_WHEELS = "of wheels"
 
 
 class Judge(Protocol):
@@ -111,7 +112,7 @@ class Rule:
 # Those that other rules hear of come first: odometry made of wheels, and an imu that looks down.
 RULES: tuple[Rule, ...] = (
     Rule(
-        "of wheels",
+        OF_WHEELS,
         "half metres of the rims",
         "way of the odometry against that of the rims, or its turn against right less left: rms over the way",
         f"under {OWN:g}, {OWN_PIECES} pieces",
@@ -302,7 +303,7 @@ class Checks:
     doubted
         By stream that is not to be used now: since when, ns; 0: since the beginning.
     history
-        The same as it was: stamps (ns) from which on streams were doubted, and which.
+        Stamps (ns) from which on other streams were of no use, and which.
     done
         Stamp (ns) up to which raw rows were taken.
     holds
@@ -314,7 +315,7 @@ class Checks:
         self.memory = Memory()
         self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]
         self.doubted: dict[str, int] = {}
-        self.history: list[tuple[int, dict[str, int]]] = [(_NEVER, {})]
+        self.history: list[tuple[int, set[str]]] = [(_NEVER, set())]
         self.holds: tuple[Finding, ...] = ()
         self.done = self._next = _NEVER
         self._rows: dict[str, tuple[Integers, Array]] = {}
@@ -373,6 +374,7 @@ class Checks:
         found: list[Finding] = []
         holds: list[Finding] = []
         doubted: dict[str, int] = {}
+        unusable: set[str] = set()
         self.memory.doubted.clear()
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # rows of NaN alone have no median
@@ -381,6 +383,8 @@ class Checks:
                 for said in judge.take(window):
                     since = 0 if math.isnan(said.since) else round(said.since * SECOND)
                     self.memory.doubted.update(said.doubts)
+                    # Odometry of the wheels shows no slip, and where the vehicle is all the same.
+                    unusable |= set(said.doubts) if rule != OF_WHEELS else set()
                     for stream in said.doubts:
                         doubted[stream] = min(since, doubted.get(stream, since))
                     holds.append(Finding(begin + SPAN, rule, said.subject, _words(said, begin)))
@@ -390,8 +394,8 @@ class Checks:
             if window.rims is not None:
                 self.memory.way = float(window.way(np.array([SPAN / SECOND]))[0])
         self.doubted, self.holds = doubted, tuple(holds)
-        if doubted.keys() != self.history[-1][1].keys():
-            self.history.append((begin + SPAN + AROUND, doubted))
+        if unusable != self.history[-1][1]:
+            self.history.append((begin + SPAN + AROUND, unusable))
         return found
 
 

@@ -15,13 +15,13 @@ from benchmarks.pipeline_rates import estimate_of, rows_of, run, table_of
 from benchmarks.robot_drives import RobotDrive, make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.local_law import Version, flags_of, law_of
+from smallwheel_ros.pipeline.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
