@@ -7,6 +7,7 @@ import importlib
 import math
 import time
 from array import array
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -28,6 +29,7 @@ from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.answers import (
+    Status,
     margin_before_driving,
     mobility_columns,
     soil_fields,
@@ -360,6 +362,7 @@ class Outputs:
         if not len(found):
             return
         self._publish_estimates(found)
+        self._count_lonely(found)
         for stamp, law, rejected in zip(
             found.stamp.tolist(), found.law.tolist(), found.rejected.tolist(), strict=True
         ):
@@ -381,6 +384,17 @@ class Outputs:
             header = _header(stamp, wheels[wheel].name)
             message = MobilityEstimate(header=header, **dict(zip(names, row, strict=True)))
             self._publishers["~/mobility"].publish(message)
+
+    def _count_lonely(self, found: Estimates) -> None:
+        """Count the rows for which there was no load."""
+        gap = self._settings.onboard.timing.maximum_gap
+        lonely = found.status == Status.LOAD_MISSING
+        kinds = np.where(np.isnan(found.sinkage_measured[lonely]), "load", "sinkage").tolist()
+        wheels = found.wheel[lonely].tolist()
+        for (wheel, kind), times in Counter(zip(wheels, kinds, strict=True)).items():
+            stream = f"{self._settings.onboard.wheels[wheel].name}/{kind}"
+            text = f"no usable load within {gap:g} s of its stamp"
+            self._pipeline.note(stream, "load_missing", text, times, unused=False)
 
     def _publish_twists(self, twists: Twists) -> None:
         parts = messages(twists, self._settings.twist)
