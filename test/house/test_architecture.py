@@ -70,9 +70,10 @@ def trace() -> tuple[list[Call], list[Call]]:
 
 def table(append: list[Call], turn: list[Call]) -> str:
     """What a message passes, and the stages of a turn in their order."""
-    words, where = ", ".join(f"`{name}`" for _, name in append), append[0][0]
+    words = ", ".join(f"`{name}`" for _, name in append)
+    where = " and ".join(f"`{file}`" for file in dict.fromkeys(file for file, _ in append))
     lines = [
-        f"A message as it comes: {len(append)} functions of `{where}`: {words}.",
+        f"A message as it comes: {len(append)} functions of {where}: {words}.",
         "",
         f"A turn: {len(turn)} calls from one page, `{PAGE_OF_CODE}`.",
         "",
@@ -99,7 +100,7 @@ def test_the_page_shows_the_way_of_a_message_as_it_is() -> None:
 
 def test_a_message_is_an_append_and_a_turn_one_page() -> None:
     append, turn = trace()
-    assert {file for file, _ in append} == {"pipeline/streams.py"}
+    assert {file for file, _ in append} == {"pipeline/streams.py", "pipeline/plausible.py"}
     assert len(turn) <= MOST_STAGES
 
 
