@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.onboard.result import Status
+from smallwheel_ros.pipeline.answers import Status
 from smallwheel_ros.pictures.house import (
     COLOURS,
     GREY,
