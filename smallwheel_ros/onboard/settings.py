@@ -291,9 +291,7 @@ class Given:
     )
     velocity_lateral_position: float = Parameter(
         OnboardSettings.velocity_lateral_position, "m", -10.0, 10.0
-    ).means(
-        "Place of the velocity sensor left of base_link: in a turn it is faster or slower."
-    )
+    ).means("Place of the velocity sensor left of base_link: in a turn it is faster or slower.")
     velocity_yaw: float = Parameter(0.0, "rad", -3.15, 3.15).means(
         "Direction of the velocity sensor's x axis in base_link, positive to the left."
     )
