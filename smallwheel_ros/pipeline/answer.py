@@ -8,6 +8,8 @@ asked for; at least 0.5 over the first level of the warning
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass, field
 from enum import IntFlag
 
@@ -32,6 +34,7 @@ _NEWEST, _FAR = (
     7,
     3.0,
 )  # sinkages among which one is far; deviations of the sensor: else the soil is another
+_STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 
 
@@ -67,12 +70,14 @@ STATUS = {
 class AnswerState:
     """What is carried from block to block, by number of the wheel.
 
-    newest: stamp, load (N), margin and its deviation. shown: newest sinkages (m). risk: the newest; NaN.
+    newest: stamp, load (N), margin and its deviation. shown: newest sinkages (m). risk: the newest, or NaN.
+    slopes: stamps, and what gravity pulls ahead and to the side (m/s^2), of the last 2 s.
     """
 
     newest: dict[int, tuple[int, float, float, float]] = field(default_factory=dict)
     shown: dict[int, list[float]] = field(default_factory=dict)
     risk: float = np.nan
+    slopes: deque[tuple[int, float, float]] = field(default_factory=deque)
 
 
 def answer(
@@ -125,7 +130,7 @@ def answer(
     return Estimates(
         stamp=rows.stamp, wheel=rows.wheel, load=can.load, load_std=can.load_std, slip=rows.slip,
         slip_std=rows.slip_std, sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std,
-        distance=rows.distance, x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(rows),
+        distance=rows.distance, x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows),
         status=status, conditions=conditions, sinkage=can.sinkage, sinkage_std=can.sinkage_std,
         compaction_resistance=can.compaction_resistance,
         compaction_resistance_std=can.compaction_resistance_std,
@@ -214,7 +219,19 @@ def _margins(
     return margin, deviation, risk
 
 
-def _tilt(rows: Readings) -> Array:
-    """Tangent of the steepest slope, whichever way the vehicle looks; 0 where none is measured."""
-    sine = np.minimum(np.hypot(rows.slope, np.nan_to_num(rows.across)) / GRAVITY, 0.99)
-    return np.asarray(np.nan_to_num(sine / np.sqrt(1.0 - sine**2)))
+def _tilt(state: AnswerState, rows: Readings) -> Array:
+    """Tangent of the steepest slope, whichever way the vehicle looks, by means over 2 s; 0 without any."""
+    found = np.zeros(len(rows))
+    for i, shown in enumerate(
+        zip(rows.stamp.tolist(), rows.slope.tolist(), rows.across.tolist(), strict=True)
+    ):
+        if not math.isfinite(shown[1] + shown[2]):
+            state.slopes.clear()
+            continue
+        state.slopes.append(shown)
+        while shown[0] - state.slopes[0][0] > STALE:
+            state.slopes.popleft()
+        _, ahead, aside = np.mean(state.slopes, axis=0)
+        sine = min(math.hypot(ahead, aside) / GRAVITY, _STEEPEST)
+        found[i] = sine / math.sqrt(1.0 - sine * sine)
+    return found

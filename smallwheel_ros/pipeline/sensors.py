@@ -10,7 +10,7 @@ All loads together are the vehicle's weight, whatever the cells show. Over six s
     off = mean of ln(sum of W / (m g cos pitch)),    std = (0.02^2 + std(ln sum)^2/6)^1/2
 
 0.02: of the mass, by scale, water, dust. Where off is over 10 % either the cells or the mass are wrong, and
-std is |off|.
+std is |off|; not where a unit explains it. What is missing in the sum may be on wheels that are not listed.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .checks_loads import UNITS, WEIGHT_OFF
+from .streams import NEVER
 from .stretches import Stretches
-from .tables import Array
+from .tables import Array, Integers
 
 _STUCK, _TEXTURE, _STILL = 5, 0.03, 0.2  # stretches; of ln k from place to place at least; share
 # A sinkage goes with the load to the power 1/(n + 1/2), which is this for ordinary sand.
@@ -75,6 +77,7 @@ class Weighing:
 
     def __init__(self, wheels: int, mass: float) -> None:
         self._mass = mass
+        self._unlisted = NEVER, 0.0
         self._loads: list[deque[tuple[float, float]]] = [
             deque(maxlen=_WEIGHED) for _ in range(wheels)
         ]
@@ -94,4 +97,15 @@ class Weighing:
         std = math.hypot(_MASS_STD, float(sums.std()) / math.sqrt(_WEIGHED))
         weight = float(means.sum()) * math.exp(-off)
         self._mass = 0.0
+        if any(abs(math.exp(off) / one - 1.0) < WEIGHT_OFF for _, one in UNITS):
+            return Weighed(
+                means, weight, weight * std
+            )  # cells that show kg, say: the mass is right
+        if off < -CONTRADICTION:
+            self._unlisted = int(rows.end.max()), 1.0 - math.exp(off)
         return Weighed(means, weight, weight * (abs(off) if abs(off) > CONTRADICTION else std))
+
+    def unlisted(self, stamps: Integers) -> Array:
+        """Share of the weight that the listed wheels do not carry, as known at stamps (ns)."""
+        since, share = self._unlisted
+        return np.where(stamps >= since, share, 0.0)

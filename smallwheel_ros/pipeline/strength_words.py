@@ -13,7 +13,8 @@ from smallwheel_ros.physics.wheel import Quantity
 
 from .forces import COHESION, FRICTION, OTHER, SHEAR
 from .identifiability import DETERMINED
-from .strength import FORM_SHEAR, STRENGTH, Excitation, Strengths
+from .steps import Excitation
+from .strength import FORM_SHEAR, STRENGTH, Strengths
 from .tables import Array
 
 _SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest; apart
