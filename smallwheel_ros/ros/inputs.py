@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -78,7 +79,9 @@ class Inputs:
                 detail = part_of_message(stream, settings)
                 self._listened[stream] = _Listened(name, topic.type, detail, 0, now)
         self._decoders = {n: Decoder(typestore(), t.type) for n, t in self._topics.items()}
-        self._waiting: list[Message] = []
+        # When each came by the middleware's clock (ns), and itself.
+        self._waiting: list[tuple[int, Message]] = []
+        self._raw: dict[str, Subscription] = {}
         self._newest: dict[str, bytes] = {}  # message of each topic
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
@@ -104,7 +107,7 @@ class Inputs:
         def subscribe(
             kind: Any,
             topic: str,
-            to: Callable[[Any], None],
+            to: Callable[..., None],
             profile: QoSProfile = INPUT,
             **how: bool,
         ) -> None:
@@ -117,6 +120,7 @@ class Inputs:
         try:
             for name, topic in self._topics.items():
                 subscribe(message_class(topic.type), name, self._keeper(name), raw=True)
+                self._raw[name] = self._subscriptions[-1]
             # A classifier's grids come as they are made, a map server's was there before us.
             subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes)
             subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, LATCHED)
@@ -133,12 +137,12 @@ class Inputs:
             self.stop()
             raise
 
-    def _keeper(self, name: str) -> Callable[[bytes], None]:
+    def _keeper(self, name: str) -> Callable[[bytes, Mapping[str, int]], None]:
         """What keeps a message of a topic, with what the clock says, until the next turn."""
         keep, now = self._waiting.append, self._node.get_clock().now
 
-        def callback(raw: bytes) -> None:
-            keep((name, raw, now().nanoseconds))
+        def callback(raw: bytes, info: Mapping[str, int]) -> None:
+            keep((info["received_timestamp"], (name, raw, now().nanoseconds)))
 
         return callback
 
@@ -146,11 +150,23 @@ class Inputs:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        self._subscriptions = []
+        self._subscriptions, self._raw = [], {}
 
     def take(self) -> bool:
-        """Decode what has come since the last turn, and give it to the streams; return whether any has."""
-        chunk = self._waiting.copy()
+        """Decode what has come since the last turn, and give it to the streams; return whether any has.
+
+        The executor takes one message of each topic in turn, whatever their rates. What it has not come to
+        yet is taken here, and all of it in the order in which it came: after a pause a slow topic would be
+        ahead of the others, and these late. A simulated clock goes first: else it would be behind them.
+        """
+        for clock in (s for s in self._node.subscriptions if s.topic_name == "/clock"):
+            for message, _ in _queued(clock, raw=False):
+                clock.callback(message)
+        for name, subscription in self._raw.items():
+            keep = self._keeper(name)
+            for taken in _queued(subscription, raw=True):
+                keep(*taken)
+        chunk = [message for _, message in sorted(self._waiting, key=itemgetter(0))]
         self._waiting.clear()
         if chunk:
             self.arrived = time.monotonic()
@@ -287,6 +303,13 @@ class Inputs:
 
 
 # --- Of messages and streams
+
+
+def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Mapping[str, int]]]:
+    """Messages that the executor has not come to yet, each with what the middleware says of it."""
+    with subscription.handle:
+        while taken := subscription.handle.take_message(subscription.msg_type, raw):
+            yield taken
 
 
 def frame_of(raw: bytes) -> str:

@@ -66,6 +66,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         # No load near this one: it is answered, and said.
         peer.spin_until(lambda: peer.now() - twice > second, "a stamp far from all loads")
         lonely = peer.send_sinkage(0.01)
+        peer.spin(0.5)  # or the next load would be near it
         # and then all is well
         good = []
         for _ in range(20):
@@ -83,7 +84,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         assert not first.load_valid
         assert not first.prediction_valid
         assert last.load_valid
-        assert last.load == 60.0
+        assert last.load == pytest.approx(60.0)
         assert last.prediction_valid
         assert not last.slip_valid
         assert last.status == MobilityEstimate.STATUS_SLIP_UNKNOWN
@@ -97,16 +98,17 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         assert node.death() is None
     lines = log.read_text().splitlines()
     # Twenty of a kind are one line, which names topic, value and what was expected.
-    named = [line for line in lines if "load is nan N" in line]
+    named = [
+        line for line in lines if "/front/load: load is" in line and "expected a number" in line
+    ]
     assert len(named) == 1
-    assert "/front/load: load is nan N, expected a number" in named[0]
     for words in (
-        "/front/load: load is -60 N, expected more than 0",
-        "/front/load: header.stamp is zero",
+        "N, expected more than 0: the wheel is in the air",
+        "the publisher must stamp its messages",
         "s ahead of the clock",
         "s behind the clock",
         "came twice",
-        "/front/sinkage: sinkage is nan m, expected a number",
+        "/front/sinkage: sinkage is nan, expected a number",
         "/front/sinkage: no usable load within 0.2 s",
         "/mobility_estimator/mobility: a subscriber asks for QoS that is not offered, and gets"
         " nothing: ERROR: Volatile publisher and transient local subscription",

@@ -14,7 +14,9 @@ from node_peer import documented_reasons
 from smallwheel_ros.pipeline.answers import Status
 
 # As the pipeline counts: `note(stream, "reason", ...)`, or `return "reason", words` for who notes it.
-_REASON = re.compile(r'(?:note\(\s*[^()"]*(?:\(\))?[^()"]*,\s*|return |fault = )"([a-z_]+)",')
+_REASON = re.compile(
+    r'(?:(?:note|_refuse)\(\s*[^()"]*(?:\(\))?[^()"]*,\s*|return |fault = )"([a-z_]+)",'
+)
 
 
 def test_every_reason_that_the_pipeline_counts_is_in_the_table(repository: Path) -> None:
