@@ -187,7 +187,7 @@ class _Drive:
             for raw in self._reader.raw_messages(self._names):
                 full = len(self._chunk) >= _BLOCK or not 0 <= raw.log_time - begin < SECOND
                 if full:
-                    self._turn(begin)
+                    self._turn()
                     begin = raw.log_time
                     progress(read, total)
                     if stop.asked:
@@ -206,7 +206,7 @@ class _Drive:
             if error.path != self._reader.path:
                 raise  # of the new bag
             state, ended = "ended_early", str(error)
-        self._turn(begin, last=True)
+        self._turn(last=True)
         if self._last_stamp and self._ground.map.changed:
             self._write_grid(self._last_stamp)
         bag.write_soil()
@@ -255,25 +255,25 @@ class _Drive:
         if ODOMETRY in self._topics[raw.topic].streams:
             self._frame = _frame_of(data) or self._frame
 
-    def _turn(self, begin: int, *, last: bool = False) -> None:
-        """Give what was kept to the pipeline, and write what it makes. begin: log time, ns."""
+    def _turn(self, *, last: bool = False) -> None:
+        """Give what was kept to the pipeline, and write what it makes."""
         if self._chunk:
             feed(self._pipeline, self._topics, self._decoders, self._chunk)
             self._chunk = []
         for turn in self._pipeline.turns(last=last):
-            self._write(turn, begin)
+            self._write(turn)
         self._happened.take_problems(self._time)
 
-    def _write(self, turn: Turn, begin: int) -> None:
+    def _write(self, turn: Turn) -> None:
         """Write a turn into tables and bag, and lay it down on the map."""
         if turn.starts_over:
             self._stretches.starts_over()
         changing = self._happened.take(turn)
         self._stretches.add(turn.readings, changing)
-        behind = self._time - turn.until  # of the stamps, as the node would have been
 
         def times(stamps: Integers) -> Integers:
-            return np.asarray(np.clip(stamps + behind, min(begin, self._time), self._time))
+            """When the turn was: what is recorded stays in its order."""
+            return np.full(stamps.size, self._time, dtype=np.int64)
 
         if turn.twists is not None and len(turn.twists):
             assert self._settings.onboard.twist is not None
