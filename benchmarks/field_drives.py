@@ -531,11 +531,13 @@ class _Sensed:
             ],
             axis=1,
         ) + 0.1 * self.normal((time.size, 3))
+        turn = self._at(time, self.turning) + 5e-3 * self.normal(time.size)
         for i, t in enumerate(time):
             a, b, c = felt[i].tolist()
             yield _message(
                 t,
                 "imu",
+                angular_velocity=SimpleNamespace(z=float(turn[i])),
                 orientation=_quaternion(float(roll[i]), float(-climb[i]), float(yaw[i])),
                 orientation_covariance=np.zeros(9),
                 linear_acceleration=SimpleNamespace(x=a, y=b, z=c),

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks._fed import newest_of_each, turns_of
 from benchmarks.field_drives import EPOCH, FieldDrive
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 
 SETTLE = 2.0  # m, before which forces are not scored
 SOON = 5.0  # m, within which a fault has to be said
 QUANTITIES = ("sinkage", "resistance", "pull", "margin")
+_PERIOD = 500_000_000  # ns, of turns and looks
 _EPISODE = 0.5  # m without a warning between two of them
 
 
@@ -58,108 +59,90 @@ class FieldScore:
         return self.inside.get(name, 0) / self.counts[name] if self.counts.get(name) else math.nan
 
 
-def statements(onboard: Onboard) -> tuple[str, ...]:
+def statements(pipeline: Pipeline) -> tuple[str, ...]:
     """What the pipeline says of its sensors."""
-    words = [*onboard.findings]
-    if onboard.health.concern:
-        words.append(onboard.health.concern)
-    return tuple(words)
+    return (*pipeline.findings, *([pipeline.concern] if pipeline.concern else []))
 
 
-def run(drive: FieldDrive, seed: int = 0) -> tuple[Onboard, FieldScore]:
+def run(drive: FieldDrive, seed: int = 0) -> tuple[Pipeline, FieldScore]:
     """Drive through the pipeline, from messages on."""
     settings = settings_from(drive.parameters)
-    onboard = Onboard(settings.onboard)
-    feed = Feed(onboard, settings)
-    topics = {topic.name: topic for topic in feed.topics}
+    pipeline = Pipeline(settings.onboard)
     score = FieldScore(drive.world.name, seed, length=float(drive.path[-1]))
-    judge = _Judge(drive, score, onboard)
-    looked = 0
-    for stamp, topic, message in drive.messages:
-        if topic in topics:
-            for result in topics[topic].handle(message, None):
-                judge.result(result)
-        if stamp - looked > 500_000_000:
-            looked = stamp
-            judge.look(stamp)
-    for result in onboard.flush():
-        judge.result(result)
-    judge.look(drive.messages[-1][0])
-    return onboard, score
+    judge = _Judge(drive, score, pipeline)
+    for stamp, turns in turns_of(pipeline, settings, drive.messages, _PERIOD):
+        for turn in turns:
+            judge.estimates(turn.estimates)
+        judge.look(stamp)
+    return pipeline, score
 
 
 class _Judge:
-    def __init__(self, drive: FieldDrive, score: FieldScore, onboard: Onboard) -> None:
-        self.drive, self.score, self.onboard = drive, score, onboard
-        self.order = {w.name: j for j, w in enumerate(drive.rover.wheels)}
-        self.newest: dict[str, Result] = {}
+    def __init__(self, drive: FieldDrive, score: FieldScore, pipeline: Pipeline) -> None:
+        self.drive, self.score, self.pipeline = drive, score, pipeline
+        # Newest margin, deviation and load of each wheel.
+        self.newest = np.full((3, len(drive.rover.wheels)), math.nan)
         self.last_warned = -math.inf
 
-    def place(self, stamp: int) -> int:
+    def place(self, stamp: Integers) -> Integers:
         time = (stamp - EPOCH) / 1e9
-        return min(int(np.searchsorted(self.drive.time, time)), len(self.drive.time) - 1)
+        return np.minimum(np.searchsorted(self.drive.time, time), len(self.drive.time) - 1)
 
-    def add(self, name: str, value: float, deviation: float, true: float) -> None:
-        score, off = self.score, value - true
+    def add(self, name: str, value: Array, deviation: Array, true: Array, rows: Flags) -> None:
+        rows = rows & np.isfinite(value) & np.isfinite(deviation)
+        score, off = self.score, (value - true)[rows]
         for sums, more in (
-            (score.counts, 1),
-            (score.inside, int(abs(off) <= 1.96 * deviation)),
-            (score.squares, off * off),
-            (score.variances, deviation * deviation),
+            (score.counts, int(rows.sum())),
+            (score.inside, int((np.abs(off) <= 1.96 * deviation[rows]).sum())),
+            (score.squares, float((off**2).sum())),
+            (score.variances, float((deviation[rows] ** 2).sum())),
         ):
             sums[name] = sums.get(name, 0) + more  # type: ignore[operator]
 
-    def result(self, result: Result) -> None:
-        drive, i, j = self.drive, self.place(result.reading.stamp), self.order[result.wheel]
-        self.newest[result.wheel] = result
-        forces = result.forces
-        if drive.path[i] < SETTLE:
-            return
-        if result.sinkage_predicted is not None:
-            found = result.sinkage_predicted
-            true = float(drive.sinkage[i, j])
-            self.add("sinkage", found.value, found.standard_deviation, true)
-        if forces is None:
-            return
-        value = forces.compaction_resistance.value + forces.other_resistance.value
-        ratio = forces.rolling_resistance_coefficient
-        deviation = ratio.standard_deviation / ratio.value * value if ratio.value else 0.0
-        self.add("resistance", value, abs(deviation), float(drive.resistance[i, j]))
-        if forces.drawbar_pull is not None and drive.moves[i]:
-            pull = forces.drawbar_pull
-            self.add("pull", pull.value, pull.standard_deviation, float(drive.pull[i, j]))
-        margins = [
-            (r.forces.margin, r.reading.load.value)
-            for r in self.newest.values()
-            if r.forces is not None and r.forces.margin is not None and r.reading.load is not None
-        ]
-        if len(margins) == len(self.order):
-            whole = sum(load for _, load in margins)
-            mean = sum(m.value * load for m, load in margins) / whole
-            spread = sum(m.standard_deviation * load for m, load in margins) / whole
-            true = float(drive.held[i].sum() / drive.load[i].sum())
-            self.add("margin", mean, spread, true)
-            if drive.world.classes is not None and j == 0:
-                self.score.classes.append([float(drive.kind[i, 0]), mean, spread, true])
+    def estimates(self, made: Estimates) -> None:
+        drive, i, j = self.drive, self.place(made.stamp), made.wheel
+        scored = drive.path[i] >= SETTLE
+        self.add("sinkage", made.sinkage, made.sinkage_std, drive.sinkage[i, j], scored)
+        value = made.compaction_resistance + made.other_resistance
+        deviation = made.rolling_resistance_coefficient_std * made.load
+        self.add("resistance", value, deviation, drive.resistance[i, j], scored)
+        pull, moves = drive.pull[i, j], drive.moves[i]
+        self.add("pull", made.drawbar_pull, made.drawbar_pull_std, pull, scored & moves)
+        columns = made.margin, made.margin_std, made.load
+        margin, spread, load = (
+            newest_of_each(j, column, before)
+            for column, before in zip(columns, self.newest, strict=True)
+        )
+        if len(made):
+            self.newest = np.stack([margin[-1], spread[-1], load[-1]])
+        whole = load.sum(axis=1)
+        mean, deviation = (margin * load).sum(axis=1) / whole, (spread * load).sum(axis=1) / whole
+        true = drive.held[i].sum(axis=1) / drive.load[i].sum(axis=1)
+        self.add("margin", mean, deviation, true, scored)
+        if drive.world.classes is not None:
+            rows = scored & (j == 0) & np.isfinite(mean)
+            told = np.stack([drive.kind[i, 0], mean, deviation, true], axis=1)[rows]
+            self.score.classes += told.tolist()
 
     def look(self, stamp: int) -> None:
-        drive, score, i = self.drive, self.score, self.place(stamp)
+        drive, score = self.drive, self.score
+        i = int(self.place(np.array([stamp]))[0])
         at = float(drive.path[i])
-        for words in statements(self.onboard):
+        for words in statements(self.pipeline):
             plain = re.sub(r"[-+]?\d+\.?\d*", "#", words)
             if plain not in {re.sub(r"[-+]?\d+\.?\d*", "#", known) for known in score.findings}:
                 score.findings[words] = at
         said = drive.world.said
-        known = said and any(re.search(said, words) for words in statements(self.onboard))
+        known = said and any(re.search(said, words) for words in statements(self.pipeline))
         if known and math.isnan(score.said) and at >= drive.world.onset:
             score.said = at - drive.world.onset
-        warning = self.onboard.stuck.warning
+        warning = self.pipeline.warning
         if warning and at >= SETTLE:
             if at - self.last_warned > _EPISODE:
                 score.warned += 1
                 score.warnings[warning] = at
             self.last_warned = at
-        soil = self.onboard.soil
+        soil = self.pipeline.soil
         pressure, n = drive.law
         plain_ground = drive.world.border is None and drive.world.classes is None
         if not plain_ground or drive.world.rut != 1.0 or drive.world.hardpan is not None:

@@ -143,6 +143,7 @@ class FieldWorld:
 
 
 _KG = 1.0 / 9.80665
+_SWAPPED, _STUCK = r"follow each the load|interchanged", r"front_left.*(stuck|one and the same)"
 _ALL = (
     FieldWorld("plain"),
     FieldWorld("plain, two sizes", "two sizes"),
@@ -169,20 +170,20 @@ _ALL = (
     FieldWorld("hardpan", hardpan=0.015, zero_std=3e-4, firmness=-0.4),
     FieldWorld("two classes", classes=6.0),
     FieldWorld("loads in kg", load_scale=_KG, said=r"kg"),
-    FieldWorld("loads 15 % high", "two sizes", load_scale=1.15, said=r"loads? .*(sum|add)"),
-    FieldWorld("caster not listed", spare=0.15, said=r"not listed|wheel .*nobody"),
-    FieldWorld("front and rear loads swapped", swapped=(0, 2), said=r"swapped|interchanged"),
-    FieldWorld("left and right loads swapped", swapped=(0, 1), said=r"swapped|interchanged"),
-    FieldWorld("front for rear", "two sizes", mirrored=True, said=r"swapped|interchanged"),
-    FieldWorld("sinkage in mm", sinkage_scale=1e3, said=r"1000 times.*mm"),
+    FieldWorld("loads 15 % high", "two sizes", load_scale=1.15, said=r"loads add up"),
+    FieldWorld("caster not listed", spare=0.15, said=r"loads add up"),
+    FieldWorld("front and rear loads swapped", swapped=(0, 2), said=_SWAPPED),
+    FieldWorld("left and right loads swapped", swapped=(0, 1), said=_SWAPPED),
+    FieldWorld("front for rear", "two sizes", mirrored=True, said=_SWAPPED),
+    FieldWorld("sinkage in mm", sinkage_scale=1e3, said=r"in mm"),
     FieldWorld("imu tilted", tilt=math.radians(3.0), said=r"imu|slope"),
     FieldWorld("imu tilted, turned", profile="turned", tilt=math.radians(3.0), said=r"imu|slope"),
     FieldWorld("imu walks", "long", walk=math.radians(1.5), said=r"imu|slope"),
     FieldWorld("encoder at 0", encoder="zero", onset=5.0, said=r"front_left.*(joint|encoder)"),
     FieldWorld("encoder holds", encoder="holds", onset=5.0, said=r"front_left.*(joint|encoder)"),
     FieldWorld("odometry repeats", odometry="repeats", onset=5.0, said=r"odom"),
-    FieldWorld("frozen at 5 Hz", frozen=0.0, sinkage_rate=5.0, onset=4.0, said=r"front_left.*stuck"),
-    FieldWorld("frozen, wavers", frozen=2e-5, onset=4.0, said=r"front_left.*stuck"),
+    FieldWorld("frozen at 5 Hz", frozen=0.0, sinkage_rate=5.0, onset=4.0, said=_STUCK),
+    FieldWorld("frozen, wavers", frozen=2e-5, onset=4.0, said=_STUCK),
     FieldWorld("static loads", static=True),
     FieldWorld("static loads, long", "long", static=True),
 )  # fmt: skip

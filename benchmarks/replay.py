@@ -4,7 +4,7 @@
     python benchmarks/replay.py [--repeats 3] [--long 1000000]
 
 Six wheels whose load, sinkage and joints come at 100 Hz, as odometry does: 1400 messages and 600 estimates a
-second. Beside the replay, in the same run: only deserialising the messages, and the estimator without any
+second. Beside the replay, in the same run: only deserialising the messages, and the pipeline without any
 output. Processor time of one core, medians. The page (report.html) is not part of it: its time does not
 depend on the bag's length. Memory is measured in processes of their own.
 """
@@ -24,8 +24,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Onboard
+from smallwheel_ros.pipeline.replay import replay as turns_of
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import Copy, ReplaySpec, read_settings
 from smallwheel_ros.simulate import DriveSettings, sensors, simulate_drive, write_drive_bag
@@ -63,15 +62,11 @@ def deserialise(bag: Path) -> int:
 
 
 def estimate(bag: Path, config: Path) -> None:
-    """The estimator alone: the messages given to it, and nothing written."""
+    """The pipeline alone: the messages decoded and taken through all stages, and nothing written."""
     with BagReader(bag) as reader:
         settings, _ = read_settings(ReplaySpec(bag, config, Path()), reader)
-        onboard = Onboard(settings.onboard)
-        handlers = {f"/{topic.name}": topic.handle for topic in Feed(onboard, settings).topics}
-        for topic, _, log_time, message in reader.messages():
-            if topic in handlers:
-                handlers[topic](message, log_time)
-    onboard.flush()
+    for _ in turns_of(bag, settings):
+        pass
 
 
 def lengthened(bag: Path, target: Path, messages: int) -> Path:
@@ -115,7 +110,7 @@ def main() -> None:
 
         tasks: dict[str, Callable[[], object]] = {
             "deserialise only": lambda: deserialise(bag),
-            "estimator alone": lambda: estimate(bag, config),
+            "pipeline alone": lambda: estimate(bag, config),
             "replay, tables and a bag of estimates": replayed("none"),
             "replay, originals copied too": replayed("all"),
         }

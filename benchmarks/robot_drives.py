@@ -8,19 +8,19 @@ and sensors composed here and nowhere in the estimator.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.robot_worlds import VEHICLES, World
-from smallwheel_ros.estimator.soil_estimator import Reading, SoilPrior
+from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, soil
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.motion import rut_of
+from smallwheel_ros.pipeline.tables import Array, Readings, unknown
 from smallwheel_ros.simulate.truth import static_sinkage
-
-Array = NDArray[np.float64]
 
 RATE = 10.0  # Hz, of sinkage with its load
 SPEED = 0.3  # m/s
@@ -33,7 +33,7 @@ _WITHIN = 1.35  # m of the front wheels' way behind a border: 1 m of the vehicle
 
 @dataclass(frozen=True)
 class RobotDrive:
-    """Readings in order, and of each the true sinkage (m).
+    """Rows of all wheels in order, and of each the true sinkage (m).
 
     at: m along the vehicle's path, shape (places,). soils: lowest and highest ln pressure, n and
     ln k D^m under the wheels there, shape (places, 3, 2). m: of the diameter. border: the first, m,
@@ -42,12 +42,18 @@ class RobotDrive:
 
     world: World
     prior: SoilPrior
-    readings: list[Reading]
+    rows: Readings
     sinkage: Array
     at: Array
     soils: Array
     m: float
     border: float | None
+
+
+def table_of(**columns: Any) -> Readings:
+    """A table of these columns; of all others nothing is known."""
+    none = unknown(len(columns["stamp"]))
+    return Readings(**({field.name: none for field in fields(Readings)} | columns))
 
 
 def _smooth(rng: np.random.Generator, count: int, std: float, keep: float) -> Array:
@@ -162,35 +168,35 @@ def make_drive(world: World, seed: int) -> RobotDrive:
         parts = _truth(world, wheels, (pressure, n, m), ground, path, climb, twist, grip)
         if all(_carried(z, w) for (z, *_), w in zip(parts, wheels, strict=True)):
             break
-    readings, true = [], []
+    tables, true = [], []
     for j, (wheel, (z, load, slip)) in enumerate(zip(wheels, parts, strict=True)):
         shown, weighed = _sensors(world, rng, j, wheel, z, load, climb, time)
         slip = 1.0 - world.odometry * (1.0 - slip)
-        unheard = (path > world.distance / 3) & (path < world.distance / 3 + 3.0)
         own = np.concatenate(
             [[0.0], np.cumsum(np.abs(speed - turning * wheel.lateral_position)[1:] / RATE)]
         )
         moving = np.abs(speed) > 0.02
-        for i in range(len(time)):
-            if world.silent == j and unheard[i]:
-                continue
-            readings.append(
-                Reading(
-                    wheel,
-                    round(1e9 * (time[i] + 0.001 * j)),
-                    Quantity(float(weighed[i]), float(world.told * world.load_noise * weighed[i])),
-                    Quantity(float(np.clip(slip[i] + 0.02 * rng.standard_normal(), -1, 1)), 0.02)
-                    if moving[i]
-                    else None,
-                    Quantity(float(shown[i]), world.noise),
-                    float(world.odometry * abs(speed[i])),
-                    float(world.odometry * path[i]),
-                    float(world.odometry * own[i]),
-                    pitch=float(-climb[i]),
-                )
-            )
-            true.append(float(z[i]))
-    order = sorted(range(len(readings)), key=lambda i: readings[i].stamp)
+        heard = np.ones(len(time), dtype=bool)
+        if world.silent == j:
+            heard = (path <= world.distance / 3) | (path >= world.distance / 3 + 3.0)
+        seen = np.clip(slip + 0.02 * _drawn_where(rng, moving & heard), -1.0, 1.0)
+        count, yes = len(time), np.ones(len(time), dtype=bool)
+        table = table_of(
+            stamp=np.array([round(1e9 * (t + 0.001 * j)) for t in time]), wheel=np.full(count, j),
+            sinkage=shown, sinkage_std=np.full(count, world.noise), load=weighed,
+            load_std=world.told * world.load_noise * weighed,
+            vehicle_speed=world.odometry * np.abs(speed), speed=world.odometry * np.abs(speed),
+            speed_std=np.zeros(count), rim_std=np.zeros(count), slip=np.where(moving, seen, np.nan),
+            slip_std=np.where(moving, 0.02, np.nan), stands=~yes, forward=yes, pitch=-climb,
+            distance=world.odometry * path, path=world.odometry * own, onward=yes, due=yes,
+        )  # fmt: skip
+        tables.append(table.take(heard))
+        true.append(z[heard])
+    rows = Readings.joined(tables)
+    order = np.argsort(rows.stamp, kind="stable")
+    rows, z = rows.take(order), np.concatenate(true)[order]
+    passes, doubt = rut_of(wheels, rows.wheel, rows.onward, unknown(len(rows)))  # no places
+    rows = replace(rows, passes=passes, pass_doubt=doubt)
     prior = replace(
         SoilPrior.from_soil(base),
         log_reference_pressure=base.log_reference_pressure - world.prior[0],
@@ -200,13 +206,20 @@ def make_drive(world: World, seed: int) -> RobotDrive:
     return RobotDrive(
         world,
         prior,
-        [readings[i] for i in order],
-        np.array([true[i] for i in order]),
+        rows,
+        z,
         world.odometry * at,
         _soils(world, ground, at, pressure, n),
         m,
         world.borders[0][0] if world.borders else None,
     )
+
+
+def _drawn_where(rng: np.random.Generator, wanted: Array) -> Array:
+    """Standard normal numbers where they are wanted, and 0."""
+    drawn = np.zeros(len(wanted))
+    drawn[wanted] = rng.standard_normal(int(wanted.sum()))
+    return drawn
 
 
 def _carried(sinkage: Array, wheel: Wheel) -> bool:

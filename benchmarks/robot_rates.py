@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often is the estimator right on robots as they are? Rates over the worlds of `robot_worlds`.
+"""How often are the pipeline's soils right on robots as they are? Rates over the worlds of `robot_worlds`.
 
     python benchmarks/robot_rates.py --seeds 0:12 --jobs 2 --scores out/scores.jsonl
     python benchmarks/robot_rates.py --seeds 0:0 --scores out/scores.jsonl --output docs/estimator_rates.md
@@ -90,7 +90,7 @@ def table(scores: Sequence[Score], worlds: Sequence[str]) -> list[str]:
     lines = [
         "| world | drives | 95 % band holds (lowest drive) | determined at the end: pressure, n, m, K |"
         " wrong anywhere: drives, share of flags, worst | n at the end: rms error (stated) |"
-        " changes found | named, or found |",
+        " changes found | named |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name in worlds:
@@ -114,12 +114,10 @@ def table(scores: Sequence[Score], worlds: Sequence[str]) -> list[str]:
         else:
             changes = str(sum(s.changes for s in mine))
         words = sorted({s.effect for s in mine if s.effect})
-        named = ", ".join(f"{w} {sum(s.effect == w for s in mine)}" for w in words)
-        said = sum(bool(s.findings) for s in mine)
-        found = f"{named or 'no name'}; {said} with a finding"
+        named = ", ".join(f"{w} {sum(s.effect == w for s in mine)}" for w in words) or "-"
         lines.append(
             f"| {name} | {len(mine)} | {np.mean(held):.2f} ({min(held):.2f}) | {flags} | {wrong} |"
-            f" {n} | {changes} | {found} |"
+            f" {n} | {changes} | {named} |"
         )
     return lines
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How right the estimator is on a drive of `robot_drives`: at every place of it, not only at its end."""
+"""How right the pipeline's soils are on a drive of `robot_drives`: at every place of it, not only at its end.
+
+The rows of a drive go through stretches and soils, the stages that the law is found in.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,12 @@ import numpy as np
 
 from benchmarks.robot_drives import RobotDrive, make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
-from smallwheel_ros.estimator.soil_estimator import (
-    EstimatorSettings,
-    SoilEstimate,
-    SoilEstimator,
-)
+from smallwheel_ros.estimator.settings import EstimatorSettings, usual_strength
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.pipeline.identifiability import SoilEstimate
+from smallwheel_ros.pipeline.local_law import Reported, law_of
+from smallwheel_ros.pipeline.soils import Soils
+from smallwheel_ros.pipeline.stretches import Loaded, StretchState, stretches
 
 NAMES = ("reference_pressure", "n", "m", "effective_modulus")
 SIGMAS = 3.0  # a parameter that is said to be determined is wrong beyond so many deviations
@@ -43,38 +47,44 @@ class Score:
     changes: int = 0
     found: float = math.nan
     effect: str = ""
-    findings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For a file."""
         return asdict(self)
 
 
-def run(drive: RobotDrive) -> tuple[SoilEstimator, Score]:
-    """Let the estimator drive, and score it."""
-    world = drive.world
-    settings = EstimatorSettings(sinkage_zero_std=world.zero_std)
-    estimator = SoilEstimator(drive.prior, settings, wheels=VEHICLES[world.vehicle])
-    score = Score(world.name, 0)
-    held: list[bool] = []
-    place = 0
-    for reading, true in zip(drive.readings, drive.sinkage, strict=True):
-        while place + 1 < len(drive.at) and reading.distance >= drive.at[place + 1]:
-            place += 1
-            judge(estimator.estimate(), drive, place, score)
-        result = estimator.update(reading)
-        if result.predicted_sinkage is not None and result.predicted_variance is not None:
-            off = abs(result.predicted_sinkage - true)
-            held.append(bool(off <= 1.96 * math.sqrt(result.predicted_variance)))
-        if drive.border is not None and math.isnan(score.found) and estimator.soil_changes:
-            score.found = reading.distance - drive.border
-    judge(estimator.estimate(), drive, len(drive.at) - 1, score)
-    score.held = float(np.mean(held))
-    score.changes = estimator.soil_changes
-    score.findings = estimator.findings
-    alarm = estimator.missing_effect
+def run(drive: RobotDrive) -> tuple[Soils, Score]:
+    """Let the pipeline's soils drive, and score them."""
+    world, wheels, rows = drive.world, VEHICLES[drive.world.vehicle], drive.rows
+    estimator = EstimatorSettings(sinkage_zero_std=world.zero_std)
+    strength = usual_strength(drive.prior.soil)
+    settings = OnboardSettings(wheels, drive.prior, strength, estimator=estimator)
+    soils, state = Soils(drive.prior, estimator, (), wheels), StretchState.of(settings)
+    closed, loads = stretches(state, rows, settings)
+    assert closed is not None
+    stamps = soils.take(closed)
+    version, newest = soils.version_of(rows, 0, stamps)
+    asked = Loaded(
+        rows.wheel, loads.load, (loads.load_std / loads.load) ** 2, np.zeros(len(rows)), rows.slip,
+        rows.speed, rows.passes, rows.pass_doubt,
+    )  # fmt: skip
+    expected, variance = soils.sinkage(asked, version)
+    said = np.isfinite(expected)
+    held = np.abs(expected - drive.sinkage)[said] <= 1.96 * np.sqrt(variance[said])
+    score = Score(world.name, 0, held=float(held.mean()), changes=soils.changes)
+    reported = Reported(drive.prior, estimator)
+    for place in range(1, len(drive.at)):
+        over = np.flatnonzero(rows.distance >= drive.at[place])
+        number = int(newest[over[0]]) if over.size else len(soils.versions) - 1
+        judge(reported.estimate(soils.versions[number]), drive, place, score)
+    judge(reported.estimate(soils.versions[-1]), drive, len(drive.at) - 1, score)
+    borders = [soils.versions[i].border for i in range(len(soils.versions))]
+    met = np.array(borders)[newest] > -math.inf
+    if drive.border is not None and met.any():
+        score.found = float(rows.distance[met][0]) - drive.border
+    alarm = soils.watch.alarm
     score.effect = "" if alarm is None else alarm.effect
-    return estimator, score
+    return soils, score
 
 
 def judge(estimate: SoilEstimate, drive: RobotDrive, place: int, score: Score) -> None:
@@ -111,8 +121,7 @@ def error_and_held(task: tuple[str, int]) -> tuple[float, float]:
     """
     name, seed = task
     drive = make_drive(replace(WORLDS[name], distance=12.0), seed)
-    estimator, score = run(drive)
-    estimate = estimator.estimate()
-    found = np.array([estimate.log_reference_pressure, estimate.n, estimate.m])
+    soils, score = run(drive)
+    found, covariance = law_of(soils.versions[-1])
     error = found - np.array([*drive.soils[-1, :2, 0], drive.m])
-    return float(error @ np.linalg.solve(estimate.log_covariance, error)) / 3.0, score.held
+    return float(error @ np.linalg.solve(covariance, error)) / 3.0, score.held

@@ -5,7 +5,7 @@ A world is one structure; a seed draws its soil, its ground and its noise.
 
     world = WORLDS["zero +3 mm"]
     drive = make_drive(world, seed=1)   # of `robot_drives`
-    estimator, score = run(drive)       # of `robot_scores`
+    soils, score = run(drive)           # of `robot_scores`
 """
 
 from __future__ import annotations

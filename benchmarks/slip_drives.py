@@ -532,6 +532,7 @@ class _Sensed:
         roll = self._at(time, self.drive.roll) + off[1] + noise * self.normal(time.size)
         yaw = self._at(time, self.drive.yaw)
         gained = np.interp(time, self.drive.time, np.gradient(self.drive.speed, TICK))
+        turn = self._at(time, self.drive.turning) + 5e-3 * self.normal(time.size)
         for i, t in enumerate(time):
             felt = SimpleNamespace(
                 x=float(GRAVITY * math.sin(climb[i]) + gained[i] + 0.3 * self.normal()),
@@ -541,6 +542,7 @@ class _Sensed:
             yield _message(
                 t,
                 "imu",
+                angular_velocity=SimpleNamespace(z=float(turn[i])),
                 orientation=_quaternion(float(roll[i]), float(-climb[i]), float(yaw[i])),
                 orientation_covariance=np.zeros(9),
                 linear_acceleration=felt,

@@ -5,10 +5,10 @@
     python benchmarks/traction_rates.py known --first 100 --seeds 8   # warnings by the true reserve itself
     python benchmarks/traction_rates.py table a.jsonl b.jsonl --picture docs/images/reliability.png
 
-A simulated drive is given to the pipeline's estimators, without ROS: one drive a seed, with its own soil,
-in the worlds in turn. One line a drive and kind of sensors goes to the file: sums, so that samples add up.
-Intervals (95 %) of the table are of the bootstrap over seeds, since readings of one drive are not
-independent.
+What the sensors of a simulated drive show goes to the pipeline's streams, without ROS: one drive a seed, with
+its own soil, in the worlds in turn. One line a drive and kind of sensors goes to the file: sums, so that
+samples add up. Intervals (95 %) of the table are of the bootstrap over seeds, since readings of one drive are
+not independent.
 """
 
 from __future__ import annotations
@@ -25,115 +25,131 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks._fed import newest_of_each
 from benchmarks._traction_table import AHEAD, KINDS, Row, draw, in_words, table
 from benchmarks.robot_worlds import VEHICLES
-from benchmarks.traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
-from smallwheel_ros.estimator.reading import Reading
+from benchmarks.traction_worlds import MASS, WORLDS, TractionDrive, make_drive
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
-from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.settings import ODOMETRY, OnboardSettings
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.physics.wheel import Quantity, wheel_slip
-
-Array = NDArray[np.float64]
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Array, Estimates, Integers
+from smallwheel_ros.pipeline.warnings import Warned
 
 _PAUSE, _EPISODE, _WITHIN = 0.3, 0.5, 1.0  # m
 SETTLE = 2.0  # m, before which nothing is scored
+EPOCH = 1_700_000_000_000_000_000  # ns
 
 
 @dataclass
 class Run:
-    """Stated and true values; arrays over (time, wheels), and of the vehicle over time."""
+    """Stated and true values: of wheels at instants, and of the vehicle over time.
 
-    pull: list[float] = field(default_factory=list)
-    deviation: list[float] = field(default_factory=list)
-    positive: list[float] = field(default_factory=list)
-    true_pull: list[float] = field(default_factory=list)
-    margin: list[float] = field(default_factory=list)
-    margin_deviation: list[float] = field(default_factory=list)
-    true_margin: list[float] = field(default_factory=list)
+    positive: stated probability that the pull is over 0. too_steep: within a metre it needs more than its
+    margin. ahead: m before it was stuck, that it was warned of without a pause. left: of each warning that
+    nothing came of, the least true reserve near it.
+    """
+
+    pull: Array = field(default_factory=lambda: np.empty(0))
+    deviation: Array = field(default_factory=lambda: np.empty(0))
+    positive: Array = field(default_factory=lambda: np.empty(0))
+    true_pull: Array = field(default_factory=lambda: np.empty(0))
+    margin: Array = field(default_factory=lambda: np.empty(0))
+    margin_deviation: Array = field(default_factory=lambda: np.empty(0))
+    true_margin: Array = field(default_factory=lambda: np.empty(0))
     wheel_margins: int = 0  # of single wheels, and how many were in their band
     wheel_margins_inside: int = 0
-    risk: list[float] = field(default_factory=list)
-    too_steep: list[bool] = field(
-        default_factory=list
-    )  # within a metre it needs more than its margin
-    ahead: float | None = None  # m before it was stuck, that it was warned of without a pause
-    # Of each warning that nothing came of: the least true reserve near it.
+    risk: Array = field(default_factory=lambda: np.empty(0))
+    too_steep: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    ahead: float | None = None
     left: list[float] = field(default_factory=list)
     length: float = 0.0  # m
 
 
-def settings_of(vehicle: str, mass: float) -> OnboardSettings:
-    """A robot that takes its soil for dry sand."""
+def settings_of(vehicle: str, mass: float, kind: str = "") -> OnboardSettings:
+    """A robot that takes its soil for dry sand. kind: of `KINDS`, what tells of its strength."""
     base = soil("dry_sand")
-    estimator = EstimatorSettings(sinkage_zero_std=1e-3)
-    prior, strength = SoilPrior.from_soil(base), usual_strength(base)
     wheels = VEHICLES[vehicle]
+    names = frozenset(wheel.name for wheel in wheels)
     return OnboardSettings(
-        wheels, prior, strength, estimator=estimator, mass=mass, mobility_rate=0.0
+        wheels, SoilPrior.from_soil(base), usual_strength(base),
+        estimator=EstimatorSettings(sinkage_zero_std=1e-3), mass=mass, mobility_rate=0.0,
+        with_torque=names if "torque" in kind else frozenset(),
+        with_drawbar_pull=names if kind == "pull sensor" else frozenset(),
+    )  # fmt: skip
+
+
+def streams_of(drive: TractionDrive, kind: str) -> dict[str, tuple[Integers, Array]]:
+    """Rows of all streams that the sensors of a drive fill, by stream: stamps (ns) and values.
+
+    The odometry has a pitch where a balance is to tell of the strength: then the slope is known.
+    """
+    stamps = EPOCH + np.round(1e9 * drive.time).astype(np.int64)
+    count, found = drive.time.size, {}
+    zero, one = np.zeros(count), np.ones(count)
+    for j, wheel in enumerate(VEHICLES[drive.world.vehicle]):
+        columns = {
+            "wheel_speed": [drive.rim[:, j] / (0.5 * wheel.diameter)], "load": [drive.weighed[:, j]],
+            "sinkage": [drive.shown_sinkage[:, j], 1e-6 * one], "torque": [drive.torque[:, j]],
+            "drawbar_pull": [drive.pulled[:, j]],
+        }  # fmt: skip
+        for name, values in columns.items():
+            found[f"{wheel.name}/{name}"] = stamps, np.stack(values, axis=1)
+    pitch = drive.pitch if "balance" in kind else zero
+    moves = [drive.odometry, zero, drive.path, zero, one, zero, 1e-4 * one, zero, pitch, zero]
+    found[ODOMETRY] = stamps, np.stack(moves, axis=1)
+    return found
+
+
+def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Pipeline, Run]:
+    """Let the pipeline drive. settle: m, before which nothing is scored."""
+    pipeline = Pipeline(settings_of(drive.world.vehicle, MASS if "balance" in kind else 0.0, kind))
+    streams = streams_of(drive, kind)
+    for i in range(drive.time.size):
+        for name in pipeline.streams.all:
+            stamps, values = streams[name]
+            pipeline.streams.add(name, int(stamps[i]), tuple(values[i].tolist()))
+    turns = list(pipeline.turns(last=True))
+    made = Estimates.joined([turn.estimates for turn in turns])
+    told = [turn.warned for turn in turns if turn.warned is not None]
+    return pipeline, scored(drive, made, Warned.joined(told) if told else None, settle)
+
+
+def scored(drive: TractionDrive, made: Estimates, told: Warned | None, settle: float) -> Run:
+    """Estimates beside the truth of their instants."""
+    out, j = Run(), made.wheel
+    stamps = EPOCH + np.round(1e9 * drive.time).astype(np.int64)
+    i = np.searchsorted(stamps, made.stamp)
+    late = drive.path[i] >= settle
+    known = late & np.isfinite(made.drawbar_pull)
+    out.pull, out.deviation = made.drawbar_pull[known], made.drawbar_pull_std[known]
+    out.positive = made.probability_drawbar_pull_positive[known]
+    out.true_pull = drive.pull[i, j][known]
+    off = made.margin - drive.held[i, j] / drive.load[i, j]
+    out.wheel_margins = int(known.sum())
+    out.wheel_margins_inside = int((np.abs(off) < 1.96 * made.margin_std)[known].sum())
+    nothing = np.full(drive.rim.shape[1], math.nan)
+    margin, spread, load = (
+        newest_of_each(j, column, nothing) for column in (made.margin, made.margin_std, made.load)
     )
-
-
-def run(drive: TractionDrive, kind: str, settle: float = SETTLE) -> tuple[Onboard, Run]:
-    """Let the pipeline's estimators drive. settle: m, before which nothing is scored."""
-    settings = settings_of(drive.world.vehicle, MASS if "balance" in kind else 0.0)
-    assessor, out, wheels = Onboard(settings), Run(), settings.wheels
-    warned = np.zeros(len(drive.time), dtype=bool)
-    speed = np.convolve(np.pad(drive.odometry, 2, mode="edge"), np.ones(5) / 5, mode="valid")
-    acceleration = np.gradient(speed, drive.time)
-    for i, time in enumerate(drive.time):
-        margins = []
-        for j, wheel in enumerate(wheels):
-            rim, travel = float(drive.rim[i, j]), float(drive.odometry[i])
-            slope = GRAVITY * math.sin(-drive.pitch[i]) if "balance" in kind else None
-            noise = Quantity(travel, 0.01), Quantity(rim, 0.01 * rim)
-            made = assessor.assess(
-                Reading(
-                    wheel,
-                    int(1e9 * time) + j,
-                    Quantity(float(drive.weighed[i, j]), 1.2),
-                    wheel_slip(*noise, 0.01),
-                    Quantity(float(drive.shown_sinkage[i, j]), 1e-3),
-                    travel,
-                    float(drive.path[i]),
-                    float(drive.path[i]),
-                    pitch=float(drive.pitch[i]),
-                    rim_speed=rim,
-                    speed_std=noise[0].standard_deviation,
-                    rim_std=noise[1].standard_deviation,
-                    slope_force=slope,
-                    gained_force=float(acceleration[i]),
-                    torque=float(drive.torque[i, j]) if "torque" in kind else None,
-                    drawbar_pull=Quantity(float(drive.pulled[i, j]), 0.6)
-                    if kind == "pull sensor"
-                    else None,
-                )
-            )
-            forces = None if made is None else made.forces
-            if drive.path[i] < settle or forces is None or forces.drawbar_pull is None:
-                continue
-            out.pull.append(forces.drawbar_pull.value)
-            out.deviation.append(forces.drawbar_pull.standard_deviation)
-            out.positive.append(forces.probability_drawbar_pull_positive)
-            out.true_pull.append(float(drive.pull[i, j]))
-            margins.append((forces.margin, float(drive.weighed[i, j])))
-            off = forces.margin.value - float(drive.held[i, j] / drive.load[i, j])
-            out.wheel_margins += 1
-            out.wheel_margins_inside += abs(off) < 1.96 * forces.margin.standard_deviation
-        warned[i] = bool(assessor.stuck.warning) and drive.path[i] >= settle
-        near = (drive.path >= drive.path[i]) & (drive.path <= drive.path[i] + _WITHIN)
-        whole = drive.stuck or drive.path[-1] - drive.path[i] >= _WITHIN
-        if drive.path[i] >= settle and whole and assessor.stuck.risk is not None:
-            out.risk.append(assessor.stuck.risk)
-            out.too_steep.append(bool(drive.reserve[near].min() < 0.0))
-        if len(margins) == len(wheels):
-            load = sum(w for _, w in margins)
-            out.margin.append(sum(m.value * w for m, w in margins) / load)
-            out.margin_deviation.append(sum(m.standard_deviation * w for m, w in margins) / load)
-            out.true_margin.append(float(drive.true_margin[i]))
+    whole = load.sum(axis=1)
+    mean, deviation = (margin * load).sum(axis=1) / whole, (spread * load).sum(axis=1) / whole
+    ends = late & np.isfinite(mean) & (j == drive.rim.shape[1] - 1)
+    out.margin, out.margin_deviation = mean[ends], deviation[ends]
+    out.true_margin = drive.true_margin[i[ends]]
+    near = [
+        bool(drive.reserve[(drive.path >= at) & (drive.path <= at + _WITHIN)].min() < 0.0)
+        for at in drive.path
+    ]
+    ahead = drive.stuck | (drive.path[-1] - drive.path[i] >= _WITHIN)
+    risky = late & ahead & (j == 0) & np.isfinite(made.risk)
+    out.risk, out.too_steep = made.risk[risky], np.array(near)[i[risky]]
+    warned = np.zeros(drive.time.size, dtype=bool)
+    if told is not None:
+        at = np.searchsorted(told.stamp, stamps, side="right") - 1
+        warned = (at >= 0) & (told.level[np.maximum(at, 0)] > 0) & (drive.path >= settle)
     _score_warnings(drive, warned, out)
-    return assessor, out
+    return out
 
 
 def _score_warnings(drive: TractionDrive, warned: NDArray[np.bool_], out: Run) -> None:
@@ -182,24 +198,21 @@ def print_known(drives: list[TractionDrive]) -> None:
 
 def summed(world: str, seed: int, kind: str, made: Run) -> Row:
     """Sums of a drive."""
-    pull, deviation, true, stated = map(
-        np.array, (made.pull, made.deviation, made.true_pull, made.positive)
-    )
-    came, off = true > 0.0, pull - true
-    short = np.array(made.margin) - made.true_margin
+    came, off = made.true_pull > 0.0, made.pull - made.true_pull
+    short, stated = made.margin - made.true_margin, made.positive
     return Row(
         world,
         seed,
         kind,
-        len(pull),
+        len(made.pull),
         float(np.sum(off**2)),
-        int(np.sum(np.abs(off) < 1.96 * deviation)),
+        int(np.sum(np.abs(off) < 1.96 * made.deviation)),
         float(np.sum((stated - came) ** 2)),
         _fifths(stated, came),
-        _fifths(np.array(made.risk), np.array(made.too_steep)),
+        _fifths(made.risk, made.too_steep),
         len(short),
         float(np.sum(short**2)),
-        int(np.sum(np.abs(short) < 1.96 * np.array(made.margin_deviation))),
+        int(np.sum(np.abs(short) < 1.96 * made.margin_deviation)),
         made.wheel_margins,
         made.wheel_margins_inside,
         made.ahead,

@@ -15,37 +15,28 @@ import argparse
 import math
 import re
 import sys
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import binomtest, chi2
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.faults import imu_row, odometry_row
+from benchmarks._fed import newest_of_each, turns_of
 from benchmarks.field_drives import EPOCH
 from benchmarks.robot_rates import run_worlds
 from benchmarks.slip_drives import TICK, SlipDrive, make_drive
 from benchmarks.slip_worlds import WORLDS
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.ground import vehicle_margin
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.onboard.result import Result
-from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.pipeline.align import Align, rules_of, widths_of
-from smallwheel_ros.pipeline.streams import Streams
-from smallwheel_ros.pipeline.warnings import Warnings
-
-Array = NDArray[np.float64]
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
+from smallwheel_ros.pipeline.warnings import FIRST, Warned
 
 SETTLE = 2.0  # m, before which nothing is scored
 THRESHOLDS = (0.2, 0.3, 0.4, 0.5, 0.6)
@@ -54,13 +45,13 @@ METRES, SECONDS = 0.5, 3.0  # ahead of being stuck that is in time
 _PAUSE = 1.0  # s without a warning between two of them
 _HARMLESS = 0.3  # slip under which a warning was a false one
 OURS = "this program"
-# The stage `pipeline.warnings`: both levels as they are, and what the first one is made of.
+# Of the same instants: what else the first level could be, and the second one.
 STAGE = (
-    "hazard over 0.4, or slip over 0.3, gates",
-    "hazard over 0.4",
+    f"hazard over {FIRST}, or slip over 0.3, gates",
     "slip over 0.3, gates",
-    "hazard over 0.5",
+    "second level",
 )
+_PERIOD = 100_000_000  # ns, of turns
 
 
 @dataclass
@@ -90,14 +81,15 @@ class SlipScore:
         """For a file."""
         return asdict(self)
 
-    def add(self, name: str, value: float, deviation: float, true: float) -> None:
-        """Count an estimate."""
-        off = value - true
+    def add(self, name: str, value: Array, deviation: Array, true: Array, rows: Flags) -> None:
+        """Count estimates, of those rows in which all is known."""
+        rows = rows & np.isfinite(value) & np.isfinite(deviation) & np.isfinite(true)
+        off = (value - true)[rows]
         for sums, more in (
-            (self.counts, 1),
-            (self.inside, int(abs(off) <= 1.96 * deviation)),
-            (self.squares, off * off),
-            (self.variances, deviation * deviation),
+            (self.counts, int(rows.sum())),
+            (self.inside, int((np.abs(off) <= 1.96 * deviation[rows]).sum())),
+            (self.squares, float((off**2).sum())),
+            (self.variances, float((deviation[rows] ** 2).sum())),
         ):
             sums[name] = sums.get(name, 0) + more  # type: ignore[operator]
 
@@ -131,73 +123,59 @@ class _SlipAlone:
             self.slip = sum(s for _, s in self._recent) / len(self._recent)
 
 
-def run(drive: SlipDrive, seed: int = 0) -> tuple[Onboard, SlipScore]:
+def run(drive: SlipDrive, seed: int = 0) -> tuple[Pipeline, SlipScore]:
     """Drive through the pipeline, from messages on."""
     settings = settings_from(drive.parameters)
-    onboard = Onboard(settings.onboard)
-    topics = {topic.name: topic for topic in Feed(onboard, settings).topics}
+    pipeline = Pipeline(settings.onboard)
     score = SlipScore(drive.world.name, seed, float(drive.path[-1]), drive.stuck is not None)
-    alone = _SlipAlone(drive.rover.wheels[0].diameter)
-    newest: dict[str, Result] = {}
-    warned: dict[str, list[tuple[float, bool]]] = {name: [] for name in _detectors()}
-    looked = 0
-    for stamp, topic, message in drive.messages:
-        alone.handle(stamp, topic, message)
-        for result in topics[topic].handle(message, None) if topic in topics else ():
-            newest[result.wheel] = result
-            _judge(drive, result, newest, score)
-        if stamp - looked < 100_000_000:
-            continue
-        looked, time = stamp, (stamp - EPOCH) / 1e9
-        at = _path(drive, time)
-        digging = any(result.digging_in for result in newest.values())
-        warning = onboard.stuck.warning or ("digs itself in" if digging else "")
-        warned[OURS].append((time, bool(warning)))
-        for threshold in THRESHOLDS:
-            warned[f"slip over {threshold}"].append((time, alone.slip > threshold))
-        for words in (warning, *onboard.findings):
+    judge, warned = _Judge(drive, score), _by_threshold(drive)
+    made: list[Warned] = []
+    for stamp, turns in turns_of(pipeline, settings, drive.messages, _PERIOD):
+        at = _path(drive, (stamp - EPOCH) / 1e9)
+        for turn in turns:
+            judge.estimates(turn.estimates)
+            made += [turn.warned] if turn.warned is not None else []
+        for words in (pipeline.warning, *pipeline.findings):
             plain = re.sub(r"[\d.]+", "#", words)
             if words and plain not in {re.sub(r"[\d.]+", "#", known) for known in score.words}:
                 score.words[words] = at
-        if math.isnan(score.said) and any("shows no slip" in words for words in onboard.findings):
+        if math.isnan(score.said) and any("shows no slip" in words for words in pipeline.findings):
             score.said = at
-    warned |= _by_stage(drive, settings.onboard)
+    warned |= _by_stage(made)
     for name, series in (*warned.items(), *_by_true_slip(drive).items()):
         _score_warnings(drive, name, series, score)
-    return onboard, score
+    return pipeline, score
 
 
 def _detectors() -> tuple[str, ...]:
     return OURS, *STAGE, *(f"slip over {threshold}" for threshold in THRESHOLDS)
 
 
-def _by_stage(drive: SlipDrive, onboard: OnboardSettings) -> dict[str, list[tuple[float, bool]]]:
-    """What the stage of the pipeline says of the same messages."""
-    onboard = replace(onboard, with_imu=False)  # the imu goes to the stage as it is
-    streams = Streams(widths_of(onboard), rules_of(onboard))
-    imu: list[tuple[int, list[float]]] = []
+def _by_threshold(drive: SlipDrive) -> dict[str, list[tuple[float, bool]]]:
+    """What thresholds on the slip that the messages show say."""
+    alone, looked = _SlipAlone(drive.rover.wheels[0].diameter), 0
+    found: dict[str, list[tuple[float, bool]]] = {f"slip over {t}": [] for t in THRESHOLDS}
     for stamp, topic, message in drive.messages:
-        if topic == "joint_states":
-            for wheel, speed in zip(onboard.wheels, message.velocity, strict=True):
-                streams.all[f"{wheel.name}/wheel_speed"].append(stamp, [speed])
-        elif topic == "odom":
-            row = odometry_row(message.pose.pose, message.twist.twist)
-            streams.all["odom"].append(stamp, row)
-        elif topic == "imu":
-            imu.append((stamp, imu_row(message)))
-        streams.latest = stamp
-    speeds = streams.all["odom"].stamps
-    raw = (np.array([at for at, _ in imu]), np.array([row for _, row in imu])) if imu else None
-    rows = Align(onboard, streams).rows(streams.latest)
-    made = Warnings(onboard.wheels, raw is not None).take(rows, speeds, raw, streams.latest)
-    if made is None:
-        return {name: [] for name in STAGE}
-    said, times = made[1], (made[1].stamp - EPOCH) / 1e9
+        alone.handle(stamp, topic, message)
+        if stamp - looked >= _PERIOD:
+            looked = stamp
+            for threshold in THRESHOLDS:
+                on = alone.slip > threshold
+                found[f"slip over {threshold}"].append(((stamp - EPOCH) / 1e9, on))
+    return found
+
+
+def _by_stage(made: Sequence[Warned]) -> dict[str, list[tuple[float, bool]]]:
+    """Of each instant whether there is a warning, and what other rules would say."""
+    if not made:
+        return {name: [] for name in (OURS, *STAGE)}
+    said = Warned.joined(made)
+    times = ((said.stamp - EPOCH) / 1e9).tolist()
     first, slips = said.level > 0, said.slip > 0.3
-    flags = first | slips, first, slips, said.level > 1
+    flags = first, first | slips, slips, said.level > 1
     return {
-        name: list(zip(times.tolist(), flag.tolist(), strict=True))
-        for name, flag in zip(STAGE, flags, strict=True)
+        name: list(zip(times, flag.tolist(), strict=True))
+        for name, flag in zip((OURS, *STAGE), flags, strict=True)
     }
 
 
@@ -218,24 +196,32 @@ def _path(drive: SlipDrive, time: float) -> float:
     return float(np.interp(time, drive.time, drive.path))
 
 
-def _judge(drive: SlipDrive, result: Result, newest: dict[str, Result], score: SlipScore) -> None:
-    """Compare with the truth of that instant."""
-    i = bisect_right(drive.time, (result.reading.stamp - EPOCH) / 1e9) - 1
-    j = [w.name for w in drive.rover.wheels].index(result.wheel)
-    slip, true = result.reading.slip, float(drive.slip[i, j])
-    if slip is not None and not math.isnan(true):
-        score.add("slip", slip.value, slip.standard_deviation, true)
-    if drive.path[i] < SETTLE:
-        return
-    margin = vehicle_margin(list(newest.values()))
-    if j == 0 and margin is not None:
-        score.add("margin", margin.value, margin.standard_deviation, float(drive.held[i]))
-    forces = [r.forces.thrust for r in newest.values() if r.forces and r.forces.thrust]
-    if j == 0 and len(forces) == len(drive.rover.wheels) and not math.isnan(true):
-        load = sum(r.reading.load.value for r in newest.values() if r.reading.load is not None)
-        value = sum(force.value for force in forces) / load
-        deviation = sum(force.standard_deviation for force in forces) / load
-        score.add("used grip", value, deviation, float(drive.used[i]))
+class _Judge:
+    """Compares estimates with the truth of their instants."""
+
+    def __init__(self, drive: SlipDrive, score: SlipScore) -> None:
+        self.drive, self.score = drive, score
+        # Newest margin and thrust, each with its deviation, and load of each wheel.
+        self.newest = np.full((5, len(drive.rover.wheels)), math.nan)
+
+    def estimates(self, made: Estimates) -> None:
+        """Those of a turn."""
+        drive, j = self.drive, made.wheel
+        i = np.searchsorted(drive.time, (made.stamp - EPOCH) / 1e9, side="right") - 1
+        true, all_rows = drive.slip[i, j], np.ones(len(made), dtype=bool)
+        self.score.add("slip", made.slip, made.slip_std, true, all_rows)
+        columns = made.margin, made.margin_std, made.thrust, made.thrust_std, made.load
+        *sums, load = (
+            newest_of_each(j, column, before)
+            for column, before in zip(columns, self.newest, strict=True)
+        )
+        if len(made):
+            self.newest = np.stack([*(column[-1] for column in sums), load[-1]])
+        whole, first = load.sum(axis=1), (j == 0) & (drive.path[i] >= SETTLE)
+        margin, margin_std = ((column * load).sum(axis=1) / whole for column in sums[:2])
+        self.score.add("margin", margin, margin_std, drive.held[i], first)
+        used, used_std = (column.sum(axis=1) / whole for column in sums[2:])
+        self.score.add("used grip", used, used_std, drive.used[i], first & np.isfinite(true))
 
 
 def _score_warnings(

@@ -23,10 +23,10 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import Grid, grid_from
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
+from smallwheel_ros.pipeline.answers import margin_before_driving
+from smallwheel_ros.pipeline.ground_map import GroundMapper
+from smallwheel_ros.pipeline.replay import replay
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
@@ -39,26 +39,23 @@ BORDERS = (8.0, 12.0)  # m along the way: where the soft patch of the simulated 
 def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[CostMap, np.ndarray]:
     """Return the cost map after a bag, and the places of the robot, shape (places, 2)."""
     settings = settings_from(read_parameters(config))
-    onboard = Onboard(settings.onboard)
-    feed = Feed(onboard, settings)
-    prior = margin_before_driving(settings.onboard)
-    mapper = GroundMapper(CostMap(settings.cost, settings.onboard.wheels, prior))
+    wheels = settings.onboard.wheels
+    mapper = GroundMapper(
+        CostMap(settings.cost, wheels, margin_before_driving(settings.onboard)), wheels
+    )
     if classes is not None:
         mapper.map.take_classes(classes)
-    topics = {f"/{topic.name.lstrip('/')}": topic for topic in feed.topics}
     way: list[tuple[float, float]] = []
+    frame = ""
     with BagReader(bag) as reader:
-        wanted = [t.name for t in reader.topics if t.name in topics or t.name == f"/{CLASSES}"]
-        for name, kind, _, message in reader.messages(wanted):
+        for name, kind, _, message in reader.messages({f"/{CLASSES}", "/odom"}):
             if name == f"/{CLASSES}":
                 mapper.map.take_classes(grid_from(message))
-                continue
-            if kind == "nav_msgs/msg/Odometry":
+            elif kind == "nav_msgs/msg/Odometry":
+                frame = message.header.frame_id
                 way.append((message.pose.pose.position.x, message.pose.pose.position.y))
-            for result in topics[name].handle(message, None):
-                mapper.add(result, feed.odometry_frame)
-    for result in onboard.flush():
-        mapper.add(result, feed.odometry_frame)
+    for turn in replay(bag, settings, clock=False):
+        mapper.add(turn.estimates, frame)
     return mapper.map, np.array(way)
 
 

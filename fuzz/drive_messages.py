@@ -9,35 +9,22 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test" / "onboard"))
+import numpy as np
 
-from test_feed import header, joints, make, odometry, sinkage, step, topic, vector, wrench
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test"))
 
-from smallwheel_ros.bags import message_type
-from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
+from topic_messages import Fed, imu, joints, odometry, sinkage, step, wrench
+
+from smallwheel_ros.pipeline.answers import mobility_columns, soil_fields
+from smallwheel_ros.pipeline.pipeline import Turn
 
 _STEPS = 24
 Message = Callable[[], Any]
 
 
-def imu(stamp: int) -> Any:
-    """Return an upright imu that feels gravity."""
-    return message_type("sensor_msgs/msg/Imu")(
-        header=header(stamp),
-        orientation=message_type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=0.0, w=1.0),
-        orientation_covariance=odometry(stamp, 0.0, 0.0).pose.covariance[:9].copy(),
-        angular_velocity=vector(),
-        angular_velocity_covariance=odometry(stamp, 0.0, 0.0).pose.covariance[:9].copy(),
-        linear_acceleration=vector(z=9.8),
-        linear_acceleration_covariance=odometry(stamp, 0.0, 0.0).pose.covariance[:9].copy(),
-    )
-
-
-def feed() -> dict[str, Callable[[Any, int | None], list[Result]]]:
-    """Return a new estimator's way in, by topic."""
-    changes = {"vehicle.mass": 6.0, "imu_topic": "imu", "front.torque_source": "effort"}
-    made = make(**changes)
-    return {name: topic(made, name).handle for name in (t.name for t in made.topics)}
+def fed() -> Fed:
+    """A new pipeline that messages are given to."""
+    return Fed(**{"vehicle.mass": 6.0, "imu_topic": "imu", "front.torque_source": "effort"})
 
 
 @cache
@@ -49,18 +36,19 @@ def drive() -> tuple[tuple[str, Message, int], ...]:
 def _messages() -> Iterator[tuple[str, Message, int]]:
     for i in range(_STEPS):
         stamp = step(i)
-        yield "odom", partial(odometry, stamp, 0.04 * i, 0.5), stamp
-        yield "imu", partial(imu, stamp), stamp
+        yield "odom", partial(odometry, stamp, 0.01 * i, 0.5), stamp
+        yield "imu", partial(imu, stamp, 0.0, (0.0, 0.0, 9.8)), stamp
         yield "joint_states", partial(joints, stamp, [4.4], [2.0], ["front_joint"]), stamp
         yield "front/load", partial(wrench, stamp, 60.0), stamp
         yield "front/sinkage", partial(sinkage, stamp, 0.008 + 1e-4 * (i % 3)), stamp
 
 
-def numbers(result: Result) -> Iterator[float]:
-    """Every number that node and replay would write of a result."""
-    for fields in (mobility_fields(result), soil_fields(result.soil, result.rejected)):
-        for value in fields.values():
-            if isinstance(value, float | int):
-                yield float(value)
-            elif not isinstance(value, str):
-                yield from map(float, value)
+def numbers(fed: Fed, turn: Turn) -> Iterator[float]:
+    """Every number that node and replay would write of a turn."""
+    columns = mobility_columns(turn.estimates, fed.pipeline)
+    soil = soil_fields(fed.pipeline.soil, fed.pipeline.rejected)
+    for value in (*columns.values(), *soil.values()):
+        if not isinstance(value, str):
+            of_numbers = np.asarray(value)
+            if of_numbers.dtype.kind in "fiub":
+                yield from of_numbers.astype(float).ravel().tolist()

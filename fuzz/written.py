@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,20 +12,19 @@ import numpy as np
 from fuzz.target import NUMBERS, ROOT, Target
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.estimator.saved_state import read_state
-from smallwheel_ros.estimator.soil_estimator import (
-    Reading,
-    SoilEstimator,
-    SoilPrior,
-)
+from smallwheel_ros.estimator.settings import SoilPrior, usual_strength
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.robot_description import Urdf
+from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.saved_state import read_state
 
-PRIOR = SoilPrior.from_soil(soil("dry_sand"))
+SAND = soil("dry_sand")
+VEHICLE = OnboardSettings((Wheel("w", 0.25, 0.1),), SoilPrior.from_soil(SAND), usual_strength(SAND))
 YAML_WORDS = (
     *NUMBERS,
     b"&a ",
@@ -186,30 +186,28 @@ class SavedSoil(Target):
     words = (*NUMBERS, b"[[", b"{}", b"null", b'"log_covariance":', b"NaN")
 
     def make_seeds(self) -> list[bytes]:
-        estimator = SoilEstimator(PRIOR)
-        for i in range(300):
-            estimator.update(
-                Reading(
-                    Wheel("w", 0.25, 0.1),
-                    20_000_000 * i,
-                    Quantity(60.0, 0.7),
-                    Quantity(0.1, 0.0),
-                    Quantity(0.012, 5e-4),
-                    0.2,
-                    0.02 * i,
-                    0.02 * i,
-                )
-            )
+        pipeline = Pipeline(VEHICLE)
+        for i in range(1, 1000):
+            stamp, load = 20_000_000 * i, 60.0 + 20.0 * math.sin(0.1 * i)
+            for name, values in (
+                ("odom", (0.2, 0.0, 0.004 * i, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+                ("w/wheel_speed", (0.22 / 0.125,)),
+                ("w/load", (load,)),
+                ("w/sinkage", (2e-4 * load, 2.5e-7)),
+            ):
+                pipeline.streams.add(name, stamp, values)
+        for _ in pipeline.turns(last=True):
+            pass
         path = self.folder / "seed.json"
-        estimator.save(path)
+        pipeline.save(path)
         return [path.read_bytes()]
 
     def run(self, data: bytes) -> Iterator[float]:
         path = self.written(data, "soil.json")
-        read_state(path, PRIOR, ())
-        estimator = SoilEstimator(PRIOR)
-        estimator.restore(path)
-        found = estimator.estimate()
+        read_state(path, VEHICLE.prior, ())
+        pipeline = Pipeline(VEHICLE)
+        pipeline.restore(path)
+        found = pipeline.soil
         yield from (found.k, found.n, found.m)
         yield from numbers_in(found.log_covariance)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.streams import Streams
 from smallwheel_ros.pipeline.tables import SECOND, Columns, Estimates, Readings
+from smallwheel_ros.simulate import Drive
 
 Array = NDArray[np.float64]
 Row = tuple[str, int, tuple[float, ...], int | None]  # stream, stamp, values, what the clock said
@@ -117,6 +119,44 @@ def drive(
     left = speed(t) * turn(t)
     add("imu", t, sign * turn(t), felt, sign * left, np.full(t.size, sign * G), flat, flat, up)
     return sorted(rows, key=lambda row: row[1])
+
+
+def rover_of(made: Drive, **changes: object) -> NodeSettings:
+    """Settings of the rover of a simulated drive."""
+    values: dict[str, object] = {"wheels": [wheel.name for wheel in made.rover.wheels]}
+    for wheel in made.rover.wheels:
+        values |= {f"{wheel.name}.diameter": wheel.diameter, f"{wheel.name}.width": wheel.width}
+        values[f"{wheel.name}.lateral_position"] = wheel.y
+        values[f"{wheel.name}.longitudinal_position"] = wheel.x
+    return settings_from({**values, **changes})
+
+
+def rows_of(made: Drive, late: Callable[[str], float] = lambda _: 0.0) -> list[Row]:
+    """Rows of a simulated drive in the order of arrival; the clock says when each arrives.
+
+    late: s by which those of a stream arrive later than they were recorded.
+    """
+    found: list[Row] = []
+
+    def add(name: str, of: Any, *columns: Array) -> None:
+        arrival = of.log_time + round(late(name) * SECOND)
+        values = np.stack(columns, axis=1)
+        for stamp, row, now in zip(of.stamp, values, arrival, strict=True):
+            found.append((name, int(stamp), tuple(map(float, row)), int(now)))
+
+    for name, loads in made.load.items():
+        add(f"{name}/load", loads, loads.normal)
+    for name, sinkages in made.sinkage.items():
+        add(f"{name}/sinkage", sinkages, sinkages.sinkage, sinkages.variance)
+    for j, wheel in enumerate(made.rover.wheels):
+        add(f"{wheel.name}/wheel_speed", made.joints, made.joints.velocity[:, j])
+    o = made.odometry
+    x, y, z, w = o.orientation.T
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    zero = np.zeros(yaw.size)
+    pose = o.x, o.y, np.cos(yaw), np.sin(yaw)
+    add("odom", o, o.forward_speed, o.yaw_rate, *pose, zero, zero, zero, zero)
+    return sorted(found, key=lambda row: (row[3], row[0]))
 
 
 def run(

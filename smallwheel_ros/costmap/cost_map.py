@@ -224,7 +224,7 @@ class CostMap:
     """Costs of ground, from wheels' margins as they come.
 
     prior: the vehicle's margin as it was believed of any ground before driving, None where not known
-    (`onboard.ground.margin_before_driving`).
+    (`pipeline.answers.margin_before_driving`).
 
     Attributes
     ----------

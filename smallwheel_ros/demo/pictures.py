@@ -12,7 +12,6 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.onboard.result import Status
 from smallwheel_ros.pictures.house import (
     COLOURS,
     GREY,
@@ -23,6 +22,7 @@ from smallwheel_ros.pictures.house import (
     style,
     wheel_colours,
 )
+from smallwheel_ros.pipeline.answers import Status
 
 if TYPE_CHECKING:
     from smallwheel_ros.ros.play import Recording

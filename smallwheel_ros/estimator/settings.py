@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,11 +13,20 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.parameter import Parameter, out_of_range
+from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 from smallwheel_ros.physics.wheel import Quantity, Strength
 
 Array = NDArray[np.float64]
 
+_COVARIATES = (
+    "load",
+    "diameter",
+    "width",
+    "contact",
+    "slip",
+    "speed",
+)  # of every wheel, or told by streams
 REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
 
@@ -27,6 +37,21 @@ class EstimatorError(SmallwheelError):
 def _require(what: str, name: str, value: float, good: bool, expected: str) -> None:
     if not (math.isfinite(value) and good):
         raise EstimatorError(f"{what}: {name} is {value!r}, expected {expected}")
+
+
+def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Columns beside the load that effects read: a row without them has no sinkage in the model.
+
+    Raises EstimatorError for an effect that reads what no stream tells.
+    """
+    read = {name: effect.id for effect in effects for name in effect.needs}
+    for name, effect in read.items():
+        if name not in _COVARIATES:
+            raise EstimatorError(
+                f"effect '{effect}' needs '{name}', which the robot is not given. There is:"
+                f" {', '.join(_COVARIATES)}"
+            )
+    return tuple(name for name in ("slip", "speed") if name in read)
 
 
 def usual_strength(soil: Soil) -> Strength:

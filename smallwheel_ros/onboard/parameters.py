@@ -15,9 +15,7 @@ from smallwheel_ros.common.parameter import Value, settings_of
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
-from smallwheel_ros.estimator.settings import SoilPrior
-from smallwheel_ros.estimator.soil_estimator import SoilEstimator
-from smallwheel_ros.estimator.traction import GRAVITY
+from smallwheel_ros.estimator.settings import SoilPrior, covariates_of
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.settings import (
     GENERAL,
@@ -33,6 +31,7 @@ from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
 NODE_NAME = "mobility_estimator"
+GRAVITY = 9.80665  # m/s^2
 _SECTION = "ros__parameters"
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
@@ -171,8 +170,7 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
     try:
         given = settings_of(Given, v)
         onboard = _onboard(given, inputs)
-        # What the estimator says of its settings and effects, it says now.
-        SoilEstimator(onboard.prior, onboard.estimator, onboard.effects)
+        covariates_of(onboard.effects)  # refuses effects of what no stream tells
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
     for name, wheel in inputs.items():

@@ -4,16 +4,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from smallwheel_ros.bags import BagReader, BagWriter, Key, Message, RawMessage, header
 from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.estimator.reading import SECOND, Reading
 from smallwheel_ros.onboard.parameters import NODE_NAME
+from smallwheel_ros.onboard.settings import TwistSettings
+from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
+from smallwheel_ros.pipeline.twist import Twists, messages
 
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 SOIL = "smallwheel_ros/msg/SoilEstimate"
+_TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 _GRID, _TF = "nav_msgs/msg/OccupancyGrid", "tf2_msgs/msg/TFMessage"
 _POSE_PERIOD = SECOND // 20
 _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a second
@@ -22,6 +28,7 @@ _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a 
 class NewBag(BagWriter):
     """Is stored as the old bag is, so that whoever reads that one reads this one too.
 
+    has_twists: whether twists were written.
     prefix: of the topics of the estimates: the node's name, or /replay before it where the bag has the
     node's own estimates already. left_out: topics and types that are not copied, since their type cannot
     be understood. damaged: messages that are not copied, since they cannot be converted.
@@ -38,7 +45,8 @@ class NewBag(BagWriter):
         self.damaged = 0
         self._has_tf = any(topic in ("/tf", "tf") for topic, _ in self._channels)
         self._sent: dict[str, int] = {}
-        self._soil_waits: tuple[int, Message] | None = None
+        self.has_twists = False
+        self._soil_waits: tuple[int, int, str, Mapping[str, Any]] | None = None
 
     def __enter__(self) -> NewBag:
         super().__enter__()
@@ -59,28 +67,57 @@ class NewBag(BagWriter):
         else:
             self.copy(channel._replace(convert=bytes), raw.log_time, bytes(data))
 
-    def write_estimate(
+    def write_estimates(
         self,
-        reading: Reading,
-        mobility: dict[str, Any],
-        soil: dict[str, Any],
-        time: int,
+        rows: Estimates,
+        columns: Mapping[str, Any],
+        soils: Sequence[Mapping[str, Any]],
+        times: Integers,
         frame: str,
+        wheels: Sequence[str],
     ) -> None:
-        """Write the fields of both messages; time: of recording. frame: that of odometry."""
-        stamp = reading.stamp
-        message = Message(header=header(stamp, reading.wheel.name), **mobility)
-        self.write(f"{self.prefix}/mobility", MOBILITY, time, message)
-        self._soil_waits = time, Message(header=header(stamp, frame), **soil)
-        if self.is_due("soil", stamp, _SOIL_PERIOD):
-            self.write_soil()
-        self._write_pose(reading, time, frame)
+        """Write the fields of both messages, row by row.
+
+        columns: of MobilityEstimate. soils: fields of SoilEstimate of each row. times: of recording. frame:
+        that of odometry.
+        """
+        names, stamps = list(columns), rows.stamp.tolist()
+        values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
+        poses = np.column_stack([rows.x, rows.y, rows.heading]).tolist()
+        topic, own = f"{self.prefix}/mobility", rows.wheel.tolist()
+        for i, row in enumerate(zip(*values, strict=True)):
+            stamp, time = stamps[i], int(times[i])
+            fields = dict(zip(names, row, strict=True))
+            message = Message(header=header(stamp, wheels[own[i]]), **fields)
+            self.write(topic, MOBILITY, time, message)
+            self._soil_waits = time, stamp, frame, soils[i]
+            if self.is_due("soil", stamp, _SOIL_PERIOD):
+                self.write_soil()
+            self._write_pose(stamp, poses[i], time, frame)
 
     def write_soil(self) -> None:
         """Write the last soil, if it still waits."""
         if self._soil_waits is not None:
-            self.write(f"{self.prefix}/soil", SOIL, *self._soil_waits)
+            time, stamp, frame, soil = self._soil_waits
+            message = Message(header=header(stamp, frame), **soil)
+            self.write(f"{self.prefix}/soil", SOIL, time, message)
             self._soil_waits = None
+
+    def write_twists(self, rows: Twists, settings: TwistSettings, times: Integers) -> None:
+        """Write the vehicle's twist at each row."""
+        topic = f"{self.prefix}/twist"
+        if not self.has_twists:
+            self.add(topic, _TWIST)
+            self.has_twists = True
+        linear, angular, covariance = messages(rows, settings)
+        for i, stamp in enumerate(rows.stamp.tolist()):
+            ahead, turn = (
+                Message(**dict(zip("xyz", part[i].tolist(), strict=True)))
+                for part in (linear, angular)
+            )
+            twist = Message(twist=Message(linear=ahead, angular=turn), covariance=covariance[i])
+            message = Message(header=header(stamp, "base_link"), twist=twist)
+            self.write(topic, _TWIST, int(times[i]), message)
 
     def is_due(self, what: str, time: int, period: int) -> bool:
         """Whether a period (ns) has passed since this was last said, or time went back."""
@@ -105,15 +142,15 @@ class NewBag(BagWriter):
         message = Message(header=stamped, info=info, data=grid.cells.ravel())
         self.write(f"{self.prefix}/cost", _GRID, time, message)
 
-    def _write_pose(self, reading: Reading, time: int, frame: str) -> None:
+    def _write_pose(self, stamp: int, pose: Sequence[float], time: int, frame: str) -> None:
         """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
-        if self._has_tf or not frame or reading.vehicle is None or reading.heading is None:
+        if self._has_tf or not frame or not math.isfinite(sum(pose)):
             return
-        if not self.is_due("pose", reading.stamp, _POSE_PERIOD):
+        if not self.is_due("pose", stamp, _POSE_PERIOD):
             return
-        (x, y), half = reading.vehicle, reading.heading / 2
+        x, y, half = pose[0], pose[1], pose[2] / 2
         turn = Message(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
-        stamped = header(reading.stamp, frame)
+        stamped = header(stamp, frame)
         link = Message(header=stamped, child_frame_id="base_link", transform=moved)
         self.write("/tf", _TF, time, Message(transforms=[link]))

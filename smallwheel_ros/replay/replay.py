@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import numpy as np
 
 from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
 from smallwheel_ros.common.errors import reason
@@ -14,14 +16,18 @@ from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import wide, write_map
-from smallwheel_ros.estimator.reading import SECOND, Reading
-from smallwheel_ros.onboard.events import DriveEvents
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
-from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.soil_file import SoilFile
+from smallwheel_ros.onboard.settings import ODOMETRY
+from smallwheel_ros.pipeline.answers import margin_before_driving, mobility_columns, soil_fields
+from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.events import DriveEvents
+from smallwheel_ros.pipeline.ground_map import GroundMapper
+from smallwheel_ros.pipeline.identifiability import SoilEstimate
+from smallwheel_ros.pipeline.inputs import Fields, Rows, Topic, topics_of
+from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.replay import Message, feed
+from smallwheel_ros.pipeline.soil_file import SoilFile
+from smallwheel_ros.pipeline.tables import SECOND, Integers
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.result import (
     BAG,
@@ -29,6 +35,7 @@ from smallwheel_ros.replay.result import (
     FILES,
     MEASUREMENTS,
     SUMMARY,
+    TWISTS,
     Replayed,
     draft,
 )
@@ -39,12 +46,11 @@ from smallwheel_ros.replay.spec import (
     inputs_of,
     read_settings,
 )
-from smallwheel_ros.replay.tables import EstimatesTable, SteadyStretches, deviations
+from smallwheel_ros.replay.tables import EstimatesTable, SteadyStretches, TwistsTable, deviations
 
 Progress = Callable[[int, int], object]
 Report = Callable[[Replayed, Path], object]  # writes a page of what is in the folder of that path
-JOINTS = "sensor_msgs/msg/JointState"
-_STEP = 256  # messages between two looks at signals, problems and progress
+_BLOCK = 4096  # messages of a turn at most; one takes a second of the recording, as often as the node speaks
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
@@ -73,8 +79,10 @@ def replay(
         drive = _Drive(spec, reader)
         with draft(spec) as folder:
             bag = NewBag(folder / BAG, reader, drive.copied)
-            with EstimatesTable(folder / ESTIMATES, drive.start) as table, bag:
+            wheels = drive.wheels
+            with EstimatesTable(folder / ESTIMATES, drive.start, wheels) as table, bag:
                 result = drive.run(table, bag, stop, progress)
+            drive.twists.write(folder / TWISTS)
             measured = result.stretches.table()
             result.measurements = len(measured)
             if result.measurements:
@@ -103,24 +111,26 @@ class _Drive:
             self._notes.append(self._settings.onboard.unknown_positions)
         self.start = self._time = reader.start_time  # log times, of the message that is worked on
         onboard = self._settings.onboard
-        self._onboard = Onboard(onboard)
-        self._feed = Feed(self._onboard, self._settings)
-        self._ground = GroundMapper(
-            CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
-        )
+        self.wheels = [wheel.name for wheel in onboard.wheels]
+        self._pipeline = Pipeline(onboard)
+        cost_map = CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
+        self._ground = GroundMapper(cost_map, onboard.wheels)
         self._soil_file = SoilFile(str(spec.soil_file or ""))
         self._go_on()
-        self._happened = DriveEvents(self._onboard, self.start)
-        self._stretches = SteadyStretches(onboard.wheels, bool(onboard.with_drawbar_pull))
-        self._last_stamp = 0
-        self._soil: dict[str, Any] = {}
-        self._soil_state: tuple[Any, ...] = ()
-        self._clock: int | None = None
+        self._happened = DriveEvents(self._pipeline, self.start)
+        pull_std = onboard.noise.drawbar_pull if onboard.with_drawbar_pull else None
+        self._stretches = SteadyStretches(onboard.wheels, pull_std)
+        self.twists = TwistsTable(self.start)
+        self._soils: list[tuple[SoilEstimate, dict[str, Any]]] = []  # with its fields
+        self._fields: tuple[str, ...] = ()
+        self._frame = ""  # of odometry
+        self._clock, self._last_stamp = 0, 0
+        self._chunk: list[Message] = []
         self._read_topics(spec)
 
     def _go_on(self) -> None:
         """Go on from a saved soil and map. Raises ReplayError where there is one that cannot be used."""
-        restored = self._soil_file.restore(self._onboard)
+        restored = self._soil_file.restore(self._pipeline)
         if self._soil_file.problem:
             raise ReplayError(f"{self._soil_file.problem}; give another file with --soil-file")
         remembered = self._soil_file.restore_map(self._ground.map)
@@ -130,70 +140,76 @@ class _Drive:
         """Save the soil where the spec says; return in words what came of it, empty where it says nothing."""
         if self._spec.soil_file is None:
             return ""
-        saved, words = self._soil_file.save(self._onboard, self._ground.map)
+        saved, words = self._soil_file.save(self._pipeline, self._ground.map)
         return f"soil saved: {words}" if saved else words
 
     def _read_topics(self, spec: ReplaySpec) -> None:
         """Find out which topic is which input, and what is copied."""
         present = {topic[:2] for topic in self._reader.topics}
         self._has_clock = spec.clock and _CLOCK in present
-        self._decoders: dict[Key, Callable[[bytes], Any]] = {}
-        self._handlers: dict[Key, list[Callable[[Any, int | None], object]]] = {}
+        self._topics: dict[str, Topic] = {}  # by their names in the bag
+        self._decoders: dict[str, Decoder] = {}
+        self._converts: dict[Key, Callable[[bytes], bytes | memoryview]] = {}
         unusable = {}  # those that the bag defines otherwise
-        for topic in self._feed.topics:
-            key = spec.in_bag(topic.name), topic.type
-            self._handlers.setdefault(key, []).append(topic.handle)
-        if self._has_clock:
-            self._handlers[_CLOCK] = [self._on_clock]
-        for key in self._handlers.keys() & present:
+        topics = topics_of(self._settings)
+        for topic in topics:
+            key = name, kind = spec.in_bag(topic.name), topic.type
+            if key not in present:
+                continue
             try:
-                self._decoders[key] = self._reader.decoder(*key)
+                self._reader.decoder(*key)
             except DefinitionError as error:
                 unusable[key] = str(error)
-        self._inputs = inputs_of(spec, self._feed, self._reader, unusable)
-        wheels = [wheel.name for wheel in self._settings.onboard.wheels]
-        check_enough(wheels, self._inputs, self._reader)
+                continue
+            channel = self._reader.channel(*key)
+            if channel is None:
+                unusable[key] = f"its type {kind} is not known"
+                continue
+            self._topics[name] = _both(self._topics[name], topic) if name in self._topics else topic
+            self._decoders[name] = Decoder(channel.store, channel.type)
+            self._converts[key] = channel.convert
+        if self._has_clock:
+            self._read_clock = self._reader.decoder(*_CLOCK)
+        self._inputs = inputs_of(spec, topics, self._settings, self._reader, unusable)
+        check_enough(self.wheels, self._inputs, self._reader)
         described = (spec.in_bag(self._settings.robot_description_topic), DESCRIPTION_TYPE)
-        used = {_CLOCK, described, *self._handlers} & present
+        keys = {(spec.in_bag(topic.name), topic.type) for topic in topics}
+        used = {_CLOCK, described, *keys} & present
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._names = {name for name, _ in used | self.copied}
 
     def run(self, table: EstimatesTable, bag: NewBag, stop: Stop, progress: Progress) -> Replayed:
         """Read the bag to its end, its damage, or a signal."""
-        self._table, self._bag, onboard = table, bag, self._onboard
-        onboard.on_result, onboard.on_reading = self._write, self._on_reading
+        self._table, self._bag = table, bag
         total = sum(t.message_count for t in self._reader.topics if t.name in self._names)
-        read, state, ended = 0, "complete", ""
+        read, state, ended, begin = 0, "complete", "", self.start
         try:
             for raw in self._reader.raw_messages(self._names):
-                self._time = raw.log_time
-                bag.copy_message(raw)
-                self._take(raw)
-                read += 1
-                if read % _STEP == 0:
-                    self._happened.take_problems(self._time)
+                full = len(self._chunk) >= _BLOCK or not 0 <= raw.log_time - begin < SECOND
+                if full:
+                    self._turn()
+                    begin = raw.log_time
                     progress(read, total)
                     if stop.asked:
                         since = (self._time - self.start) / SECOND
-                        state, ended = (
-                            "interrupted",
-                            (
-                                f"stopped by {stop.asked} {since:.3f} s after the bag's beginning, after"
-                                f" {read} of {total} messages; the same command does all of it"
-                            ),
+                        state = "interrupted"
+                        ended = (
+                            f"stopped by {stop.asked} {since:.3f} s after the bag's beginning, after"
+                            f" {read} of {total} messages; the same command does all of it"
                         )
                         break
+                self._time = raw.log_time
+                bag.copy_message(raw)
+                self._keep(raw)
+                read += 1
         except BagError as error:
             if error.path != self._reader.path:
                 raise  # of the new bag
             state, ended = "ended_early", str(error)
-        onboard.flush()
-        # The result keeps the estimator, which would keep all of this.
-        onboard.on_result = onboard.on_reading = None
+        self._turn(last=True)
         if self._last_stamp and self._ground.map.changed:
             self._write_grid(self._last_stamp)
         bag.write_soil()
-        self._happened.take_problems(self._time)
         self._happened.finish()
         progress(read, total)
         whole = state == "complete" and self._reader.end_time is not None
@@ -205,7 +221,7 @@ class _Drive:
             start=self.start,
             end=(self._reader.end_time or 0) if whole else max(self._time, self.start),
             message_count=total,
-            onboard=onboard,
+            pipeline=self._pipeline,
             happened=self._happened,
             estimates=table,
             stretches=self._stretches,
@@ -213,52 +229,93 @@ class _Drive:
             ended=ended,
             messages_read=read,
             prefix=bag.prefix,
+            has_twists=bag.has_twists,
             left_out=bag.left_out,
         )
 
-    def _take(self, raw: RawMessage) -> None:
-        """Give a message to the estimator, if it is an input; `_write` is given what it makes ready."""
+    def _keep(self, raw: RawMessage) -> None:
+        """Keep a message for the next turn, if it is an input."""
         key = (raw.topic, raw.type)
-        if key not in self._decoders:
+        if key == _CLOCK and self._has_clock:
+            clock = self._read_clock(raw.data).clock
+            self._clock = clock.sec * SECOND + clock.nanosec
+            return
+        if key not in self._converts:
             return
         try:
-            message = self._decoders[key](raw.data)
-        except Exception as error:  # damaged bytes make rosbags raise as it likes
-            text = f"a message cannot be deserialised ({reason(error)})"
-            streams = (i.stream for i in self._inputs if (i.topic, i.type) == key)
-            stream = next(streams, raw.topic)
-            self._onboard.problems.add(stream, "undecodable", text, unused=False)
+            data = bytes(self._converts[key](raw.data))
+        except (
+            Exception
+        ) as error:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
+            stream, text = self._topics[raw.topic].streams[0], reason(error)
+            self._pipeline.note(stream, "not_readable", f"topic {raw.topic}: {text}")
             return
         by_recording = self._spec.clock and not self._has_clock
-        now = raw.log_time if by_recording else self._clock
-        for handle in self._handlers[key]:
-            handle(message, now)
+        self._chunk.append((raw.topic, data, raw.log_time if by_recording else self._clock))
+        if ODOMETRY in self._topics[raw.topic].streams:
+            self._frame = _frame_of(data) or self._frame
 
-    def _on_clock(self, message: Any, _: int | None) -> None:
-        self._clock = message.clock.sec * SECOND + message.clock.nanosec
+    def _turn(self, *, last: bool = False) -> None:
+        """Give what was kept to the pipeline, and write what it makes."""
+        if self._chunk:
+            feed(self._pipeline, self._topics, self._decoders, self._chunk)
+            self._chunk = []
+        for turn in self._pipeline.turns(last=last):
+            self._write(turn)
+        self._happened.take_problems(self._time)
 
-    def _write(self, found: Result) -> None:
-        """Write an estimate into table and bag, and lay it down on the map."""
-        soil, frame = found.soil, self._feed.odometry_frame
-        law = (soil.k, soil.n, soil.m, soil.log_covariance.tobytes())
-        state = (*law, soil.variety, soil.accepted, found.rejected)
-        if state != self._soil_state:  # it changes only when a stretch of way ends
-            self._soil_state, self._soil = state, soil_fields(soil, found.rejected)
-            self._soil_row = self._soil | deviations(soil)
-        mobility = mobility_fields(found)
-        self._table.add(found, mobility, self._soil_row)
-        self._bag.write_estimate(found.reading, mobility, self._soil, self._time, frame)
-        self._ground.add(found, frame)
-        self._last_stamp = found.reading.stamp
+    def _write(self, turn: Turn) -> None:
+        """Write a turn into tables and bag, and lay it down on the map."""
+        if turn.starts_over:
+            self._stretches.starts_over()
+        changing = self._happened.take(turn)
+        self._stretches.add(turn.readings, changing)
+
+        def times(stamps: Integers) -> Integers:
+            """When the turn was: what is recorded stays in its order."""
+            return np.full(stamps.size, self._time, dtype=np.int64)
+
+        if turn.twists is not None and len(turn.twists):
+            assert self._settings.onboard.twist is not None
+            self.twists.add(turn.twists)
+            self._bag.write_twists(
+                turn.twists, self._settings.onboard.twist, times(turn.twists.stamp)
+            )
+        rows = turn.estimates
+        if not len(rows):
+            return
+        due = turn.readings.due
+        soils, soil_of = self._told(), self._happened.soil_of[due]
+        columns = mobility_columns(rows, self._pipeline)
+        columns["status_text"] = np.array(columns["status_text"], dtype=object)
+        self._table.add(rows, turn.readings.speed[due], columns, soils, soil_of)
+        plain = [{name: soil[name] for name in self._fields} for soil in soils]
+        rejected = rows.rejected.tolist()
+        of_rows = [
+            plain[k] | {"measurements_rejected": rejected[i]}
+            for i, k in enumerate(soil_of.tolist())
+        ]
+        self._bag.write_estimates(
+            rows, columns, of_rows, times(rows.stamp), self._frame, self.wheels
+        )
+        self._ground.add(rows, self._frame)
+        self._last_stamp = int(rows.stamp[-1])
         period = round(self._settings.cost.period * SECOND)
         if self._ground.map.changed and self._bag.is_due("cost", self._time, period):
-            self._write_grid(found.reading.stamp)
-        self._happened.add(found)
+            self._write_grid(self._last_stamp)
 
-    def _on_reading(self, reading: Reading) -> None:
-        """Every reading counts for the steady stretches, whether an estimate was due or not."""
-        way = self._onboard.estimator.distance
-        self._stretches.add(reading, way, self._happened.changing)
+    def _told(self) -> list[dict[str, Any]]:
+        """What is told of the soils of the newest turn."""
+        told = []
+        for soil in self._happened.soils:
+            known = next((fields for one, fields in self._soils if one is soil), None)
+            if known is None:
+                plain = soil_fields(soil, rejected=0)
+                self._fields = tuple(plain)
+                known = plain | deviations(soil) | {"changes": soil.soil_changes}
+            told.append(known)
+        self._soils = list(zip(self._happened.soils, told, strict=True))
+        return told
 
     def _write_grid(self, stamp: int) -> None:
         """Write the grid as the node would have published it."""
@@ -274,21 +331,38 @@ class _Drive:
 
     def _hints(self) -> list[str]:
         """What is to be said of stamps, and of messages that were damaged."""
-        onboard, notes = self._onboard, []
+        streams, notes = self._pipeline.streams, []
         if self._bag.damaged:
             notes.append(f"{self._bag.damaged} damaged messages are not in the new bag")
-        refused = sum(n for (_, why), n in onboard.counts.items() if why in _BY_CLOCK)
-        if self._spec.clock and 2 * refused > onboard.received.total():
+        refused = sum(n for (_, why), n in streams.problems.items() if why in _BY_CLOCK)
+        if self._spec.clock and 2 * refused > sum(s.received for s in streams.all.values()):
             notes.append(_HINT)
         return notes
 
     def _seen_inputs(self) -> tuple[Any, ...]:
         """The inputs, those that never came marked as lacking."""
-        received, joints = self._onboard.received, self._feed.joints
-        there = f"never in a message, which has {', '.join(joints)}" if joints else ""
+        streams = self._pipeline.streams
         return tuple(
             item
-            if item.lacking or received[item.stream]
-            else replace(item, lacking=(item.type == JOINTS and there) or "never in a message")
+            if item.lacking or streams.all[item.stream].received
+            else replace(
+                item, lacking=streams.words.get((item.stream, "no_value")) or "never in a message"
+            )
             for item in self._inputs
         )
+
+
+def _both(one: Topic, other: Topic) -> Topic:
+    """A topic that two inputs come by."""
+
+    def read(fields: Fields, joints: list[str]) -> Rows:
+        return one.read(fields, joints) | other.read(fields, joints)
+
+    return replace(one, read=read, streams=(*one.streams, *other.streams))
+
+
+def _frame_of(message: bytes) -> str:
+    """frame_id of a serialised message that begins with a header: behind encapsulation and stamp."""
+    order: Literal["little", "big"] = "big" if message[1:2] == b"\0" else "little"
+    end = 16 + int.from_bytes(message[12:16], order) - 1
+    return message[16:end].decode(errors="replace")

@@ -18,12 +18,12 @@ from smallwheel_ros.bags import Key
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.estimator.reading import SECOND
-from smallwheel_ros.onboard.events import DriveEvents
-from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.result import soil_fields
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.pipeline.answers import soil_fields
+from smallwheel_ros.pipeline.events import DriveEvents
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
 from smallwheel_ros.replay.tables import COUNTS, EstimatesTable, SteadyStretches, deviations
 
@@ -33,10 +33,13 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 SUMMARY, ESTIMATES, MEASUREMENTS, BAG = "replay.json", "estimates", "measurements.csv", "bag"
+TWISTS = "twists"
 FILES = {
     "estimates_csv": f"{ESTIMATES}.csv",
     "estimates_parquet": f"{ESTIMATES}.parquet",
     "measurements": MEASUREMENTS,
+    "twists_csv": f"{TWISTS}.csv",
+    "twists_parquet": f"{TWISTS}.parquet",
     "bag": BAG,
     "report": "report.html",
     "cost_map": "cost_map.yaml",
@@ -144,7 +147,7 @@ class Replayed(Result):
     start: int
     end: int
     message_count: int
-    onboard: Onboard
+    pipeline: Pipeline
     happened: DriveEvents
     estimates: EstimatesTable
     stretches: SteadyStretches
@@ -153,6 +156,7 @@ class Replayed(Result):
     messages_read: int = 0
     measurements: int = 0
     prefix: str = ""
+    has_twists: bool = False
     left_out: list[Key] = field(default_factory=list)
     place: TemporaryDirectory[str] | None = None
 
@@ -193,11 +197,14 @@ class Replayed(Result):
 
         folder: where the files are; the spec's where it is not given.
         """
-        happened, received = self.happened, self.onboard.received
+        happened, received = (
+            self.happened,
+            {n: s.received for n, s in self.pipeline.streams.all.items()},
+        )
         rolling = {w.name for w in self.settings.onboard.wheels if w.contact == ROLLING}
         topics = {item.stream: item.topic for item in self.inputs}
         not_used = []
-        for (stream, why), count in sorted(self.onboard.counts.items()):
+        for (stream, why), count in sorted(self.pipeline.problems.items()):
             drop = {"topic": topics.get(stream, stream), "stream": stream, "reason": why}
             text, time = happened.examples.get((stream, why), ("", None))
             not_used.append({**drop, "count": count, "first_time": time, "example": text})
@@ -222,11 +229,11 @@ class Replayed(Result):
             "soil": self._soil(),
             "mobility": self.estimates.told(),
             "strength": {
-                "measured_by": sorted(self.onboard.strength.sources),
-                "status": list(self.onboard.strength.status),
+                "measured_by": sorted(self.pipeline.strength.sources),
+                "status": list(self.pipeline.strength.status),
             },
-            "sensors": list(self.onboard.findings),
-            "filter": self.onboard.concern,
+            "sensors": list(self.pipeline.findings),
+            "filter": self.pipeline.concern,
             "events": [event._asdict() for event in happened.events[:_MOST_EVENTS]],
             "unlisted_events": max(len(happened.events) - _MOST_EVENTS, 0),
             "inputs": [
@@ -248,13 +255,16 @@ class Replayed(Result):
             },
             "not_copied": [f"{name} ({kind})" for name, kind in self.left_out],
             "notes": self.notes,
-            "topics_of_estimates": [f"{self.prefix}/mobility", f"{self.prefix}/soil"],
+            "topics_of_estimates": [
+                f"{self.prefix}/{name}"
+                for name in ("mobility", "soil", *(["twist"] if self.has_twists else []))
+            ],
             "files": files_in(folder or self.spec.folder),
         }
         return dict(plain(content))
 
     def _soil(self) -> dict[str, Any]:
-        soil, alarm = self.onboard.soil, self.onboard.soil.missing_effect
+        soil, alarm = self.pipeline.soil, self.pipeline.soil.missing_effect
         told = soil_fields(soil, rejected=0) | deviations(soil)
         found: dict[str, Any] = {
             name: {

@@ -16,7 +16,6 @@ from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.version import __version__
 from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import InitError
-from smallwheel_ros.onboard.feed import Feed
 from smallwheel_ros.onboard.parameters import (
     NODE_NAME,
     ParametersError,
@@ -32,6 +31,7 @@ from smallwheel_ros.onboard.robot_description import (
     silent_parameters,
 )
 from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.inputs import Topic
 
 Copy = Literal["all", "used", "none"]
 COPIES: tuple[Copy, ...] = ("all", "used", "none")
@@ -211,7 +211,7 @@ def _described(
 
 @dataclass(frozen=True)
 class Input:
-    """A topic that the node listens to, for one stream of the estimate (`Onboard.streams`).
+    """A topic that the node listens to, for one stream of the estimate (`Pipeline.streams`).
 
     topic: after remaps. detail: which part of the message, in words. lacking: why the bag does not give
     it, in words; empty where it does.
@@ -230,7 +230,11 @@ class Input:
 
 
 def inputs_of(
-    spec: ReplaySpec, feed: Feed, reader: BagReader, unusable: Mapping[Key, str]
+    spec: ReplaySpec,
+    topics: Sequence[Topic],
+    settings: NodeSettings,
+    reader: BagReader,
+    unusable: Mapping[Key, str],
 ) -> tuple[Input, ...]:
     """Say by which topic each stream of the estimate comes, and why not where it does not.
 
@@ -238,7 +242,7 @@ def inputs_of(
     if a remap names no input of the node.
     """
     # The robot description is no stream, but may be remapped too.
-    names = [*(topic.name for topic in feed.topics), feed.settings.robot_description_topic]
+    names = [*(topic.name for topic in topics), settings.robot_description_topic]
     known = {resolved(name) for name in names if name}
     for name in spec.remaps:
         if name not in known:
@@ -246,7 +250,7 @@ def inputs_of(
                 f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
             )
     inputs = []
-    for topic in feed.topics:
+    for topic in topics:
         name = spec.in_bag(topic.name)
         types = [t.type for t in reader.topics if t.name == name and t.message_count]
         lacking = unusable.get((name, topic.type), "")
@@ -254,9 +258,24 @@ def inputs_of(
             lacking = "not in the bag"
         elif topic.type not in types:
             lacking = f"the bag has it as {', '.join(types)}"
-        for stream, detail in topic.streams.items():
-            inputs.append(Input(stream, name, topic.type, detail.removeprefix(", "), lacking))
+        for stream in topic.streams:
+            inputs.append(Input(stream, name, topic.type, _detail(stream, settings), lacking))
     return tuple(inputs)
+
+
+def _detail(stream: str, settings: NodeSettings) -> str:
+    """Which part of its message a stream of a wheel is, in words; empty where it is all of it."""
+    wheel, _, what = stream.rpartition("/")
+    own = settings.inputs.get(wheel)
+    if own is None:
+        return ""
+    by_joint = settings.load_source == "joint_states"
+    return {
+        "wheel_speed": f"joint {own.joint}",
+        "torque": f"effort of joint {own.joint}",
+        "drawbar_pull": "force.x",
+        "load": f"effort of joint {own.load_joint}" if by_joint else "",
+    }.get(what, "")
 
 
 def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagReader) -> None:

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,13 @@ import pandas as pd
 
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
-from smallwheel_ros.estimator.identifiability import SoilEstimate
-from smallwheel_ros.estimator.reading import SECOND, Reading
-from smallwheel_ros.onboard.result import VALID, Result
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.answers import VALID, Status
+from smallwheel_ros.pipeline.identifiability import SoilEstimate
+from smallwheel_ros.pipeline.passes import Passes
+from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers, Readings
+from smallwheel_ros.pipeline.twist import Twists
 from smallwheel_ros.replay.new_bag import MOBILITY, SOIL
 from smallwheel_ros.replay.spec import ReplayError
 
@@ -38,6 +41,7 @@ _BLOCK = 20_000  # rows that are kept before they are written, or reduced to str
 COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
 MARGIN = "mobility_margin"
 _MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation", "risk_of_getting_stuck")
+_STATUS = np.array([status.name for status in Status], dtype=object)
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
 # load to a power near 1, so a load that scatters by half makes the median sinkage wrong by 1 %.
@@ -54,10 +58,10 @@ def columns() -> tuple[str, ...]:
 
     They are the fields of both messages; not the flags of what is valid, since an unknown cell is blank.
     """
-    fields = [name for name in plain_fields(MOBILITY) if name not in VALID]
+    mobility = [name for name in plain_fields(MOBILITY) if name not in VALID]
     soil = [f"soil_{name}" for name in plain_fields(SOIL)]
     deviations = [f"soil_{name}_standard_deviation" for name in "knm"]
-    return tuple(dict.fromkeys([*_FIRST, *fields, *soil, *deviations, "soil_changes"]))
+    return tuple(dict.fromkeys([*_FIRST, *mobility, *soil, *deviations, "soil_changes"]))
 
 
 def deviations(soil: SoilEstimate) -> dict[str, float]:
@@ -74,11 +78,12 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
     many estimates had which. mobility: slip, margin and risk of every estimate, block by block.
     """
 
-    def __init__(self, stem: Path, start: int) -> None:
+    def __init__(self, stem: Path, start: int, wheels: Sequence[str]) -> None:
         self._csv, self._parquet_path = Path(f"{stem}.csv"), Path(f"{stem}.parquet")
-        self._start = start
-        self._rows: list[dict[str, Any]] = []
-        self._soils: list[dict[str, Any]] = []  # of the block
+        self._start, self._wheels = start, np.array(wheels, dtype=object)
+        self._blocks: list[dict[str, Any]] = []  # columns of turns
+        self._soils: list[Mapping[str, Any]] = []  # of the block
+        self._waiting = 0
         self._parquet: Any = None
         self._begun = False
         self.counts: dict[str, Counter[str]] = {}
@@ -113,47 +118,59 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
                 told[name][key] = float(value) if math.isfinite(value) else None
         return told
 
-    def add(self, result: Result, mobility: dict[str, Any], soil: dict[str, Any]) -> None:
-        """Take an estimate; soil: the same object as long as the soil is believed the same."""
-        reading = result.reading
-        if not self._soils or self._soils[-1] is not soil:
-            self._soils.append(soil)
-        x, y = reading.vehicle or (None, None)
-        self._rows.append(
-            mobility
-            | {
-                "stamp": reading.stamp,
-                "wheel": result.wheel,
-                "x": x,
-                "y": y,
-                "speed": reading.speed,
-                "travel": result.travel,
-                "status": result.status.name,
-                "soil_changes": result.soil.soil_changes,
-                "soil_at": len(self._soils) - 1,
+    def add(
+        self,
+        rows: Estimates,
+        speed: Array,
+        columns: Mapping[str, Any],
+        soils: Sequence[Mapping[str, Any]],
+        soil_of: Integers,
+    ) -> None:
+        """Take rows. speed: of each wheel, m/s. columns: of the message. soils, soil_of: fields, which."""
+        if not len(rows):
+            return
+        self._blocks.append(
+            {
+                **columns,
+                "stamp": rows.stamp,
+                "wheel": self._wheels[rows.wheel],
+                "x": rows.x,
+                "y": rows.y,
+                "speed": speed,
+                "travel": rows.distance,
+                "status": _STATUS[rows.status],
+                "rejected": rows.rejected,
+                "soil_at": soil_of + len(self._soils),
             }
         )
-        if len(self._rows) >= _BLOCK:
+        self._soils += soils
+        self._waiting += len(rows)
+        if self._waiting >= _BLOCK:
             self._write()
 
     def __exit__(self, *_: object) -> None:
-        if self._rows or not self._begun:
+        if self._waiting or not self._begun:
             self._write()
         if self._parquet is not None:
             self._parquet.close()
 
     def _write(self) -> None:
         """Write the block."""
-        soil = pd.DataFrame(self._soils).drop(columns="covariance", errors="ignore")
-        block = pd.DataFrame(self._rows)
-        if self._rows:
-            block = block.join(soil.add_prefix("soil_"), on="soil_at")
+        block = pd.DataFrame()
+        if self._blocks:
+            block = pd.DataFrame(
+                {name: np.concatenate([b[name] for b in self._blocks]) for name in self._blocks[0]}
+            )
+            soil = pd.DataFrame(self._soils).drop(columns="covariance", errors="ignore")
+            soil = soil.add_prefix("soil_").take(block["soil_at"].to_numpy())
+            block = pd.concat([block, soil.reset_index(drop=True)], axis=1)
+            block["soil_measurements_rejected"] = block["rejected"]
             block["time"] = (block["stamp"] - self._start) / SECOND
             for flag, names in VALID.items():
                 unknown = [*names, *(f"{name}_standard_deviation" for name in names)]
                 block.loc[~block[flag], block.columns.intersection(unknown)] = np.nan
         block = block.reindex(columns=list(columns())).astype({"wheel": str, "status": str})
-        self._rows, self._soils = [], []
+        self._blocks, self._soils, self._waiting = [], [], 0
         self._count(block)
         try:
             block.to_csv(self._csv, mode="a", header=not self._begun, index=False)
@@ -202,67 +219,109 @@ def is_used(table: pd.DataFrame) -> pd.Series[bool]:
     return known & (table["status"] != "REJECTED")
 
 
+class TwistsTable:
+    """Rows of the vehicle's twist, written as NAME.csv and, where pyarrow is installed, NAME.parquet."""
+
+    def __init__(self, start: int) -> None:
+        self._start = start
+        self._rows: list[Twists] = []
+
+    def add(self, rows: Twists) -> None:
+        """Take rows."""
+        self._rows.append(rows)
+
+    def write(self, stem: Path) -> None:
+        """Write them, if there are any. Raises ReplayError."""
+        if not self._rows:
+            return
+        rows = Twists.joined(self._rows)
+        found = {one.name: getattr(rows, one.name) for one in fields(rows)}
+        table = pd.DataFrame(found)
+        table.insert(1, "time", (table["stamp"] - self._start) / SECOND)
+        try:
+            table.to_csv(f"{stem}.csv", index=False)
+            table.to_parquet(f"{stem}.parquet", index=False)
+        except ImportError:
+            pass
+        except OSError as error:
+            raise ReplayError(f"{stem}.csv: cannot be written: {reason(error)}") from error
+
+
 # --- Steady stretches
 
 
 class SteadyStretches:
     """Takes readings as they come, and gives the rows of a table of measurements at the end.
 
-    pulls: whether there are columns of measured drawbar pull. unsteady: stretches that were left out,
-    at_changes and unusable: readings.
+    pull_std: deviation (N) of a measured drawbar pull, None where none is measured. unsteady: stretches
+    that were left out, at_changes and unusable: readings.
     """
 
-    def __init__(self, wheels: Sequence[Wheel], pulls: bool = False) -> None:
-        self._wheels, self._pulls = {wheel.name: wheel for wheel in wheels}, pulls
-        self._turn = math.pi * max(wheel.diameter for wheel in wheels)
-        self._readings: list[tuple[Any, ...]] = []
+    def __init__(self, wheels: Sequence[Wheel], pull_std: float | None = None) -> None:
+        self._wheels, self._pulls = {wheel.name: wheel for wheel in wheels}, pull_std is not None
+        self._pull_std = math.nan if pull_std is None else pull_std
+        self._names = np.array([wheel.name for wheel in wheels], dtype=object)
+        self._pressed = np.array([wheel.contact == PRESSED for wheel in wheels])
+        turn = math.pi * max(wheel.diameter for wheel in wheels)
+        self._lengths = np.where(self._pressed, _DEPTH, turn)  # m of a stretch
+        self._readings: list[pd.DataFrame] = []
+        self._waiting = 0
         self._done: list[pd.DataFrame] = []
-        self._soil, self._changing, self._way = 1, False, 0.0
+        self._passes = Passes(tuple(wheels))
+        self._soil, self._changing = 0, False
         self.unsteady = self.at_changes = self.unusable = 0
 
-    def add(self, reading: Reading, way: float, changing: bool) -> None:
-        """Take one reading; way: m that the vehicle has travelled. changing: the soil does just now."""
-        went_back = way < self._way - 1e-9
-        if went_back or (changing and not self._changing):
-            self._soil += 1
-        self._changing, self._way = changing, way
-        if changing:
-            self.at_changes += 1
-            return
-        wheel, pressed = reading.wheel, reading.wheel.contact == PRESSED
-        slip, speed, pull = reading.slip, reading.speed, reading.drawbar_pull
-        lacks = reading.load is None or reading.sinkage is None
-        if lacks or (not pressed and (slip is None or speed is None)):
-            self.unusable += 1
-            return
-        assert reading.load is not None
-        assert reading.sinkage is not None
-        self._readings.append(
-            (
-                self._soil,
-                int(way / (_DEPTH if pressed else self._turn)),
-                wheel.name,
-                reading.load.value,
-                reading.sinkage.value,
-                math.nan if pull is None else pull.value,
-                math.nan if slip is None else slip.value,
-                math.nan if speed is None else abs(speed),
-                reading.sinkage.standard_deviation,
-                math.nan if pull is None else pull.standard_deviation,
-                reading.pass_number or 0,
-            )
-        )
-        if len(self._readings) >= _BLOCK:
-            self._reduce(self._soil, self._readings[-1][1] - 1)
+    def starts_over(self) -> None:
+        """Note that all begins, or begins anew: another soil, and another way."""
+        self._soil += 1
+        self._passes = Passes(tuple(self._wheels.values()))
 
-    _COLUMNS = ("soil", "stretch", "wheel", "load", "sinkage", "drawbar_pull", "slip", "speed",
-                "sinkage_std", "drawbar_pull_std", "passes")  # fmt: skip
+    def add(self, rows: Readings, changing: Flags) -> None:
+        """Take readings. changing: at which of them the soil just did."""
+        if not len(rows):
+            return
+        begins = changing & ~np.concatenate([[self._changing], changing[:-1]])
+        soil = self._soil + np.cumsum(begins)
+        self._soil, self._changing = int(soil[-1]), bool(changing[-1])
+        numbers = self._passes.numbers(rows)
+        moves = np.isfinite(rows.slip) & np.isfinite(rows.speed)
+        usable = np.isfinite(rows.load) & np.isfinite(rows.sinkage)
+        usable &= self._pressed[rows.wheel] | moves
+        self.at_changes += int(changing.sum())
+        self.unusable += int((~changing & ~usable).sum())
+        good = np.flatnonzero(usable & ~changing)
+        if not good.size:
+            return
+        kept = rows.take(good)
+        passes = np.nan_to_num(numbers[good]).astype(np.int64)
+        table = pd.DataFrame(
+            {
+                "soil": soil[good],
+                "stretch": (kept.distance / self._lengths[kept.wheel]).astype(np.int64),
+                "wheel": self._names[kept.wheel],
+                "load": kept.load,
+                "sinkage": kept.sinkage,
+                "drawbar_pull": kept.pull,
+                "slip": kept.slip,
+                "speed": np.abs(kept.speed),
+                "sinkage_std": kept.sinkage_std,
+                "drawbar_pull_std": np.full(good.size, self._pull_std),
+                "passes": passes,
+            }
+        )
+        self._readings.append(table)
+        self._waiting += good.size
+        if self._waiting >= _BLOCK:
+            self._reduce(self._soil, int(table["stretch"].iloc[-1]) - 1)
 
     def _reduce(self, soil: int, stretch: int) -> None:
         """Reduce what lies before a stretch of a soil to a row for each wheel and stretch."""
-        table = pd.DataFrame(self._readings, columns=list(self._COLUMNS))
+        if not self._readings:
+            return
+        table = pd.concat(self._readings, ignore_index=True)
         ended = (table["soil"] < soil) | (table["stretch"] < stretch)
-        self._readings = list(table[~ended].itertuples(index=False, name=None))
+        self._readings = [table[~ended]]
+        self._waiting = int((~ended).sum())
         if ended.any():
             self._done.append(_medians(table[ended], [*self._wheels]))
 

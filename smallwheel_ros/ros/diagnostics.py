@@ -7,16 +7,16 @@ Their names are without that of the node, which is put before them when they are
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.estimator.traction import StrengthEstimate
-from smallwheel_ros.onboard.ground import vehicle_margin
-from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.result import Result, Status
-from smallwheel_ros.onboard.statements import statements
-from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.answers import Status, status_texts, vehicle_margin
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.statements import statements
+from smallwheel_ros.pipeline.strength_words import StrengthEstimate
+from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.outputs import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -36,12 +36,9 @@ def status(
     )
 
 
-def entries(
-    onboard: Onboard, newest: Iterable[Result], cost: CostPublisher
-) -> list[DiagnosticStatus]:
-    """Return the diagnostics of an active node, but for its inputs."""
-    results = list(newest)
-    said = statements(onboard, results)
+def entries(pipeline: Pipeline, newest: Estimates, cost: CostPublisher) -> list[DiagnosticStatus]:
+    """Return the diagnostics of an active node, but for its inputs. newest: a row of each wheel."""
+    said = statements(pipeline, newest)
 
     def of(entry: str, plain: str, values: Mapping[str, str]) -> DiagnosticStatus:
         """An entry with all that is said of it; plain: where nothing is."""
@@ -53,19 +50,19 @@ def entries(
     of_sensors = [statement.text for statement in said if statement.entry == "sensors"]
     findings = {f"finding {i}": words for i, words in enumerate(of_sensors, 1)}
     return [
-        _soil(onboard),
-        of("filter", *_filter(onboard)),
+        _soil(pipeline),
+        of("filter", *_filter(pipeline)),
         of("sensors", "nothing seems wrong", findings),
-        of("alarms", "none", _alarms(onboard, results)),
+        of("alarms", "none", _alarms(pipeline, newest)),
         _cost(cost),
-        of("vehicle", *_vehicle(onboard, results)),
-        *map(_wheel, results),
+        of("vehicle", *_vehicle(pipeline, newest)),
+        *_wheels(pipeline, newest),
     ]
 
 
-def _soil(onboard: Onboard) -> DiagnosticStatus:
+def _soil(pipeline: Pipeline) -> DiagnosticStatus:
     """The soil in numbers, and of each what the measurements have determined, in words."""
-    soil = onboard.soil
+    soil = pipeline.soil
     pressure, deviation = soil.reference_pressure, soil.reference_pressure_std
     spread = soil.covariance.diagonal() ** 0.5
     values = {
@@ -75,14 +72,11 @@ def _soil(onboard: Onboard) -> DiagnosticStatus:
         "n": f"{soil.n:.4f} +- {spread[1]:.2g}",
         "m": f"{soil.m:.4f} +- {spread[2]:.2g}",
         **{f"verdict on {name.replace('_', ' ')}": said for name, said in soil.verdicts.items()},
-        **strength_values(onboard.strength, onboard.lacking),
+        **strength_values(pipeline.strength, pipeline.lacking),
     }
-    # What a slip test would tell of the strength that driving on does not.
-    if onboard.slip_tests:
-        values["slip test"] = "; ".join(test.text for test in onboard.slip_tests)
     values["soil changes"] = str(soil.soil_changes)
     values["travel [m]"] = f"{soil.distance:.2f}"
-    words = soil.status if soil.accepted else (*soil.status, *onboard.undeterminable)
+    words = soil.status if soil.accepted else (*soil.status, *pipeline.undeterminable)
     text = "; ".join(words) or "k, n and m are determined"
     return status("soil", OK, text, values)
 
@@ -98,37 +92,38 @@ def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> d
         **{f"strength by {source}": words for source, words in lacking.items()},
     }
     if estimate.steps:
-        strength = estimate.strength
         for key, found in (
-            ("cohesion [Pa]", strength.cohesion),
-            ("friction angle [rad]", strength.friction_angle),
-            ("shear displacement [m]", strength.shear_displacement),
+            ("cohesion [Pa]", estimate.cohesion),
+            ("friction angle [rad]", estimate.friction_angle),
+            ("shear displacement [m]", estimate.shear_displacement),
         ):
-            values[key] = _written(found)
+            values[key] = _written(found.value, found.standard_deviation)
         for key, said in estimate.verdicts.items():
             values[f"verdict on {key.replace('_', ' ')}"] = said
     return values
 
 
-def _filter(onboard: Onboard) -> tuple[str, dict[str, str]]:
+def _filter(pipeline: Pipeline) -> tuple[str, dict[str, str]]:
     """Text and values of whether the filter's innovations are what it expects them to be."""
-    soil, health = onboard.soil, onboard.health
+    health = pipeline.health
     mean = health.mean_square
     values = {
-        "accepted": str(soil.accepted),
-        "rejected": str(onboard.rejected),
-        "outliers": str(soil.outliers),
+        "accepted": str(pipeline.accepted),
+        "rejected": str(pipeline.rejected),
+        "outliers": str(pipeline.outliers),
         "outliers lately": f"{health.outlier_share:.1%} of {health.count}",
         "mean square of normalised innovations": "" if mean is None else f"{mean:.2f}",
     }
     return "innovations are as expected" if health.count else "no measurement yet", values
 
 
-def _alarms(onboard: Onboard, newest: Iterable[Result]) -> dict[str, str]:
+def _alarms(pipeline: Pipeline, newest: Estimates) -> dict[str, str]:
     """What the alarms rest on."""
-    missing, risk = onboard.estimator.missing_effect, onboard.stuck.risk
+    missing, risk = pipeline.missing_effect, pipeline.risk
+    wheels = pipeline.settings.wheels
+    digging = [wheels[number].name for number in newest.wheel[newest.digging_in].tolist()]
     values = {
-        "digging in": ", ".join(result.wheel for result in newest if result.digging_in) or "no",
+        "digging in": ", ".join(digging) or "no",
         "risk of getting stuck": "unknown" if risk is None else f"{risk:.2f}",
         "missing effect": "none shows",
     }
@@ -153,42 +148,44 @@ def _cost(cost: CostPublisher) -> DiagnosticStatus:
     return status("cost", OK, text if cost.published else "no grid yet: no pose has come", values)
 
 
-def _vehicle(onboard: Onboard, results: list[Result]) -> tuple[str, dict[str, str]]:
+def _vehicle(pipeline: Pipeline, newest: Estimates) -> tuple[str, dict[str, str]]:
     """Text and values of all wheels together, by their newest estimates."""
-    margin = vehicle_margin(results)
+    margin = vehicle_margin(newest)
     if margin is None:
         return "nothing known of any wheel yet", {}
-    loads = [result.reading.load for result in results]
-    energy = [r.forces.energy_per_metre for r in results if r.forces is not None]
-    known = [e.value for e in energy if e is not None]
+    energy = float(newest.energy.sum())  # NaN where one is
     slope = math.degrees(math.atan(margin.value))
     values = {
-        "load [N]": f"{sum(load.value for load in loads if load is not None):.4g}",
-        "mobility margin": _written(margin),
+        "load [N]": f"{np.nansum(newest.load):.4g}",
+        "mobility margin": _written(margin.value, margin.standard_deviation),
         "steepest slope [deg]": f"{slope:.1f}",
-        "energy per metre [J/m]": f"{sum(known):.4g}" if len(known) == len(energy) else "unknown",
+        "energy per metre [J/m]": f"{energy:.4g}" if math.isfinite(energy) else "unknown",
     }
-    if not onboard.soil.accepted:
+    if not pipeline.accepted:
         return "nothing measured yet: what it holds is as configured, not as this soil is", values
     return f"holds slopes up to {slope:.0f} degrees", values
 
 
-def _wheel(result: Result) -> DiagnosticStatus:
-    """How one wheel does."""
-    values = {"status": result.status.name}
-    quantities = {
-        "load [N]": result.reading.load,
-        "slip": result.reading.slip,
-        "sinkage measured [m]": result.reading.sinkage,
-        "sinkage predicted [m]": result.sinkage_predicted,
+def _wheels(pipeline: Pipeline, newest: Estimates) -> Iterator[DiagnosticStatus]:
+    """How each wheel does."""
+    columns = {
+        "load [N]": (newest.load, newest.load_std),
+        "slip": (newest.slip, newest.slip_std),
+        "sinkage measured [m]": (newest.sinkage_measured, newest.sinkage_measured_std),
+        "sinkage predicted [m]": (newest.sinkage, newest.sinkage_std),
+        "drawbar pull [N]": (newest.drawbar_pull, newest.drawbar_pull_std),
+        "mobility margin": (newest.margin, newest.margin_std),
     }
-    if result.forces is not None:
-        quantities["drawbar pull [N]"] = result.forces.drawbar_pull
-        quantities["mobility margin"] = result.forces.margin
-    values |= {key: _written(value) for key, value in quantities.items() if value is not None}
-    level = ERROR if result.digging_in else _LEVELS.get(result.status, OK)
-    return status(f"wheel {result.wheel}", level, result.status_text or "OK", values)
+    for i, text in enumerate(status_texts(newest, pipeline)):
+        state = Status(int(newest.status[i]))
+        values = {"status": state.name}
+        for key, (column, deviation) in columns.items():
+            if not math.isnan(column[i]):
+                values[key] = _written(column[i], deviation[i])
+        level = ERROR if newest.digging_in[i] else _LEVELS.get(state, OK)
+        name = pipeline.settings.wheels[int(newest.wheel[i])].name
+        yield status(f"wheel {name}", level, text or "OK", values)
 
 
-def _written(quantity: Quantity) -> str:
-    return f"{quantity.value:.4g} +- {quantity.standard_deviation:.2g}"
+def _written(value: float, deviation: float) -> str:
+    return f"{value:.4g} +- {deviation:.2g}"

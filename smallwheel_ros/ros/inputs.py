@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node listens to: its subscriptions, and what to say of each."""
+"""What the node listens to: serialised messages wait for a turn that decodes them; what to say of each."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,11 +15,15 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
-from smallwheel_ros.estimator.reading import SECOND
-from smallwheel_ros.onboard.feed import Feed, Topic
-from smallwheel_ros.onboard.onboard import Onboard
-from smallwheel_ros.onboard.problems import Problem
+from smallwheel_ros.bags.types import typestore
+from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.inputs import Topic, topics_of
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.problems import Problem
+from smallwheel_ros.pipeline.replay import Message, feed
+from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class
 from smallwheel_ros.ros.parameters import (
@@ -47,8 +51,8 @@ _MEASURED = {
 
 
 @dataclass
-class _Stream:
-    """By which topic a stream of the estimate comes: messages until now, and when the newest came."""
+class _Listened:
+    """By which topic a stream comes: messages until now, and when the newest came."""
 
     topic: str
     type: str
@@ -58,50 +62,65 @@ class _Stream:
 
 
 class Inputs:
-    """The subscriptions of a node, and what is known of them."""
+    """The subscriptions of a node, and what is known of them.
 
-    def __init__(self, node: Node, feed: Feed) -> None:
-        self._node, self._onboard, self._topics = node, feed.onboard, feed.topics
-        now = time.monotonic()
-        self._streams: dict[str, _Stream] = {}
-        for topic in feed.topics:
+    arrived: when the newest message came, by time.monotonic().
+    """
+
+    def __init__(self, node: Node, settings: NodeSettings, pipeline: Pipeline) -> None:
+        self._node, self._settings, self._pipeline = node, settings, pipeline
+        self.arrived = now = time.monotonic()
+        self._topics: dict[str, Topic] = {}
+        self._listened: dict[str, _Listened] = {}
+        for topic in topics_of(settings):
             name = node.resolve_topic_name(topic.name)
-            for stream, detail in topic.streams.items():
-                self._streams[stream] = _Stream(name, topic.type, detail, 0, now)
+            self._topics[name] = topic
+            for stream in topic.streams:
+                detail = part_of_message(stream, settings)
+                self._listened[stream] = _Listened(name, topic.type, detail, 0, now)
+        self._decoders = {n: Decoder(typestore(), t.type) for n, t in self._topics.items()}
+        # When each came by the middleware's clock (ns), and itself.
+        self._waiting: list[tuple[int, Message]] = []
+        self._raw: dict[str, Subscription] = {}
+        self._newest: dict[str, bytes] = {}  # message of each topic
         self._subscriptions: list[Subscription] = []
         self._said: dict[tuple[str, str], tuple[float, int]] = {}  # when, and how often since
         self._said_missing: set[tuple[str, str]] = set()
         self._all_here = False  # and said
         self._measured_at = now
 
-    # --- Subscriptions
+    # --- Messages
 
     def listen(
         self,
-        take: Callable[[Topic, Any], None],
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
         take_static: Callable[[Any], None],
     ) -> None:
         """Subscribe to the topics. Where that fails, to none.
 
-        take, take_classes, take_transforms, take_static: called with a topic and its message, with a grid of
-        terrain classes, and with what comes by /tf and tf, and by /tf_static and tf_static, where tf2_msgs is
-        installed.
+        take_classes, take_transforms, take_static: called with a grid of terrain classes, and with what
+        comes by /tf and tf, and by /tf_static and tf_static, where tf2_msgs is installed.
         """
+        self.arrived = time.monotonic()
 
         def subscribe(
-            kind: Any, topic: str, to: Callable[[Any], None], profile: QoSProfile = INPUT
+            kind: Any,
+            topic: str,
+            to: Callable[..., None],
+            profile: QoSProfile = INPUT,
+            **how: bool,
         ) -> None:
             self._subscriptions.append(
                 self._node.create_subscription(
-                    kind, topic, to, profile, event_callbacks=NO_SUBSCRIPTION_EVENTS
+                    kind, topic, to, profile, event_callbacks=NO_SUBSCRIPTION_EVENTS, **how
                 )
             )
 
         try:
-            for topic in self._topics:
-                subscribe(message_class(topic.type), topic.name, partial(take, topic))
+            for name, topic in self._topics.items():
+                subscribe(message_class(topic.type), name, self._keeper(name), raw=True)
+                self._raw[name] = self._subscriptions[-1]
             # A classifier's grids come as they are made, a map server's was there before us.
             subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes)
             subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, LATCHED)
@@ -118,11 +137,47 @@ class Inputs:
             self.stop()
             raise
 
+    def _keeper(self, name: str) -> Callable[[bytes, Mapping[str, int]], None]:
+        """What keeps a message of a topic, with what the clock says, until the next turn."""
+        keep, now = self._waiting.append, self._node.get_clock().now
+
+        def callback(raw: bytes, info: Mapping[str, int]) -> None:
+            keep((info["received_timestamp"], (name, raw, now().nanoseconds)))
+
+        return callback
+
     def stop(self) -> None:
         """Listen no more."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
-        self._subscriptions = []
+        self._subscriptions, self._raw = [], {}
+
+    def take(self) -> bool:
+        """Decode what has come since the last turn, and give it to the streams; return whether any has.
+
+        The executor takes one message of each topic in turn, whatever their rates. What it has not come to
+        yet is taken here, and all of it in the order in which it came: after a pause a slow topic would be
+        ahead of the others, and these late. A simulated clock goes first: else it would be behind them.
+        """
+        for clock in (s for s in self._node.subscriptions if s.topic_name == "/clock"):
+            for message, _ in _queued(clock, raw=False):
+                clock.callback(message)
+        for name, subscription in self._raw.items():
+            keep = self._keeper(name)
+            for taken in _queued(subscription, raw=True):
+                keep(*taken)
+        chunk = [message for _, message in sorted(self._waiting, key=itemgetter(0))]
+        self._waiting.clear()
+        if chunk:
+            self.arrived = time.monotonic()
+            self._newest.update((name, raw) for name, raw, _ in chunk)
+            feed(self._pipeline, self._topics, self._decoders, chunk)
+        return bool(chunk)
+
+    def frame(self, topic: str) -> str:
+        """Frame of the newest message of a topic; empty before the first."""
+        raw = self._newest.get(self._node.resolve_topic_name(topic))
+        return "" if raw is None else frame_of(raw)
 
     # --- What to say of them
 
@@ -143,22 +198,27 @@ class Inputs:
             shared.add(line)
 
     def _topic_of(self, stream: str) -> str:
-        found = self._streams.get(stream)
+        found = self._listened.get(stream)
         return stream if found is None else found.topic
 
     def say_what_is_expected(self) -> None:
         """Log what is waited for, unless everything has come before."""
         if not self._all_here:
-            for line in input_lines(self._topics, self._node.resolve_topic_name):
+            for line in input_lines(self._topics):
                 self._node.get_logger().info(line)
 
     def say_when_all_are_here(self) -> None:
         """Log, once, that each input has given something usable, and what is estimated now."""
-        if self._all_here or any(self._onboard.newest(name) is None for name in self._streams):
+        if self._all_here or any(self._newest_stamp(name) is None for name in self._listened):
             return
         self._all_here = True
-        words = f"all {len(self._streams)} inputs are here: {estimates(self._onboard)}"
-        self._node.get_logger().info(words)
+        words = estimates(self._pipeline.settings, self._pipeline.undeterminable)
+        self._node.get_logger().info(f"all {len(self._listened)} inputs are here: {words}")
+
+    def _newest_stamp(self, stream: str) -> int | None:
+        """Newest stamp (ns) of what was kept of a stream; None where there is none."""
+        newest = self._pipeline.streams.all[stream].newest
+        return newest if newest > 0 else None
 
     def say_what_is_missing(self) -> None:
         """Log what is still waited for and why, in a line for all of one type and reason.
@@ -176,14 +236,17 @@ class Inputs:
     def _missing(self) -> list[tuple[str, str]]:
         """Topics that have not given what is needed of them yet, and of each the type and why."""
         missing: dict[tuple[str, str], str] = {}
-        for name, stream in self._streams.items():
-            if self._onboard.received[name] == 0:
+        for name, stream in self._listened.items():
+            if self._received(name) == 0:
                 key = (stream.topic, stream.type)
                 missing[key] = missing.get(key, "") + stream.detail
         return [
             (topic, f"({kind}{details}): {self._why(topic, kind)}")
             for (topic, kind), details in missing.items()
         ]
+
+    def _received(self, stream: str) -> int:
+        return self._pipeline.streams.all[stream].received
 
     def _why(self, topic: str, kind: str) -> str:
         publishers = self._node.get_publishers_info_by_topic(topic)
@@ -200,17 +263,17 @@ class Inputs:
         count = len(publishers)
         return f"{count} publisher{'s' if count > 1 else ''}, nothing received yet"
 
-    def status(self) -> DiagnosticStatus:
+    def status(self, longest: float) -> DiagnosticStatus:
         """Rates and ages of the inputs, what is missing, and what could not be used, by reason.
 
-        Rates are those since the last call.
+        Rates are those since the last call, and so is the longest turn, s.
         """
-        settings, now = self._onboard.settings, time.monotonic()
+        settings, now = self._pipeline.settings, time.monotonic()
         elapsed, self._measured_at = max(now - self._measured_at, 1e-6), now
         words = [f"still waiting for {topic} {why}" for topic, why in self._missing()]
         values = {}
-        for key, stream in self._streams.items():
-            count, newest = self._onboard.received[key], self._onboard.newest(key)
+        for key, stream in self._listened.items():
+            count, newest = self._received(key), self._newest_stamp(key)
             flow = f"{(count - stream.count) / elapsed:.1f} Hz, {count} received"
             if newest is not None:
                 age = (self._node.get_clock().now().nanoseconds - newest) / SECOND
@@ -220,7 +283,8 @@ class Inputs:
                 stream.count, stream.last = count, now
             if count and now - stream.last > _SILENT_AFTER:
                 words.append(f"{stream.topic}: no message for {now - stream.last:.0f} s")
-        counts = sorted(self._onboard.counts.items())
+        values["longest turn [ms]"] = f"{1e3 * longest:.1f}"
+        counts = sorted(self._pipeline.problems.items())
         for (key, reason), count in counts:
             values[f"{self._topic_of(key)}: {reason}"] = str(count)
         said = []
@@ -230,7 +294,7 @@ class Inputs:
             said.append("odometry comes from the wheels: slip is unknown")
         if words:
             return status("inputs", WARN, "; ".join(words + said), values)
-        text = f"all {len(self._streams)} inputs come in"
+        text = f"all {len(self._listened)} inputs come in"
         if counts:
             unused = sum(count for _, count in counts)
             text += f"; {unused} messages could not be used, see the counts"
@@ -238,30 +302,61 @@ class Inputs:
         return status("inputs", level, "; ".join([text, *said]), values)
 
 
+# --- Of messages and streams
+
+
+def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Mapping[str, int]]]:
+    """Messages that the executor has not come to yet, each with what the middleware says of it."""
+    with subscription.handle:
+        while taken := subscription.handle.take_message(subscription.msg_type, raw):
+            yield taken
+
+
+def frame_of(raw: bytes) -> str:
+    """Frame of a serialised message (CDR) that begins with a header; empty where the bytes are none."""
+    order: Any = "little" if raw[1:2] == b"\x01" else "big"
+    length = int.from_bytes(raw[12:16], order)  # behind encapsulation and stamp
+    return raw[16 : 16 + length].partition(b"\0")[0].decode(errors="replace")
+
+
+def part_of_message(stream: str, settings: NodeSettings) -> str:
+    """Which part of its topic's messages a stream is, in words; empty: all that is read of them."""
+    wheel, _, kind = stream.rpartition("/")
+    own = settings.inputs.get(wheel)
+    if own is None:
+        return ""
+    if kind == "load" and settings.load_source == "joint_states":
+        return f", effort of joint {own.load_joint}"
+    return {
+        "wheel_speed": f", joint {own.joint}",
+        "torque": f", effort of joint {own.joint}",
+        "drawbar_pull": ", force.x",
+    }.get(kind, "")
+
+
 # --- What the node logs of them as it starts
 
 
-def input_lines(topics: Iterable[Topic], resolved: Callable[[str], str]) -> list[str]:
-    """What is waited for: a line for each group of topics that measure the same.
-
-    resolved: gives the full name of a topic.
-    """
+def input_lines(topics: Mapping[str, Topic]) -> list[str]:
+    """What is waited for: a line for each group of topics, by their full names, that measure the same."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for topic in topics:
+    for resolved, topic in topics.items():
         measured = (stream.rpartition("/")[2] for stream in topic.streams)
         what = " and ".join(dict.fromkeys(_MEASURED.get(name, name) for name in measured))
-        groups.setdefault((what, topic.type), []).append(resolved(topic.name))
+        groups.setdefault((what, topic.type), []).append(resolved)
     return [
         f"waits for {what}: {', '.join(names)} ({kind})" for (what, kind), names in groups.items()
     ]
 
 
-def estimates(onboard: Onboard) -> str:
-    """What is estimated, and of which wheels, once all inputs are here."""
-    settings = onboard.settings
+def estimates(settings: OnboardSettings, undeterminable: Sequence[str]) -> str:
+    """What is estimated, and of which wheels, once all inputs are here.
+
+    undeterminable: what these wheels cannot determine of the soil, in words.
+    """
     if len(settings.without_sinkage) == len(settings.wheels):
         law = "nothing of the soil's law (no sinkage is measured)"
-    elif onboard.undeterminable:
+    elif undeterminable:
         law = "n and k D^m of the soil"  # why not m has been said as a warning
     else:
         law = "k, n and m of the soil"

@@ -31,7 +31,7 @@ from smallwheel_ros.ros.parameters import (
     NO_PUBLISHER_EVENTS,
     NodeParameters,
     RobotDescription,
-    VelocityFrame,
+    lacking_of_velocity,
     parameter_lines,
 )
 from smallwheel_ros.ros.session import Session
@@ -77,7 +77,6 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         for text in self._table.unknown:
             self.get_logger().warning(text)
         self.description = RobotDescription(self, self._table)
-        self._frames = VelocityFrame(self, self._table)
         # From a wall clock: diagnostics must come even while /clock stands still.
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(
@@ -173,7 +172,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             return response
 
     def _configure_anew(self, changes: str) -> None:
-        """Go by what the robot description or tf has said after the configuration."""
+        """Go by what the robot description has said after the configuration."""
         if self._session is None:
             return
         self.get_logger().info(f"configured anew, the soil starts over: {changes}")
@@ -201,9 +200,9 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         return response
 
     def _publish_diagnostics(self) -> None:
+        unknown = [*self._table.unknown, *self.description.lacking]
         if self._session is not None:
-            self._frames.look_up(self._session.velocity_frame)
-        unknown = [*self._table.unknown, *self.description.lacking, *self._frames.lacking]
+            unknown += lacking_of_velocity(self._table, self._session.velocity_frame)
         if self.problem:
             found, unknown = [status("parameters", ERROR, self.problem)], []
         elif self._session is None and self.autostart and self.description.waiting:

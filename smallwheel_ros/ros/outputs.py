@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that the node publishes of its estimates, each at its rate; and what its messages hold."""
+"""Everything that the node publishes of a turn, each at its rate; and what its messages hold."""
 
 from __future__ import annotations
 
@@ -7,28 +7,39 @@ import importlib
 import math
 import time
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
-from smallwheel_ros.estimator.reading import SECOND
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
-from smallwheel_ros.onboard.feed import Feed, angles_of
-from smallwheel_ros.onboard.ground import GroundMapper, margin_before_driving
-from smallwheel_ros.onboard.result import Result, mobility_fields, soil_fields
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.pipeline.answers import (
+    Status,
+    margin_before_driving,
+    mobility_columns,
+    soil_fields,
+)
+from smallwheel_ros.pipeline.ground_map import GroundMapper
+from smallwheel_ros.pipeline.identifiability import SoilEstimate as Soil
+from smallwheel_ros.pipeline.inputs import angles_of
+from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
+from smallwheel_ros.pipeline.twist import Twists, messages
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {
@@ -37,6 +48,7 @@ OUTPUTS = {
     "~/markers": (MarkerArray, ESTIMATE),
     "~/cost": (OccupancyGrid, LATCHED),
 }
+TWIST = {"~/twist": (TwistWithCovarianceStamped, ESTIMATE)}  # where twist.publish is set
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 # Takes topic, reason and words of something that went wrong.
 Report = Callable[[str, str, str], None]
@@ -85,8 +97,8 @@ def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
 def _pose_of(transform: Any) -> Pose:
     """Place and heading of a geometry_msgs/Transform; the heading is NaN where it has no rotation."""
     by, turn = transform.translation, transform.rotation
-    yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
-    return Pose(by.x, by.y, math.nan if yaw is None else yaw)
+    cosine, sine, *_ = angles_of(*np.array([[turn.x], [turn.y], [turn.z], [turn.w]]))
+    return Pose(by.x, by.y, math.atan2(float(sine[0]), float(cosine[0])))
 
 
 # --- Markers
@@ -99,36 +111,37 @@ _UNKNOWN = [0.6, 0.6, 0.6]
 _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
 
-def markers(newest: Iterable[Result], frame: str) -> MarkerArray:
+def markers(newest: Estimates, wheels: Sequence[Wheel], frame: str) -> MarkerArray:
     """A column under each wheel, ten times as high as it is deep, with its sinkage in words.
 
-    newest: a result of each wheel, always in one order, by which markers are numbered; one without a
-    place has none. frame: of the odometry.
+    newest: a row of each wheel, by which number markers go; one without a place has none. frame: of the
+    odometry.
     """
     array = MarkerArray()
-    for i, result in enumerate(newest):
-        array.markers.extend(_of_wheel(i, result, frame))
+    for i in range(len(newest)):
+        array.markers.extend(_of_wheel(newest, i, wheels[int(newest.wheel[i])], frame))
     return array
 
 
-def _of_wheel(number: int, result: Result, frame: str) -> list[Marker]:
-    reading, place, wheel = result.reading, result.reading.place, result.reading.wheel
-    depth = reading.sinkage or result.sinkage_predicted
-    if place is None or depth is None:
+def _of_wheel(newest: Estimates, i: int, wheel: Wheel, frame: str) -> list[Marker]:
+    measured, margin = float(newest.sinkage_measured[i]), float(newest.margin[i])
+    depth = float(newest.sinkage[i]) if math.isnan(measured) else measured
+    pose = Pose(float(newest.x[i]), float(newest.y[i]), float(newest.heading[i]))
+    if not math.isfinite(sum(pose) + depth):
         return []
-    header = _header(reading.stamp, frame)
+    header, number = _header(int(newest.stamp[i]), frame), int(newest.wheel[i])
     column = Marker(header=header, ns="sinkage", id=number, type=Marker.CYLINDER)
     words = Marker(header=header, ns="sinkage_text", id=number, type=Marker.TEXT_VIEW_FACING)
+    place = pose.place(wheel.longitudinal_position, wheel.lateral_position)
     for marker in (column, words):
         marker.pose.position.x, marker.pose.position.y = place
         marker.pose.orientation.w = 1.0
-    margin = None if result.forces is None else result.forces.margin
-    if margin is None:
+    if math.isnan(margin):
         colour, held = _UNKNOWN, ""
     else:
-        colour = [float(np.interp(margin.value, _MARGINS, part)) for part in _COLOURS]
-        held = f"\nholds {math.degrees(math.atan(margin.value)):.0f}°"
-    height = max(_EXAGGERATION * depth.value, 1e-3)
+        colour = [float(np.interp(margin, _MARGINS, part)) for part in _COLOURS]
+        held = f"\nholds {math.degrees(math.atan(margin)):.0f}°"
+    height = max(_EXAGGERATION * depth, 1e-3)
     column.pose.position.z = -0.5 * height
     column.scale.x = column.scale.y = wheel.width
     column.scale.z = height
@@ -137,7 +150,7 @@ def _of_wheel(number: int, result: Result, frame: str) -> list[Marker]:
     words.pose.position.z = wheel.diameter
     words.scale.z = 0.5 * wheel.width
     words.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
-    words.text = f"{wheel.name}\n{1e3 * depth.value:.1f} mm{held}"
+    words.text = f"{wheel.name}\n{1e3 * depth:.1f} mm{held}"
     return [column, words]
 
 
@@ -180,12 +193,12 @@ class CostPublisher:
         self.received = 0
         self.published = 0
         self.map = CostMap(settings, wheels, prior)
-        self._ground = GroundMapper(self.map)
+        self._ground = GroundMapper(self.map, tuple(wheels))
 
-    def add(self, result: Result, frame: str) -> None:
-        """Take a result of the estimate; frame is that of the odometry."""
-        self._stamp = max(self._stamp, result.reading.stamp)
-        self._ground.add(result, frame)
+    def add(self, estimates: Estimates, frame: str) -> None:
+        """Take rows of estimates; frame is that of the odometry."""
+        self._stamp = max(self._stamp, int(estimates.stamp[-1]))
+        self._ground.add(estimates, frame)
         if self.map.frame in self._static:
             self.map.place_frame(*self._static.pop(self.map.frame))
 
@@ -277,41 +290,43 @@ class CostPublisher:
 class Outputs:
     """The publishers of a configured node; `destroy` them in the end.
 
-    newest: each wheel's newest result. cost: the cost map.
+    newest: the newest row of each wheel. cost: the cost map. report: takes topic, reason and words of
+    something that went wrong.
     """
 
-    def __init__(self, node: LifecycleNode, feed: Feed, report: Report) -> None:
-        self._node, self._feed, self._report = node, feed, report
-        settings = feed.settings
-        self._publishers: list[LifecyclePublisher] = []
+    def __init__(
+        self, node: LifecycleNode, settings: NodeSettings, pipeline: Pipeline, report: Report
+    ) -> None:
+        self._node, self._settings, self._pipeline, self._report = node, settings, pipeline, report
+        self._publishers: dict[str, LifecyclePublisher] = {}
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
-        self.newest: dict[str, Result] = {}
+        self.newest = none_of(Estimates)
         self._soil_sent: int | None = None
-        self._soil_waits: Result | None = None
+        # Stamp, soil and rejected readings of the newest soil that is not published yet.
+        self._soil_waits: tuple[int, Soil, int] | None = None
+        vehicle = settings.onboard
         try:
-            for topic, (kind, profile) in OUTPUTS.items():
-                self._publishers.append(
-                    node.create_lifecycle_publisher(
-                        kind, topic, profile, event_callbacks=NO_PUBLISHER_EVENTS
-                    )
+            for topic, (kind, profile) in outputs_of(settings).items():
+                self._publishers[topic] = node.create_lifecycle_publisher(
+                    kind, topic, profile, event_callbacks=NO_PUBLISHER_EVENTS
                 )
-            self._mobility, self._soil, self._markers, cost = self._publishers
-            prior = margin_before_driving(settings.onboard)
-            self.cost = CostPublisher(settings.cost, settings.onboard.wheels, cost, report, prior)
+            prior = margin_before_driving(vehicle)
+            cost = self._publishers["~/cost"]
+            self.cost = CostPublisher(settings.cost, vehicle.wheels, cost, report, prior)
         except Exception:
             self.destroy()
             raise
 
     def destroy(self) -> None:
         """Take the topics away."""
-        for publisher in self._publishers:
+        for publisher in self._publishers.values():
             self._node.destroy_lifecycle_publisher(publisher)
-        self._publishers = []
+        self._publishers = {}
 
     def report_deaf_subscribers(self) -> None:
         """Report each subscriber, once, that asks for QoS that is not offered: it gets nothing."""
         deaf: dict[tuple[str, bytes], int] = {}
-        for publisher in self._publishers:
+        for publisher in self._publishers.values():
             topic = publisher.topic_name
             # As DDS has it: the publisher's own profile has 0 where DDS says infinite.
             offers = [i.qos_profile for i in self._node.get_publishers_info_by_topic(topic)]
@@ -331,49 +346,106 @@ class Outputs:
         """Forget what was published: the soil is another one, or time has gone back."""
         self.cost.clear()
         self.delete_markers()
-        self.newest, self._soil_sent, self._soil_waits = {}, None, None
+        self.newest = none_of(Estimates)
+        self._soil_sent = self._soil_waits = None
 
-    def answer(self, result: Result) -> None:
-        """Publish a wheel's mobility."""
-        header = _header(result.reading.stamp, result.wheel)
-        self._mobility.publish(MobilityEstimate(header=header, **mobility_fields(result)))
+    def publish(self, turn: Turn, frame: str) -> None:
+        """Publish what a turn has made, and keep what goes out at rates of its own.
 
-    def keep(self, results: Sequence[Result]) -> None:
-        """Publish the soil at its rate, and keep what the timers publish."""
-        for result in results:
-            self.cost.add(result, self._feed.odometry_frame)
-            self.newest[result.wheel] = result
-            self._soil_waits = result
-            stamp, sent = result.reading.stamp, self._soil_sent
+        frame: that of the odometry.
+        """
+        if turn.starts_over:
+            self.start_over()
+        if turn.twists is not None and "~/twist" in self._publishers:
+            self._publish_twists(turn.twists)
+        found = turn.estimates
+        if not len(found):
+            return
+        self._publish_estimates(found)
+        self._count_lonely(found)
+        for stamp, law, rejected in zip(
+            found.stamp.tolist(), found.law.tolist(), found.rejected.tolist(), strict=True
+        ):
+            sent = self._soil_sent
+            self._soil_waits = stamp, self._pipeline.soil_at(law), rejected
             if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
-                self.publish_waiting_soil()
+                self.publish_waiting_soil(frame)
+        self.newest = newest_of(self.newest, found)
+        self.cost.add(found, frame)
 
-    def publish_waiting_soil(self) -> None:
+    def _publish_estimates(self, found: Estimates) -> None:
+        wheels = self._settings.onboard.wheels
+        columns = mobility_columns(found, self._pipeline)
+        names = list(columns)
+        values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+        for stamp, wheel, row in zip(
+            found.stamp.tolist(), found.wheel.tolist(), values, strict=True
+        ):
+            header = _header(stamp, wheels[wheel].name)
+            message = MobilityEstimate(header=header, **dict(zip(names, row, strict=True)))
+            self._publishers["~/mobility"].publish(message)
+
+    def _count_lonely(self, found: Estimates) -> None:
+        """Count the rows for which there was no load."""
+        gap = self._settings.onboard.timing.maximum_gap
+        lonely = found.status == Status.LOAD_MISSING
+        kinds = np.where(np.isnan(found.sinkage_measured[lonely]), "load", "sinkage").tolist()
+        wheels = found.wheel[lonely].tolist()
+        for (wheel, kind), times in Counter(zip(wheels, kinds, strict=True)).items():
+            stream = f"{self._settings.onboard.wheels[wheel].name}/{kind}"
+            text = f"no usable load within {gap:g} s of its stamp"
+            self._pipeline.note(stream, "load_missing", text, times, unused=False)
+
+    def _publish_twists(self, twists: Twists) -> None:
+        parts = messages(twists, self._settings.twist)
+        for stamp, linear, angular, covariance in zip(twists.stamp.tolist(), *parts, strict=True):
+            message = TwistWithCovarianceStamped(header=_header(stamp, self._settings.base_frame))
+            mean = message.twist.twist
+            mean.linear.x, mean.linear.y, mean.linear.z = linear.tolist()
+            mean.angular.x, mean.angular.y, mean.angular.z = angular.tolist()
+            message.twist.covariance = covariance
+            self._publishers["~/twist"].publish(message)
+
+    def publish_waiting_soil(self, frame: str) -> None:
         """Publish the newest soil unless it has been already."""
-        result = self._soil_waits
-        if result is not None:
-            self._soil_sent, self._soil_waits = result.reading.stamp, None
-            self._publish_soil(soil_fields(result.soil, result.rejected), result.reading.stamp)
+        if self._soil_waits is not None:
+            stamp, soil, rejected = self._soil_waits
+            self._soil_sent, self._soil_waits = stamp, None
+            self._publish_soil(soil, rejected, stamp, frame)
 
-    def publish_soil(self) -> None:
+    def publish_soil(self, frame: str) -> None:
         """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
-        fields = soil_fields(self._feed.onboard.soil, self._feed.onboard.rejected)
-        self._publish_soil(fields, self._node.get_clock().now().nanoseconds)
+        now = self._node.get_clock().now().nanoseconds
+        self._publish_soil(self._pipeline.soil, self._pipeline.rejected, now, frame)
 
-    def _publish_soil(self, fields: dict[str, Any], stamp: int) -> None:
-        header = _header(stamp, self._feed.odometry_frame)
-        self._soil.publish(SoilEstimate(header=header, **fields))
+    def _publish_soil(self, soil: Soil, rejected: int, stamp: int, frame: str) -> None:
+        message = SoilEstimate(header=_header(stamp, frame), **soil_fields(soil, rejected))
+        self._publishers["~/soil"].publish(message)
 
     def publish_cost(self) -> None:
         """Publish the cost map if it has changed."""
         self.cost.publish(self._node.get_clock().now().nanoseconds)
 
-    def publish_markers(self) -> None:
+    def publish_markers(self, frame: str) -> None:
         """Publish the markers if anybody looks at them."""
-        if self.newest and self._markers.get_subscription_count():
-            self._markers.publish(markers(self.newest.values(), self._feed.odometry_frame))
+        publisher = self._publishers["~/markers"]
+        if len(self.newest) and publisher.get_subscription_count():
+            publisher.publish(markers(self.newest, self._settings.onboard.wheels, frame))
 
     def delete_markers(self) -> None:
         """Take the markers away that were published: viewers keep them for ever otherwise."""
-        if self._markers.is_activated:
-            self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+        publisher = self._publishers["~/markers"]
+        if publisher.is_activated:
+            publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+
+
+def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
+    """Types and QoS of what is published, by name."""
+    return OUTPUTS | (TWIST if settings.twist_publish else {})
+
+
+def newest_of(before: Estimates, found: Estimates) -> Estimates:
+    """The newest row of each wheel, in the order of their numbers. found: behind those before."""
+    every = Estimates.joined([before, found])
+    _, last = np.unique(every.wheel[::-1], return_index=True)
+    return every.take(len(every) - 1 - last)

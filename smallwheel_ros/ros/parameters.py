@@ -3,7 +3,7 @@
 
 They are read when the node is configured. While it is active none can be set: what the estimate goes by
 then is what its log says that it was configured with. What nobody gives is taken from the robot's
-description and from tf.
+description.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import textwrap
 from array import array
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -23,12 +22,10 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
 from std_msgs.msg import String
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.common.parameter import Parameter
-from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
@@ -44,16 +41,11 @@ from smallwheel_ros.onboard.robot_description import (
 )
 from smallwheel_ros.onboard.settings import NodeSettings, parameters_for
 
-try:
-    import tf2_ros
-except ImportError:  # no package of PyPI; ROS installations have it
-    tf2_ros = None
-
 _WHAT_TO_DO = (
     "deactivate it, set the parameter, then clean up, configure and activate it (ros2 lifecycle set"
     " /mobility_estimator deactivate, and so on), or start it again with the parameter in its file"
 )
-# Where the velocity sensor is and looks: tf may say so where nothing is given.
+# Where the velocity sensor is and looks.
 VELOCITY_SENSOR = ("velocity_lateral_position", "velocity_yaw")
 _WIDTH = 148  # characters of a line of the log: of 200, less what ROS puts before it
 
@@ -119,7 +111,7 @@ class NodeParameters:
         return {name: v for name, v in self.values().items() if v != self._table[name].default}
 
     def given(self) -> dict[str, object]:
-        """Return the value of each known parameter that is not left to URDF or tf."""
+        """Return the value of each known parameter that somebody gave."""
         return {name: v for name, v in self.values().items() if name not in self._silent}
 
     def fill(self, values: Mapping[str, float | int]) -> str:
@@ -219,8 +211,6 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 
 # --- What others say of the robot
 
-_UPRIGHT = 0.9  # cosine of 25 degrees, as for the axes of wheels: speeds along it are 10 % off
-
 
 class RobotDescription:
     """Listens to the robot description, and gives the parameters what it says.
@@ -276,61 +266,19 @@ class RobotDescription:
             log.warning(text)
 
 
-class VelocityFrame:
-    """Looks the frame of `velocity_topic` up in tf, once, and gives the parameters what it finds.
+def lacking_of_velocity(table: NodeParameters, frame: str) -> list[str]:
+    """What to say of the frame of `velocity_topic`; nothing where it is the base frame, or places are given.
 
-    It listens to tf only from the first message in a frame that is not the base frame until the
-    transform is known. lacking: a sentence while the frame is not the base frame and nobody says where
-    the sensor is.
+    frame: of its newest message; empty before the first.
     """
-
-    def __init__(self, node: Node, table: NodeParameters) -> None:
-        self._node, self._table = node, table
-        self._buffer: Any = None
-        self._listener: Any = None
-        self._known = ""  # frame that has been looked up
-        self.lacking: list[str] = []
-
-    def look_up(self, frame: str) -> None:
-        """Look a frame up, if that is needed; called now and then with the newest one."""
-        given, base = self._table.given(), str(self._table.values()["base_frame"])
-        silent = [name for name in VELOCITY_SENSOR if name not in given]
-        if not silent or frame in ("", base):
-            self.lacking = []
-            return
-        if frame == self._known:
-            return
-        try:
-            found, problem = self._in_base(frame, base)
-        except Exception as error:  # tf2's own, or a release with another interface
-            found, problem = {}, f"tf does not connect them ({reason(error)})"
-        if not problem:
-            problem = self._table.fill({name: found[name] for name in silent})
-        if problem:
-            self.lacking = [
-                f"velocity_topic is in frame {frame!r}, expected {base!r}: {problem}; {', '.join(silent)}"
-                " stay as they are: give them"
-            ]
-            return
-        self._known, self.lacking = frame, []
-
-    def _in_base(self, frame: str, base: str) -> tuple[dict[str, float], str]:
-        """Return the sensor's place and direction in the base frame, or why they are unknown."""
-        if tf2_ros is None:
-            return {}, "tf2_ros is not installed"
-        if self._buffer is None:
-            self._buffer = tf2_ros.Buffer()
-            self._listener = tf2_ros.TransformListener(self._buffer, self._node)
-        transform = self._buffer.lookup_transform(base, frame, Time()).transform
-        self._listener.unregister()
-        self._listener = self._buffer = None
-        turn = transform.rotation
-        yaw, *_ = angles_of(turn.x, turn.y, turn.z, turn.w)
-        if yaw is None:
-            return {}, "the rotation in tf is no unit quaternion"
-        if 1.0 - 2.0 * (turn.x**2 + turn.y**2) < _UPRIGHT:
-            return {}, "by tf its z axis is not upright"
-        return dict(zip(VELOCITY_SENSOR, (transform.translation.y, yaw), strict=True)), ""
+    given, base = table.given(), str(table.values()["base_frame"])
+    silent = [name for name in VELOCITY_SENSOR if name not in given]
+    if not silent or frame in ("", base):
+        return []
+    return [
+        f"velocity_topic is in frame {frame!r}, expected {base!r}: publish it in that frame, or give"
+        f" {' and '.join(silent)}"
+    ]
 
 
 # --- Quality of service

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a bag over DDS into the running node, no faster than it answers, and keep what it says.
 
-The node listens best effort, so nothing in DDS slows a fast player down: it holds back while many
-sinkages are without an answer, and no message is lost. `ros2 bag play` can do more, where it is installed.
+The node listens best effort, so nothing in DDS slows a fast player down: it holds back while the node's
+estimates are far behind what it plays, and no message is lost. `ros2 bag play` can do more, where it is
+installed.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ _PATIENCE = (
     120.0  # s without an answer: Python and ROS may take half of it to start on a busy machine
 )
 _LAST = 6.0  # s without an answer at the end: a sinkage that the node refused gets none
-_MOST_UNANSWERED = 20
-_FURTHEST_BEHIND = 5 * 10**8  # ns
+# ns: longer than the node waits for a stream that is silent, and fewer messages than its queues hold.
+_FURTHEST_BEHIND = 18 * 10**8
 _CLOCK_PERIOD = 10**7  # ns
 _MUTUAL = 0.5  # s: a listener that is known here may need a moment to know of us
 _RELIABLE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -119,6 +120,9 @@ class _Player:
 
     def __init__(self, bag: Path, alive: Callable[[], str | None]) -> None:
         self._bag, self._alive, self.found = bag, alive, Recording()
+        self._in_vain = (
+            -1
+        )  # answers there were when it was waited for another one that did not come
 
     def __enter__(self) -> _Player:
         self._stack = ExitStack()
@@ -166,13 +170,18 @@ class _Player:
         return found
 
     def _hold_back(self, now: int) -> None:
-        """Wait while the node is behind. now: log time, ns."""
+        """Wait while the node is behind; of what it has nothing to say to, once. now: log time, ns."""
         found = self.found
-        if self._wheels:
-            words = f"{len(found.mobility)} answers until then"
-            self._wait(lambda: found.unanswered < _MOST_UNANSWERED, words)
-        elif found.mobility:  # it answers when it likes
-            self._wait(lambda: now - int(found.mobility[-1]["stamp"]) < _FURTHEST_BEHIND)
+
+        def follows() -> bool:
+            newest = found.mobility[-1]["stamp"] if found.mobility else self._reader.start_time or 0
+            return now - int(newest) < _FURTHEST_BEHIND
+
+        if follows() or self._in_vain == len(found.mobility):
+            return
+        words = f"{len(found.mobility)} answers until then" if self._wheels else ""
+        self._wait(follows, words)
+        self._in_vain = -1 if follows() else len(found.mobility)
 
     @property
     def topics(self) -> list[str]:

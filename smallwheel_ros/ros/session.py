@@ -6,8 +6,8 @@ from __future__ import annotations
 import json
 import time
 import traceback
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import rclpy
@@ -17,21 +17,24 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
 from smallwheel_ros.common.errors import reason
-from smallwheel_ros.onboard.feed import Feed, Topic
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import ParametersError
-from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.onboard.soil_file import SoilFile
-from smallwheel_ros.onboard.statements import Kind, Statement, alarms
+from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
+from smallwheel_ros.pipeline.inputs import topics_of
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.soil_file import SoilFile
+from smallwheel_ros.pipeline.statements import Kind, Statement, alarms
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
-from smallwheel_ros.ros.outputs import OUTPUTS, TERRAIN_CLASSES, Outputs
+from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of
 
+# s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
+# how much it has to do.
+_TURN = 0.05
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
 _MARKERS_EVERY = 0.2  # s
+_SOIL_AFTER = 0.5  # s: the newest soil goes out though its period is not over
 # Topics that every node of rclpy has, and their types.
 _OF_ROS = {
     "/clock": "rosgraph_msgs/msg/Clock",
@@ -41,7 +44,7 @@ _OF_ROS = {
 }
 
 
-def _check_topics(node: LifecycleNode, feed: Feed) -> None:
+def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
     """Look whether the node can have its topics.
 
     Raises
@@ -52,12 +55,12 @@ def _check_topics(node: LifecycleNode, feed: Feed) -> None:
     classes = node.resolve_topic_name(TERRAIN_CLASSES)
     published = {
         node.resolve_topic_name(name): f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-        for name, (kind, _) in OUTPUTS.items()
+        for name, (kind, _) in outputs_of(settings).items()
     }
     types = {**_OF_ROS, **published, classes: "nav_msgs/msg/OccupancyGrid"}
-    listened = [(topic.name, topic.type) for topic in feed.topics]
-    if feed.settings.robot_description_topic:
-        listened.append((feed.settings.robot_description_topic, DESCRIPTION_TYPE))
+    listened = [(topic.name, topic.type) for topic in topics_of(settings)]
+    if settings.robot_description_topic:
+        listened.append((settings.robot_description_topic, DESCRIPTION_TYPE))
     for given, kind in listened:
         try:
             name = node.resolve_topic_name(given)
@@ -70,13 +73,23 @@ def _check_topics(node: LifecycleNode, feed: Feed) -> None:
             )
 
 
+@dataclass
+class _Job:
+    """Something that is done every so often (s). name: what to count a defect under."""
+
+    name: str
+    period: float
+    work: Callable[[], None]
+    due: float = 0.0  # by time.monotonic()
+
+
 class Session:
     """The estimate of a configured node, with its topics; it is made whole or raises.
 
-    wall: a clock that goes on while /clock stands still. warnings: what is to be said once of the
+    One timer is all that works: at each turn it decodes what has come, takes it through the pipeline, and
+    publishes. wall: a clock that goes on while /clock stands still. warnings: what is to be said once of the
     configuration. restored: what saved soil and cost map it goes on from, in words; empty where there is
     none.
-    velocity_frame: frame of the newest message of velocity_topic; empty until there is one.
 
     Raises
     ------
@@ -86,59 +99,73 @@ class Session:
 
     def __init__(self, node: LifecycleNode, settings: NodeSettings, wall: Clock) -> None:
         self._node, self._settings, self._wall = node, settings, wall
-        self._onboard = Onboard(settings.onboard)
-        feed = Feed(self._onboard, settings)
-        _check_topics(node, feed)
+        _check_topics(node, settings)
+        self._pipeline = Pipeline(settings.onboard)
         self._soil_file = SoilFile(settings.soil_file)
-        restored = self._soil_file.restore(self._onboard)
+        restored = self._soil_file.restore(self._pipeline)
         said = self._soil_file.problem, settings.onboard.unknown_positions
-        self.warnings = [*self._onboard.undeterminable, *filter(None, said)]
-        self._inputs = Inputs(node, feed)
-        self._timers: list[Timer] = []
-        self.velocity_frame = ""
-        self._time_jumps = 0
+        self.warnings = [*self._pipeline.undeterminable, *filter(None, said)]
+        self._inputs = Inputs(node, settings, self._pipeline)
+        self._timer: Timer | None = None
+        self._jobs: list[_Job] = []
+        self._longest = 0.0  # s, turn since the last diagnostics
+        self._flushed = False  # since the newest message
         self._alarms: dict[Kind, Statement] = {}  # as they were when they were looked at last
-        self._last_arrival = time.monotonic()
-        self._outputs = Outputs(node, feed, self._report)
-        # A result is published at once: those of the other wheels are worked out after it.
-        self._onboard.on_result = partial(self._safely, "~/mobility", self._outputs.answer)
+        self._outputs = Outputs(node, settings, self._pipeline, self._report)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
         self.restored = "; ".join(filter(None, [restored, remembered]))
 
     @property
     def active(self) -> bool:
         """Whether it listens and publishes."""
-        return bool(self._timers)
+        return self._timer is not None
+
+    @property
+    def _frame(self) -> str:
+        """Frame of the odometry."""
+        return self._inputs.frame(ODOMETRY)
+
+    @property
+    def velocity_frame(self) -> str:
+        """Frame of the newest message of velocity_topic; empty until there is one."""
+        name = self._settings.velocity_topic
+        return self._inputs.frame(name) if name else ""
 
     # --- Transitions, services
 
     def activate(self) -> None:
         """Listen, and publish the soil as it is believed before any measurement."""
-        self._last_arrival = time.monotonic()
-        self._inputs.listen(
-            self._take,
-            partial(self._safely, TERRAIN_CLASSES, self._outputs.cost.on_classes),
-            partial(self._safely, "/tf", self._outputs.cost.on_transforms),
-            partial(self._safely, "/tf_static", self._outputs.cost.on_static_transforms),
+        cost, outputs, inputs = self._outputs.cost, self._outputs, self._inputs
+
+        def guarded(name: str, work: Callable[[Any], None]) -> Callable[[Any], None]:
+            return lambda message: self._safely(name, work, message)
+
+        inputs.listen(
+            guarded(TERRAIN_CLASSES, cost.on_classes),
+            guarded("/tf", cost.on_transforms),
+            guarded("/tf_static", cost.on_static_transforms),
         )
-        self._inputs.say_what_is_expected()
-        for name, period, work in (
-            ("flush", 0.5, self._flush),
-            ("inputs", _WAITING_EVERY, self._inputs.say_what_is_missing),
-            ("~/cost", self._settings.cost.period, self._outputs.publish_cost),
-            ("~/markers", _MARKERS_EVERY, self._outputs.publish_markers),
-        ):
-            timer = partial(self._safely, name, work)
-            self._timers.append(self._node.create_timer(period, timer, clock=self._wall))
-        self._outputs.publish_soil()
+        inputs.say_what_is_expected()
+        self._jobs = [
+            _Job("~/soil", _SOIL_AFTER, lambda: outputs.publish_waiting_soil(self._frame)),
+            _Job("inputs", _SOIL_AFTER, inputs.say_when_all_are_here),
+            _Job("inputs", _WAITING_EVERY, inputs.say_what_is_missing),
+            _Job("~/cost", self._settings.cost.period, outputs.publish_cost),
+            _Job("~/markers", _MARKERS_EVERY, lambda: outputs.publish_markers(self._frame)),
+        ]
+        for job in self._jobs:
+            job.due = time.monotonic() + job.period
+        self._timer = self._node.create_timer(_TURN, self._work, clock=self._wall)
+        outputs.publish_soil(self._frame)
 
     def deactivate(self) -> None:
         """Listen no more; what was learnt is kept for the next activation."""
+        if self._timer is not None:
+            self._turn()
+            self._node.destroy_timer(self._timer)
         self._outputs.delete_markers()
         self._inputs.stop()
-        for timer in self._timers:
-            self._node.destroy_timer(timer)
-        self._timers = []
+        self._timer = None
 
     def destroy(self) -> None:
         """Take all topics away."""
@@ -148,7 +175,8 @@ class Session:
 
     def save(self) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""
-        return self._soil_file.save(self._onboard, self._outputs.cost.map)
+        self._turn()
+        return self._soil_file.save(self._pipeline, self._outputs.cost.map)
 
     def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
@@ -161,21 +189,49 @@ class Session:
 
     def reset(self) -> tuple[bool, str]:
         """Forget soil, cost map and buffers."""
-        self._onboard.reset()
-        self._outputs.start_over()
+        self._turn()
+        self._start_over()
         if self.active:
-            self._outputs.publish_soil()
+            self._outputs.publish_soil(self._frame)
         return True, "soil, cost map and buffers start over; the counts go on"
 
-    # --- Messages: feed them, publish what comes of it
+    def _start_over(self) -> None:
+        self._pipeline.reset()
+        self._outputs.start_over()
 
-    def _take(self, topic: Topic, message: Any) -> None:
-        self._last_arrival = time.monotonic()
-        if topic.name == self._settings.velocity_topic:
-            self.velocity_frame = message.header.frame_id
-        now = self._node.get_clock().now().nanoseconds
-        self._safely(topic.name, lambda: self._keep(topic.handle(message, now)))
-        self._log_problems()
+    # --- Turns
+
+    def _work(self) -> None:
+        """Take a turn, and do whatever else is due."""
+        self._turn()
+        now = time.monotonic()
+        for job in self._jobs:
+            if now >= job.due:
+                job.due = now + job.period
+                self._safely(job.name, job.work)
+
+    def _turn(self) -> None:
+        """Take what has come through the pipeline, and publish what comes of it.
+
+        Where nothing comes for a while, what waits for other messages goes on without them.
+        """
+        begin = time.monotonic()
+        try:
+            came = self._inputs.take()
+            quiet = begin - self._inputs.arrived > _FLUSH_AFTER
+            if came or (quiet and not self._flushed):
+                self._flushed = quiet
+                for turn in self._pipeline.turns(last=quiet):
+                    self._safely("~/mobility", self._outputs.publish, turn, self._frame)
+        except Exception:
+            if not rclpy.ok():
+                raise
+            # What it is in the middle of is not to be trusted.
+            text = f"a turn failed, soil and cost map start over:\n{traceback.format_exc()}"
+            self._report("~/mobility", "internal_error", text)
+            self._start_over()
+        self._inputs.log(self._pipeline.take_problems())
+        self._longest = max(self._longest, time.monotonic() - begin)
 
     def _safely(self, name: str, work: Callable[..., None], *values: Any) -> None:
         """Do something of which a defect must not take a robot's node down; it is loud all the same.
@@ -191,42 +247,25 @@ class Session:
 
     def _report(self, topic: str, reason: str, text: str) -> None:
         name = self._node.resolve_topic_name(topic)
-        self._onboard.problems.add(name, reason, text, unused=False)
-        self._log_problems()
-
-    def _log_problems(self) -> None:
-        self._inputs.log(self._onboard.take_problems())
-
-    def _keep(self, results: Sequence[Result]) -> None:
-        if self._time_jumps != self._onboard.time_jumps:
-            self._time_jumps = self._onboard.time_jumps
-            self._outputs.start_over()
-        self._outputs.keep(results)
-
-    # --- Timers
-
-    def _flush(self) -> None:
-        """Let nothing wait for messages that do not come."""
-        if time.monotonic() - self._last_arrival > _FLUSH_AFTER:
-            self._keep(self._onboard.flush())
-            self._log_problems()
-        self._outputs.publish_waiting_soil()
-        self._inputs.say_when_all_are_here()
+        self._pipeline.note(name, reason, text, unused=False)
+        self._inputs.log(self._pipeline.take_problems())
 
     def diagnostics(self) -> list[DiagnosticStatus]:
         """Return the entries of an active node; log which alarms begin and end."""
-        newest = self._outputs.newest.values()
+        newest = self._outputs.newest
         self._outputs.report_deaf_subscribers()
-        self._onboard.look_for_slip_tests()
-        found = [self._inputs.status(), *entries(self._onboard, newest, self._outputs.cost)]
-        self._log_alarms(newest)
+        longest, self._longest = self._longest, 0.0
+        inputs = self._inputs.status(longest)
+        found = [inputs, *entries(self._pipeline, newest, self._outputs.cost)]
+        self._log_alarms()
         if self._soil_file.problem:
             found.append(status("saved soil", WARN, self._soil_file.problem))
         return found
 
-    def _log_alarms(self, newest: Iterable[Result]) -> None:
+    def _log_alarms(self) -> None:
         """Say once that an alarm begins, and that it has ended: not everybody looks at diagnostics."""
-        log, now = self._node.get_logger(), {a.kind: a for a in alarms(self._onboard, newest)}
+        log, said = self._node.get_logger(), alarms(self._pipeline, self._outputs.newest)
+        now = {alarm.kind: alarm for alarm in said}
         for alarm in now.values():
             if alarm.kind in self._alarms:
                 continue

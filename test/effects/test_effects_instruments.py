@@ -10,17 +10,15 @@ import pytest
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.estimator.path_steps import Sample
-from smallwheel_ros.estimator.reading import Reading
 from smallwheel_ros.estimator.settings import SoilPrior
-from smallwheel_ros.estimator.soil_filter import LocalLaw
-from smallwheel_ros.estimator.wheel_sinkage import Law, LoadedWheel, wheel_sinkage
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.nearby_sinkage import NearbySinkage
-from smallwheel_ros.onboard.wheel_on_soil import wheels_on_soil
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.contact import on_soil
+from smallwheel_ros.pipeline.law import sinkage_of
+from smallwheel_ros.pipeline.local_law import LocalLaws
 
 SAND = soil("dry_sand")
 INSTRUMENTS = {
@@ -146,8 +144,8 @@ def test_a_gain_of_load_is_one_of_resistance_in_another_soil() -> None:
     assert loads.drawbar_pull != pytest.approx(forces.drawbar_pull, rel=0.05)
 
 
-class TestInTheEstimator:
-    """The filter's own ways to a prediction agree with the model's, under faults of instruments."""
+class TestOnTheRobot:
+    """The pipeline's own ways to a prediction agree with the model's, under faults of instruments."""
 
     FAULTS = (
         effect("load_gain", g=0.25),
@@ -156,23 +154,26 @@ class TestInTheEstimator:
         effect("resistance_offset", offset=2.0),
     )
     ROW = Conditions.of(60.0, 0.2, 0.1, slip=0.3)
-    STRENGTH = (SAND.cohesion, SAND.friction_angle, float(np.log(SAND.shear_displacement)))
+    WHEELS = (Wheel("one", 0.2, 0.1),)
+    LOAD, FIRST, SLIP = np.array([60.0]), np.array([0]), np.array([0.3])
 
     def test_sinkage(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
-        law = Law(SoilPrior.from_soil(SAND).log_modulus(0.2), SAND.n, SAND.m)
-        wheel = LoadedWheel(60.0, 0.2, 0.1, "rolling", slip=0.3)
-        seen = wheel_sinkage(law, wheel, self.FAULTS)
-        assert seen.value == pytest.approx(expected.sinkage[0], rel=1e-9)
+        law = np.array([[SoilPrior.from_soil(SAND).log_modulus(0.2), SAND.n, SAND.m]])
+        seen = sinkage_of(law, self.LOAD, self.WHEELS, self.FIRST, self.FAULTS, self.SLIP)
+        assert seen.value == pytest.approx(expected.sinkage, rel=1e-9)
 
     def test_forces_are_the_true_ones(self) -> None:
         expected = predict(Model(SAND, effects=self.FAULTS), self.ROW)
-        law = LocalLaw.of(SoilPrior.from_soil(SAND).law)
-        load, slip = Quantity(60.0, 0.0), Quantity(0.3, 0.0)
-        reading = Reading(Wheel("one", 0.2, 0.1), 0, load, slip, None, None, 0.0, 0.0)
-        (on,) = wheels_on_soil([Sample(reading, law, load)], effects=self.FAULTS)
-        assert on is not None
-        assert on.compaction + on.other == pytest.approx(expected.true_resistance[0], rel=1e-9)
+        nothing = np.zeros(1)
+        law = LocalLaws(
+            SoilPrior.from_soil(SAND).law[0][None], nothing, nothing, np.zeros((1, 5, 5))
+        )
+        on = on_soil(
+            self.WHEELS, self.FIRST, law, self.LOAD, nothing, scatter=0.0, effects=self.FAULTS,
+            slip=self.SLIP,
+        )  # fmt: skip
+        assert on.compaction + on.other == pytest.approx(expected.true_resistance, rel=1e-9)
 
     @pytest.mark.parametrize("added", [(), (effect("load_offset", offset=3.0),)])
     def test_nearby_sinkage(self, added: tuple[Effect, ...]) -> None:

@@ -6,85 +6,83 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType, SimpleNamespace
-from typing import Any
+from types import FrameType
 
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.pipeline.pipeline import Pipeline
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
-# The message that is traced ends a step of the path, so that strength and warnings are in it.
-MOST_FILES = 25
+PACKAGE, PAGE_OF_CODE = "smallwheel_ros/", "pipeline/pipeline.py"
+MOST_STAGES = 20  # that one page of code calls, each once a turn
+Call = tuple[str, str]  # file and function
 
 
-def message(time: float, **fields: Any) -> SimpleNamespace:
-    """A message with a header; its fields by attribute, as those of rclpy and rosbags."""
-    whole = int(time)
-    stamp = SimpleNamespace(sec=whole, nanosec=round((time - whole) * 1e9))
-    return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id="odom"), **fields)
+def calls(
+    work: Callable[[], object], of: Callable[[FrameType], bool] = lambda _: True
+) -> list[Call]:
+    """File and function of each function of this package that is called, in order of its first call."""
+    found: dict[Call, None] = {}
 
-
-def vector(**parts: float) -> SimpleNamespace:
-    """A group of numbers."""
-    return SimpleNamespace(**parts)
-
-
-def drive_on(feed: Feed, time: float, at_load: Callable[[], None]) -> list[Any]:
-    """Give everything of one instant; the load comes last, and makes the result ready."""
-    topics = {topic.name: topic for topic in feed.topics}
-    pose = SimpleNamespace(
-        pose=SimpleNamespace(
-            position=vector(x=0.3 * time, y=0.0), orientation=vector(x=0.0, y=0.0, z=0.0, w=1.0)
-        )
-    )
-    twist = SimpleNamespace(
-        twist=SimpleNamespace(linear=vector(x=0.3), angular=vector(z=0.0)), covariance=[0.0] * 36
-    )
-    topics["odom"].handle(message(time, pose=pose, twist=twist), None)
-    joints = message(time, name=["front_joint"], velocity=[2.5], effort=[])
-    topics["joint_states"].handle(joints, None)
-    topics["front/sinkage"].handle(message(time, sinkage=0.011, variance=1e-6), None)
-    load = message(time, wrench=SimpleNamespace(force=vector(x=0.0, y=0.0, z=60.0)))
-    at_load()
-    return topics["front/load"].handle(load, None)
-
-
-def trace() -> list[tuple[str, str]]:
-    """File and function of every call of this package from the load's callback to the result."""
-    settings = settings_from({"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1})
-    onboard = Onboard(settings.onboard)
-    feed = Feed(onboard, settings)
-    calls: list[tuple[str, str]] = []
-
-    def profile(frame: FrameType, event: str, _: Any) -> None:
+    def profile(frame: FrameType, event: str, _: object) -> None:
         name = frame.f_code.co_filename
-        if event == "call" and "smallwheel_ros/" in name:
-            calls.append((name.split("smallwheel_ros/")[-1], frame.f_code.co_name))
+        if event == "call" and PACKAGE in name and of(frame):
+            found[name.split(PACKAGE)[-1], frame.f_code.co_name] = None
 
-    for i in range(100):  # two metres and more of soil, so that all of the estimator is at work
-        drive_on(feed, 100.0 + 0.1 * i, lambda: None)
+    sys.setprofile(profile)
     try:
-        results = drive_on(feed, 110.0, lambda: sys.setprofile(profile))
+        work()
     finally:
         sys.setprofile(None)
-    assert len(results) == 1
-    return calls
+    return [call for call in found if not call[1].startswith(("<", "__"))]
 
 
-def table(calls: list[tuple[str, str]]) -> str:
-    """Files in the order in which the message comes to them, with their functions."""
+def from_the_page(frame: FrameType) -> bool:
+    """Whether a function of another file is called by the page that a turn is written on."""
+    caller = frame.f_back
+    inside = frame.f_code.co_filename.endswith(PAGE_OF_CODE)
+    return not inside and caller is not None and caller.f_code.co_filename.endswith(PAGE_OF_CODE)
+
+
+def trace() -> tuple[list[Call], list[Call]]:
+    """What one message passes as it comes; what a turn calls from the page, once there is all to do."""
+    rover = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1, "vehicle.mass": 6.0}
+    pipeline = Pipeline(settings_from(rover | {"imu_topic": "imu"}).onboard)
+    streams = pipeline.streams
+    for i in range(1, 600):  # some metres of soil, so that all stages are at work
+        stamp, load = 20_000_000 * i, 60.0 + 10.0 * math.sin(0.1 * i)
+        pose = (0.006 * i, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        streams.add("odom", stamp, (0.3, 0.0, *pose))
+        streams.add("imu", stamp, (0.0, 0.0, 0.0, 9.8, 0.0, 0.0, 1.0))
+        streams.add("front/wheel_speed", stamp, (0.33 / 0.125,))
+        streams.add("front/sinkage", stamp, (2e-4 * load, 2.5e-7))
+        if i < 599:
+            streams.add("front/load", stamp, (load,))
+        if i % 100 == 0:
+            list(pipeline.turns())
+    append = calls(lambda: streams.add("front/load", 20_000_000 * 599, (60.0,)))
+    return append, calls(lambda: list(pipeline.turns()), from_the_page)
+
+
+def table(append: list[Call], turn: list[Call]) -> str:
+    """What a message passes, and the stages of a turn in their order."""
+    words = ", ".join(f"`{name}`" for _, name in append)
+    where = " and ".join(f"`{file}`" for file in dict.fromkeys(file for file, _ in append))
+    lines = [
+        f"A message as it comes: {len(append)} functions of {where}: {words}.",
+        "",
+        f"A turn: {len(turn)} calls from one page, `{PAGE_OF_CODE}`.",
+        "",
+        "| file | what is called there |",
+        "| --- | --- |",
+    ]
     files: dict[str, list[str]] = {}
-    for file, function in calls:
-        functions = files.setdefault(file, [])
-        if function not in functions and not function.startswith("<"):
-            functions.append(function)
-    lines = [f"{len(calls)} calls in {len(files)} files.", "", "| file | what it does there |"]
-    lines.append("| --- | --- |")
+    for file, name in turn:
+        files.setdefault(file, []).append(name)
     lines += [f"| {file} | {', '.join(names)} |" for file, names in files.items()]
     return "\n".join(lines) + "\n"
 
@@ -92,17 +90,18 @@ def table(calls: list[tuple[str, str]]) -> str:
 def rewritten(text: str) -> str:
     """The page with the trace as it is now."""
     before, rest = text.split(BEGIN)
-    return before + BEGIN + table(trace()) + END + rest.split(END)[1]
+    return before + BEGIN + table(*trace()) + END + rest.split(END)[1]
 
 
 def test_the_page_shows_the_way_of_a_message_as_it_is() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    if sys.version_info[:2] == (3, 11):  # others count comprehensions otherwise
-        assert rewritten(text) == text, f"run `PYTHONPATH=. python {__file__}`"
+    assert rewritten(text) == text, f"run `PYTHONPATH=. python {__file__}`"
 
 
-def test_the_way_of_a_message_does_not_grow() -> None:
-    assert len({file for file, _ in trace()}) <= MOST_FILES
+def test_a_message_is_an_append_and_a_turn_one_page() -> None:
+    append, turn = trace()
+    assert {file for file, _ in append} == {"pipeline/streams.py", "pipeline/plausible.py"}
+    assert len(turn) <= MOST_STAGES
 
 
 if __name__ == "__main__":

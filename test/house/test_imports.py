@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/architecture.md lists the rooms of the house: what a room imports stands above it in that list.
+"""docs/architecture.md lists the packages: what one imports stands above it in that list.
 
 Every import counts, those inside functions too; only what a type checker alone reads does not.
 """
@@ -15,15 +15,15 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 PACKAGE = PAGE.parent.parent / "smallwheel_ros"
 
 
-def rooms() -> list[str]:
+def packages() -> list[str]:
     """Folders and modules of the package in the order of the page."""
-    text = PAGE.read_text(encoding="utf-8").split("<!-- rooms -->")[1]
+    text = PAGE.read_text(encoding="utf-8").split("<!-- packages -->")[1]
     return re.findall(
         r"`([a-z_]+)`", " ".join(row.split("|")[1] for row in text.splitlines() if "|" in row)
     )
 
 
-def room_of(module: str) -> str:
+def package_of(module: str) -> str:
     """`smallwheel_ros.fitting.fit` is in fitting, `smallwheel_ros.model.model` in model."""
     return module.split(".")[1] if "." in module else "__init__"
 
@@ -42,23 +42,23 @@ def imported(node: ast.AST) -> Iterator[str]:
         yield from imported(child)
 
 
-def test_imports_go_up_the_list_of_rooms() -> None:
-    order = {name: place for place, name in enumerate(rooms())}
+def test_imports_go_up_the_list_of_packages() -> None:
+    order = {name: place for place, name in enumerate(packages())}
     wrong, met = [], set()
     for path in sorted(PACKAGE.rglob("*.py")):
         inside = path.relative_to(PACKAGE)
         if inside.parts[0] in ("__init__.py", "__main__.py"):
-            continue  # the door: everything is behind it
+            continue  # what users import: everything is behind it
         here = inside.parts[0].removesuffix(".py")
         met.add(here)
         for module in imported(ast.parse(path.read_text(encoding="utf-8"))):
-            there = room_of(module)
+            there = package_of(module)
             if there in ("__init__", "__version__", "msg") or there == here:
                 continue  # msg: what rosidl makes of the messages
             if here not in order or order.get(there, len(order)) > order[here]:
                 wrong.append(f"{inside}: {module}")
     assert not wrong, wrong
-    assert set(order) <= met, f"rooms that are gone: {set(order) - met}"
+    assert set(order) <= met, f"packages that are gone: {set(order) - met}"
 
 
 def test_no_two_test_files_have_one_name(repository: Path) -> None:

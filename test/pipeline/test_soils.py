@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.pipeline_rates import estimate_of, rows_of, run, table_of
-from benchmarks.robot_drives import RobotDrive, make_drive
+from benchmarks.robot_drives import RobotDrive, make_drive, table_of
+from benchmarks.robot_scores import run
 from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
@@ -20,7 +20,7 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.local_law import Version, flags_of, law_of
+from smallwheel_ros.pipeline.local_law import Reported, Version, flags_of, law_of
 from smallwheel_ros.pipeline.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
@@ -80,7 +80,7 @@ def test_a_soil_is_recovered_and_bands_hold() -> None:
 def test_nothing_is_determined_before_the_law_was_taken_again() -> None:
     drive = drive_of("nominal")
     settings = settings_of(drive)
-    _, versions, _ = driven(rows_of(drive.readings, settings.wheels), settings)
+    _, versions, _ = driven(drive.rows, settings)
     first = next(i for i, one in enumerate(versions) if flags_of(one, drive.prior).any())
     assert versions[first].settled
     assert (
@@ -94,7 +94,7 @@ def test_nothing_is_determined_before_the_law_was_taken_again() -> None:
 def test_results_do_not_depend_on_where_blocks_are_cut(world: str, seed: int) -> None:
     drive = drive_of(world)
     settings = settings_of(drive)
-    rows = rows_of(drive.readings, settings.wheels)
+    rows = drive.rows
     rng = np.random.default_rng(seed)
     cuts = tuple(rng.integers(0, len(rows), [5, 300][seed]).tolist())
     _, whole, expected = driven(rows, settings)
@@ -111,7 +111,7 @@ def test_results_do_not_depend_on_where_blocks_are_cut(world: str, seed: int) ->
 def test_a_border_is_found_and_wheels_behind_it_are_on_the_old_soil() -> None:
     drive = drive_of("soil x2")
     settings = settings_of(drive)
-    rows = rows_of(drive.readings, settings.wheels)
+    rows = drive.rows
     soils, versions, found = driven(rows, settings)
     assert soils.changes == 1
     number = np.array([versions[int(i)].number for i in found[0]])
@@ -140,7 +140,7 @@ def test_sensors_in_whole_steps_are_not_stuck() -> None:
 def test_rows_of_wheels_that_stand_tell_nothing() -> None:
     drive = drive_of("nominal", 6.0)
     settings = settings_of(drive)
-    rows = rows_of(drive.readings, settings.wheels)
+    rows = drive.rows
     twice = np.repeat(np.arange(len(rows)), 1 + 40 * (np.arange(len(rows)) // 4 == 100))
     again = rows.take(twice)
     again = replace(again, stamp=again.stamp + 1000 * np.arange(len(again)))
@@ -154,7 +154,7 @@ def test_rows_of_wheels_that_stand_tell_nothing() -> None:
 def test_without_loads_or_sinkages_the_prior_stays(blank: str) -> None:
     drive = drive_of("nominal", 6.0)
     settings = settings_of(drive)
-    rows = rows_of(drive.readings, settings.wheels)
+    rows = drive.rows
     rows = replace(rows, **{blank: np.full(len(rows), math.nan)})
     soils, versions, found = driven(rows, settings, (100, 200))
     assert len(versions) == 1
@@ -166,7 +166,7 @@ def test_without_loads_or_sinkages_the_prior_stays(blank: str) -> None:
 def test_loads_of_no_wheel_on_the_ground_are_left_out() -> None:
     drive = drive_of("nominal", 6.0)
     settings = settings_of(drive)
-    rows = rows_of(drive.readings, settings.wheels)
+    rows = drive.rows
     lifted = replace(rows, load=np.where(np.arange(len(rows)) % 9 == 0, -0.5, rows.load))
     _, versions, _ = driven(lifted, settings)
     assert np.isfinite(versions[-1].mean).all()
@@ -176,7 +176,7 @@ def test_loads_of_no_wheel_on_the_ground_are_left_out() -> None:
 def test_a_slip_that_is_blank_under_an_effect_of_slip() -> None:
     drive = drive_of("slip sinkage 1", 6.0)
     settings = settings_of(drive, effects=(Exponential(a=0.7),))
-    rows = rows_of(drive.readings, settings.wheels)
+    rows = drive.rows
     stands = (np.arange(len(rows)) // 4) % 10 == 0
     rows = replace(rows, slip=np.where(stands, math.nan, rows.slip), stands=stands)
     _, versions, _ = driven(rows, settings)
@@ -187,10 +187,13 @@ def test_a_slip_that_is_blank_under_an_effect_of_slip() -> None:
 def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
     drive = drive_of("nominal")
     settings = settings_of(drive)
-    soils, versions, _ = driven(rows_of(drive.readings, settings.wheels), settings)
+    soils, versions, _ = driven(drive.rows, settings)
     saved = soils.record()
     assert saved is not None
-    path, now = tmp_path / "soil.json", estimate_of(versions[-1], drive.prior, 12.0)
+    path, now = (
+        tmp_path / "soil.json",
+        Reported(drive.prior, settings.estimator).estimate(versions[-1]),
+    )
     write_state(path, SavedState(saved, soils.variety, soils.accepted), drive.prior, (), now)
     state = read_state(path, drive.prior, ())
     again = Soils(settings.prior, settings.estimator, (), settings.wheels)

@@ -10,14 +10,17 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks.pipeline_traction import rows_of, run
+from benchmarks._traction_table import rates
+from benchmarks.robot_drives import table_of
 from benchmarks.robot_worlds import VEHICLES
-from benchmarks.traction_rates import settings_of
-from benchmarks.traction_worlds import MASS, WORLDS, TractionDrive, make_drive
+from benchmarks.traction_rates import run, settings_of, summed
+from benchmarks.traction_worlds import GRAVITY, MASS, WORLDS, TractionDrive, make_drive
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.align import slip_of
 from smallwheel_ros.pipeline.mobility import Mobility, mobility, strength_of
+from smallwheel_ros.pipeline.motion import rut_of
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.steps import StepState, steps
 from smallwheel_ros.pipeline.strength import Strengths
@@ -41,6 +44,35 @@ class Known(Mobility):
 @lru_cache
 def drive_of(world: str = "cruise", distance: float = 6.0) -> TractionDrive:
     return make_drive(replace(WORLDS[world], distance=distance), 2)
+
+
+def rows_of(drive: TractionDrive, settings: OnboardSettings, kind: str) -> Readings:
+    """The table of a drive, a row for each wheel and instant."""
+    times, wheels = drive.rim.shape
+    speed = np.convolve(np.pad(drive.odometry, 2, mode="edge"), np.ones(5) / 5, mode="valid")
+    gained = np.gradient(speed, drive.time)
+    count = times * wheels
+    yes, none = np.ones(count, dtype=bool), np.full(count, np.nan)
+    wheel = np.tile(np.arange(wheels), times)
+
+    def each(column: Array) -> Array:
+        return np.repeat(column, wheels)
+
+    travel, rim = each(drive.odometry), drive.rim.ravel()
+    std = np.full(count, 0.01)
+    slip, slip_std, _ = slip_of(travel, std, rim, 0.01 * rim, 0.01)
+    passes, doubt = rut_of(settings.wheels, wheel, yes, none)  # these drives tell no places
+    return table_of(
+        stamp=(each(1e9 * drive.time) + wheel).astype(np.int64), wheel=wheel,
+        sinkage=drive.shown_sinkage.ravel(), sinkage_std=np.full(count, 1e-3),
+        load=drive.weighed.ravel(), load_std=np.full(count, 1.2), vehicle_speed=travel, speed=travel,
+        speed_std=std, rim_speed=rim, rim_std=0.01 * rim, slip=slip, slip_std=slip_std, stands=~yes,
+        forward=yes, slope=each(GRAVITY * np.sin(-drive.pitch)) if "balance" in kind else none,
+        gained=each(gained), torque=drive.torque.ravel() if "torque" in kind else none,
+        pull=drive.pulled.ravel() if kind == "pull sensor" else none, pitch=each(drive.pitch),
+        distance=each(drive.path), path=each(drive.path), onward=yes, passes=passes, pass_doubt=doubt,
+        due=yes,
+    )  # fmt: skip
 
 
 def driven(
@@ -76,12 +108,42 @@ def driven(
     return Known.joined(found), strengths, soils
 
 
-def test_pull_and_margin_hold_the_truth() -> None:
-    score = run(drive_of(distance=8.0), BOTH)
-    assert score["pull_band"] > 0.9
-    assert score["margin_band"] > 0.9
-    assert score["pull"] < 1.5
-    assert score["margin"] < 0.1
+@pytest.mark.parametrize("kind", ["balance", BOTH, "pull sensor"])
+def test_pull_and_margin_hold_the_truth(kind: str) -> None:
+    """Through the whole pipeline; one seed of a world here, more in benchmarks/traction_rates.py."""
+    pipeline, made = run(make_drive(WORLDS["patch"], 1), kind)
+    score = {name: value for name, (value, _, _) in rates([summed("patch", 1, kind, made)]).items()}
+    assert score["pull in band"] > 0.85
+    assert score["margin in band"] > 0.8
+    assert score["pull rms"] < 2.0
+    assert score["Brier"] < 0.09
+    told = {"pull"} if kind == "pull sensor" else set(kind.split(" and "))
+    assert pipeline.strength.sources == told
+
+
+def test_without_anything_that_tells_of_strength_bands_are_wide_and_hold() -> None:
+    pipeline, made = run(drive_of(distance=8.0), "nothing")
+    found = rates([summed("cruise", 2, "nothing", made)])
+    assert found["pull in band"][0] > 0.88
+    assert found["margin in band"][0] > 0.9
+    assert pipeline.strength.steps == 0
+    assert pipeline.strength.status[0].startswith("thrust is not determined")
+
+
+@pytest.mark.slow
+def test_rates_over_worlds() -> None:
+    drives = [
+        (name, seed, make_drive(world, seed)) for name, world in WORLDS.items() for seed in range(4)
+    ]
+    found = {
+        kind: rates([summed(name, seed, kind, run(drive, kind)[1]) for name, seed, drive in drives])
+        for kind in ("nothing", "balance", BOTH, "pull sensor")
+    }
+    print(found)
+    for kind, brier in (("balance", 0.08), (BOTH, 0.045)):
+        assert found[kind]["Brier"][0] <= brier
+    assert all(rate["pull in band"][0] >= 0.9 for rate in found.values())
+    assert all(rate["margin in band"][0] >= 0.9 for rate in found.values())
 
 
 @pytest.mark.parametrize("cuts", [4, 60])

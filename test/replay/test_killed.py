@@ -14,17 +14,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from lab_truth import plate_rows, write
-from wheel_drives import READING, changed, follow, rolled, varied
+from rows_of_drives import drive, rover, run
 
 import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
-from smallwheel_ros.estimator.soil_estimator import SoilEstimator, SoilPrior
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
-PRIOR = SoilPrior.from_soil(soil("dry_sand"))
-ONE = changed(READING, wheel="w", diameter=0.25, distance=0.0, slip=0.1, speed=0.2)
+VEHICLE = rover()
 KILLED = -signal.SIGKILL
 STEPS = ("open", "os.rename", "os.remove", "os.mkdir", "os.chmod", "os.truncate", "shutil.rmtree")
 MOST = 500
@@ -69,13 +67,15 @@ def seen_by_people(folder: Path) -> set[str]:
 
 
 @cache
-def estimator(metres: int) -> SoilEstimator:
-    return follow(SoilEstimator(PRIOR), rolled(varied(metres * 10), 1, one=ONE))
+def driven(seconds: float) -> Pipeline:
+    pipeline = Pipeline(VEHICLE.onboard)
+    run(VEHICLE, drive(seconds), pipeline=pipeline)
+    return pipeline
 
 
 def test_a_saved_soil_is_the_old_or_the_new_one(tmp_path: Path) -> None:
     path = tmp_path / "soil.json"
-    old, new = estimator(8), estimator(16)
+    old, new = driven(12.0), driven(20.0)
     old.save(path)
     before = path.read_bytes()
     new.save(tmp_path / "other.json")
@@ -83,7 +83,7 @@ def test_a_saved_soil_is_the_old_or_the_new_one(tmp_path: Path) -> None:
     seen = set()
     for _ in each_kill(lambda: new.save(path)):
         assert path.read_bytes() in (before, after)
-        SoilEstimator(PRIOR).restore(path)
+        Pipeline(VEHICLE.onboard).restore(path)
         seen.add(path.read_bytes())
     assert path.read_bytes() == after
     assert seen == {before, after}  # it was killed before and behind the step that counts
@@ -95,7 +95,7 @@ def test_who_is_killed_saving_spoils_nothing_of_who_saves_meanwhile(
 ) -> None:
     """Two nodes with one file: the other is killed at each step while this one is about to finish."""
     path = tmp_path / "soil.json"
-    ours, other = estimator(8), estimator(16)
+    ours, other = driven(12.0), driven(20.0)
     ours.save(path)
     whole = path.read_bytes()
     other.save(path)
@@ -135,10 +135,10 @@ def test_a_result_is_the_old_or_the_new_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_replay_that_was_killed_can_be_made_again(repository: Path, tmp_path: Path) -> None:
     bag, out = tmp_path / "drive", tmp_path / "out"
-    drive = DriveSettings(seed=1, distance=2.0, wheels="two_sizes", terrain="single")
-    write_drive_bag(simulate_drive(drive), bag)
-    rover = repository / "config" / "two_wheel_sizes.yaml"
-    arguments = ["replay", *map(str, (bag, "--config", rover, "-o", out))]
+    short = DriveSettings(seed=1, distance=2.0, wheels="two_sizes", terrain="single")
+    write_drive_bag(simulate_drive(short), bag)
+    config = repository / "config" / "two_wheel_sizes.yaml"
+    arguments = ["replay", *map(str, (bag, "--config", config, "-o", out))]
 
     def replay() -> None:
         result = CliRunner().invoke(main, arguments)

@@ -95,9 +95,9 @@ def test_a_frame_that_is_told_of_once_and_before_any_odometry_is_placed(
     publisher.on_static_transforms(transforms(10.0, 0.0))
     publisher.map.add(WHEEL, "odom", Pose(0.2, 0.2, 0.0), 0.0, None)
     assert publisher.map.problem.startswith("the saved cost map is in frame map")
-    result = SimpleNamespace(reading=SimpleNamespace(stamp=5))
+    estimates = SimpleNamespace(stamp=np.array([5]))
     publisher._ground = SimpleNamespace(add=lambda *_: None)
-    publisher.add(result, "odom")
+    publisher.add(estimates, "odom")
     assert publisher.map.problem == ""
     grid = publisher.map.grid()
     assert grid.cells[grid.cell(0.7, 0.7)] == 77
@@ -127,8 +127,9 @@ def test_what_is_said_once_of_frames_is_heard_by_whoever_comes_late(
         resolve_topic_name=lambda name: name if name.startswith("/") else f"/robot1/{name}",
         create_subscription=subscribe,
     )
-    listening = inputs.Inputs(node, SimpleNamespace(onboard=None, topics=[]))
-    listening.listen(print, print, "moving", "static")
+    monkeypatch.setattr(inputs, "topics_of", lambda _: [])
+    listening = inputs.Inputs(node, SimpleNamespace(), SimpleNamespace())
+    listening.listen(print, "moving", "static")
     for topic in ("/tf", "/robot1/tf"):
         assert heard[topic][0] == "moving"
         assert heard[topic][1].durability != DurabilityPolicy.TRANSIENT_LOCAL

@@ -11,20 +11,21 @@ from pathlib import Path
 
 from node_peer import documented_reasons
 
-from smallwheel_ros.estimator.reading import UpdateResult
-from smallwheel_ros.onboard.result import Status
-from smallwheel_ros.onboard.streams import StampFault
+from smallwheel_ros.pipeline.answers import Status
+
+# As the pipeline counts: `note(stream, "reason", ...)`, or `return "reason", words` for who notes it.
+_REASON = re.compile(
+    r'(?:(?:note|_refuse)\(\s*[^()"]*(?:\(\))?[^()"]*,\s*|return |fault = )"([a-z_]+)",'
+)
 
 
-def test_reasons_of_stamps_and_of_the_estimator_are_in_the_table(repository: Path) -> None:
+def test_every_reason_that_the_pipeline_counts_is_in_the_table(repository: Path) -> None:
     """Those that the node counts besides are looked up in test_node.py, where they are counted."""
-    table = documented_reasons(repository)
-    assert {fault.value for fault in StampFault} <= table
-    text = UpdateResult.__doc__ or ""
-    # The others cannot come from a message: what would lead to them is refused before.
-    for reason in ("gate", "not_finite", "sinkage_negative", "covariate_missing", "numerical"):
-        assert f"'{reason}'" in text
-        assert reason in table
+    package = repository / "smallwheel_ros"
+    texts = [path.read_text() for path in sorted((package / "pipeline").glob("*.py"))]
+    found = {reason for text in texts for reason in _REASON.findall(text)}
+    assert {"late", "duplicate", "time_jump", "not_readable", "no_value"} <= found
+    assert found | {"not_finite", "not_plausible"} <= documented_reasons(repository)
 
 
 def test_every_status_is_in_the_table(repository: Path) -> None:

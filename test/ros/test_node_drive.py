@@ -17,12 +17,13 @@ import numpy as np
 import pytest
 from bag_kinds import beginning
 from click.testing import CliRunner
-from readings import Given as Onboard
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.onboard.result import Result
+from smallwheel_ros.pipeline.answers import status_texts
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros import NodeProcess
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
@@ -43,77 +44,81 @@ def rover(repository: Path) -> Path:
     return repository / "config" / "two_wheel_sizes.yaml"
 
 
-def directly(bag: Path, parameters: Path) -> list[Result]:
-    """Give the bag's messages to the library, in the order of recording."""
+def directly(bag: Path, parameters: Path) -> tuple[Pipeline, Estimates, list[str]]:
+    """Give the bag's messages to the library, in the order of recording: estimates, status in words."""
     settings = settings_from(read_parameters(parameters))
-    onboard = Onboard(settings.onboard)
+    pipeline = Pipeline(settings.onboard)
+    add = pipeline.streams.add
     wheel_of = {inputs.joint: wheel for wheel, inputs in settings.inputs.items()}
-    found: list[Result] = []
+    found: list[Estimates] = []
+    words: list[str] = []
     with BagReader(bag) as reader:
         for topic, _, _, message in reader.messages():
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             if topic.endswith("/load"):
-                found += onboard.on_load(topic.split("/")[1], stamp, message.wrench.force.z)
+                add(topic[1:], stamp, (message.wrench.force.z,))
             elif topic.endswith("/sinkage"):
-                wheel = topic.split("/")[1]
-                found += onboard.on_sinkage(wheel, stamp, message.sinkage, message.variance)
+                add(topic[1:], stamp, (message.sinkage, message.variance))
             elif topic == "/odom":
                 place, twist = message.pose.pose.position, message.twist.twist
                 q, spread = message.pose.pose.orientation, message.twist.covariance
-                found += onboard.on_odometry(
-                    stamp,
-                    place.x,
-                    place.y,
-                    twist.linear.x,
-                    twist.angular.z,
-                    pitch=math.asin(2.0 * (q.w * q.y - q.z * q.x)),
-                    variances=(float(spread[0]), float(spread[35])),
-                )
+                yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+                pitch = math.asin(2.0 * (q.w * q.y - q.z * q.x))
+                roll = math.atan2(2.0 * (q.w * q.x + q.y * q.z), 1.0 - 2.0 * (q.x**2 + q.y**2))
+                moves = (twist.linear.x, twist.angular.z, place.x, place.y)
+                turned = (math.cos(yaw), math.sin(yaw), spread[0], spread[35], pitch, roll)
+                add("odom", stamp, (*moves, *turned))
             elif topic == "/joint_states":
                 for name, velocity in zip(message.name, message.velocity, strict=True):
-                    found += onboard.on_wheel_speed(wheel_of[name], stamp, float(velocity))
-    return found + onboard.flush()
+                    add(f"{wheel_of[name]}/wheel_speed", stamp, (float(velocity),))
+    for turn in pipeline.turns(last=True):
+        found.append(turn.estimates)
+        words += status_texts(turn.estimates, pipeline)
+    return pipeline, Estimates.joined(found), words
 
 
-def expected_row(result: Result) -> dict[str, Any]:
+# Quantities of the message that are not called so in the table.
+CALLED = {"sinkage_predicted": "sinkage", "mobility_margin": "margin", "energy_per_metre": "energy"}
+QUANTITIES = (
+    "load", "slip", "sinkage_measured", "sinkage_predicted", "compaction_resistance", "other_resistance",
+    "rolling_resistance_coefficient", "thrust", "drawbar_pull", "mobility_margin", "steepest_slope",
+    "energy_per_metre",
+)  # fmt: skip
+FLAGS = {
+    "load_valid": "load",
+    "slip_valid": "slip",
+    "sinkage_measured_valid": "sinkage_measured",
+    "prediction_valid": "sinkage",
+    "traction_valid": "drawbar_pull",
+    "margin_valid": "margin",
+    "energy_valid": "energy",
+    "risk_valid": "risk",
+}
+
+
+def expected_row(found: Estimates, i: int, text: str, wheels: list[str]) -> dict[str, Any]:
     """What the message of an estimate must say, written out here once more."""
-    forces, reading = result.forces, result.reading
-    quantities = {
-        "load": reading.load,
-        "slip": reading.slip,
-        "sinkage_measured": reading.sinkage,
-        "sinkage_predicted": result.sinkage_predicted,
-        "compaction_resistance": forces and forces.compaction_resistance,
-        "other_resistance": forces and forces.other_resistance,
-        "rolling_resistance_coefficient": forces and forces.rolling_resistance_coefficient,
-        "thrust": forces and forces.thrust,
-        "drawbar_pull": forces and forces.drawbar_pull,
-        "mobility_margin": forces and forces.margin,
-        "steepest_slope": forces and forces.steepest_slope,
-        "energy_per_metre": forces and forces.energy_per_metre,
-    }
+
+    def of(column: str) -> float:
+        return float(np.nan_to_num(getattr(found, column)[i]))
+
     row: dict[str, Any] = {
-        "stamp": reading.stamp,
-        "frame_id": result.wheel,
-        "status": int(result.status),
-        "status_text": result.status_text,
-        "load_valid": reading.load is not None,
-        "slip_valid": reading.slip is not None,
-        "sinkage_measured_valid": reading.sinkage is not None,
-        "prediction_valid": forces is not None,
-        "traction_valid": forces is not None and forces.drawbar_pull is not None,
-        "margin_valid": forces is not None and forces.margin is not None,
-        "energy_valid": forces is not None and forces.energy_per_metre is not None,
-        "digging_in": result.digging_in,
-        "risk_valid": result.risk is not None,
-        "risk_of_getting_stuck": result.risk or 0.0,
-        "probability_drawbar_pull_positive": (
-            (forces and forces.probability_drawbar_pull_positive) or 0.0
-        ),
+        "stamp": int(found.stamp[i]),
+        "frame_id": wheels[found.wheel[i]],
+        "status": int(found.status[i]),
+        "status_text": text,
+        "digging_in": bool(found.digging_in[i]),
+        "risk_of_getting_stuck": of("risk"),
+        "probability_drawbar_pull_positive": of("probability_drawbar_pull_positive"),
     }
-    for name, quantity in quantities.items():
-        row[name] = quantity.value if quantity else 0.0
-        row[f"{name}_standard_deviation"] = quantity.standard_deviation if quantity else 0.0
+    row |= {flag: not math.isnan(getattr(found, name)[i]) for flag, name in FLAGS.items()}
+    for name in QUANTITIES:
+        column, known = (
+            CALLED.get(name, name),
+            not math.isnan(getattr(found, CALLED.get(name, name))[i]),
+        )
+        row[name] = of(column)
+        row[f"{name}_standard_deviation"] = of(f"{column}_std") if known else 0.0
     return row
 
 
@@ -134,7 +139,8 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
 
     from smallwheel_ros.ros.play import drive_through
 
-    expected = directly(bag, rover)
+    pipeline, expected, texts = directly(bag, rover)
+    wheels = [wheel.name for wheel in pipeline.settings.wheels]
     parameters = [rover]
     log = tmp_path / "node.log"
     with NodeProcess(parameters, log, {"use_sim_time": "true"}) as node:
@@ -145,11 +151,11 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
         assert first.published == message_count(bag)
         # Answers come in one order, that of the stamps, whatever DDS did to the topics.
         assert len(first.mobility) == len(expected)
-        for row, result in zip(first.mobility, expected, strict=True):
-            assert_same_row(row, expected_row(result))
+        for i, row in enumerate(first.mobility):
+            assert_same_row(row, expected_row(expected, i, texts[i], wheels))
 
-        last, soil = first.soil[-1], expected[-1].soil
-        assert last["stamp"] == expected[-1].reading.stamp
+        last, soil = first.soil[-1], pipeline.soil
+        assert last["stamp"] == expected.stamp[-1]
         assert last["frame_id"] == "odom"
         assert (last["k"], last["n"], last["m"]) == pytest.approx(
             (soil.k, soil.n, soil.m), rel=1e-9
@@ -160,7 +166,7 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
         assert last["effective_modulus_standard_deviation"] == pytest.approx(deviation, rel=1e-9)
         assert last["reference_pressure"] == pytest.approx(soil.reference_pressure, rel=1e-9)
         assert last["measurements_accepted"] == soil.accepted
-        assert last["measurements_rejected"] == expected[-1].rejected
+        assert last["measurements_rejected"] == pipeline.rejected
         assert last["m_identifiable"] == soil.identifiable.m
         # Before the first measurement the soil is the configured one.
         assert first.soil[0]["status"] == SoilEstimate.STATUS_PRIOR_ONLY

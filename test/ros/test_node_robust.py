@@ -201,9 +201,9 @@ def test_no_saved_soil_stops_the_start(
     one_wheel: Path, tmp_path: Path, content: str | None
 ) -> None:
     """What the node does then is in test_node_saved_soil.py."""
-    from smallwheel_ros.onboard.onboard import Onboard
     from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-    from smallwheel_ros.onboard.soil_file import SoilFile
+    from smallwheel_ros.pipeline.pipeline import Pipeline
+    from smallwheel_ros.pipeline.soil_file import SoilFile
 
     file = tmp_path / "soil.json"
     if content is None:
@@ -211,7 +211,7 @@ def test_no_saved_soil_stops_the_start(
     else:
         file.write_text(content)
     soil_file = SoilFile(str(file))
-    assert soil_file.restore(Onboard(settings_from(read_parameters(one_wheel)).onboard)) == ""
+    assert soil_file.restore(Pipeline(settings_from(read_parameters(one_wheel)).onboard)) == ""
     assert soil_file.problem.startswith(f"the saved soil is not used: {file}")
 
 

@@ -18,9 +18,10 @@ from hypothesis import strategies as st
 from node_peer import ONE_WHEEL, Peer
 
 from smallwheel_ros.cli import main
-from smallwheel_ros.onboard.feed import Feed
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.inputs import topics_of
+from smallwheel_ros.pipeline.pipeline import Pipeline
 
 NAMES = st.from_regex(r"[a-z_]{1,30}(\.[a-z_]{1,30})?", fullmatch=True)
 VALUES = st.one_of(
@@ -31,14 +32,13 @@ VALUES = st.one_of(
 )
 
 
-def fed(wheels: dict[str, float], **changes: Any) -> Feed:
-    """What takes the messages of a vehicle. wheels: diameters by name; changes: __ for the point."""
+def vehicle(wheels: dict[str, float], **changes: Any) -> NodeSettings:
+    """Settings of a vehicle. wheels: diameters by name; changes: __ for the point."""
     values: dict[str, Any] = {"wheels": list(wheels)}
     for wheel, diameter in wheels.items():
         values |= {f"{wheel}.diameter": diameter, f"{wheel}.width": 0.1}
     values |= {name.replace("__", "."): value for name, value in changes.items()}
-    settings = settings_from(values)
-    return Feed(Onboard(settings.onboard), settings)
+    return settings_from(values)
 
 
 @given(st.dictionaries(NAMES, VALUES, max_size=60))
@@ -76,15 +76,16 @@ def test_each_topic_is_waited_for_in_the_line_of_its_group(
     pytest.importorskip("rclpy")
     from smallwheel_ros.ros.inputs import input_lines
 
-    feed = fed({"a": 0.25, "b": 0.25}, **changes)
-    lines = input_lines(feed.topics, lambda name: f"/here/{name}")
+    settings = vehicle({"a": 0.25, "b": 0.25}, **changes)
+    topics = {f"/here/{topic.name}": topic for topic in topics_of(settings)}
+    lines = input_lines(topics)
     found: dict[str, int] = {}
     for line in lines:
-        what, topics = re.fullmatch(r"waits for ([\w ]+): (.*) \([\w/]+\)", line).groups()
-        found[what] = found.get(what, 0) + len(topics.split(", "))
+        what, named = re.fullmatch(r"waits for ([\w ]+): (.*) \([\w/]+\)", line).groups()
+        found[what] = found.get(what, 0) + len(named.split(", "))
     assert found == groups
-    for topic in feed.topics:
-        assert sum(f"/here/{topic.name}" in re.split(r"[ ,]+", line) for line in lines) >= 1
+    for topic in topics:
+        assert sum(topic in re.split(r"[ ,]+", line) for line in lines) >= 1
     assert len({*lines}) == len(lines)
 
 
@@ -137,7 +138,8 @@ def test_what_is_estimated_goes_by_what_there_is(
     pytest.importorskip("rclpy")
     from smallwheel_ros.ros.inputs import estimates
 
-    assert words in estimates(fed(wheels, **changes).onboard)
+    settings = vehicle(wheels, **changes).onboard
+    assert words in estimates(settings, Pipeline(settings).undeterminable)
 
 
 # --- The command

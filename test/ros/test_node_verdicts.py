@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from node_peer import ONE_WHEEL, Peer
-from test_strength import MASS, PRIOR, WHEELS, drive
 
-from smallwheel_ros.estimator.traction import TractionEstimator
-from smallwheel_ros.onboard.onboard import Onboard
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.strength_words import StrengthEstimate
 from smallwheel_ros.ros import NodeProcess
 
 ONE_DIAMETER = "all wheels have one diameter (0.25 m)"
@@ -75,19 +75,31 @@ def test_two_sizes_determine_m_where_both_are_measured(
     second: dict[str, object], said: bool
 ) -> None:
     values = {"wheels": ["front", "rear"], "front.diameter": 0.25, "front.width": 0.1}
-    onboard = Onboard(settings_from({**values, "rear.width": 0.1, **second}).onboard)
-    assert [ONE_DIAMETER in text for text in onboard.undeterminable] == [True] * said
+    pipeline = Pipeline(settings_from({**values, "rear.width": 0.1, **second}).onboard)
+    assert [ONE_DIAMETER in text for text in pipeline.undeterminable] == [True] * said
 
 
 def test_strength_is_said_once_it_is_measured() -> None:
     from smallwheel_ros.ros.diagnostics import strength_values
 
-    estimator = TractionEstimator(PRIOR, WHEELS, MASS)
-    said = strength_values(estimator.estimate(), {"balance": "vehicle.mass is not given"})
+    nothing = Pipeline(
+        settings_from({"wheels": ["a"], "a.diameter": 0.25, "a.width": 0.1}).onboard
+    ).strength
+    said = strength_values(nothing, {"balance": "vehicle.mass is not given"})
     assert set(said) == {"strength", "strength measured by", "strength by balance"}
-    drive(estimator, 0.42)
-    said = strength_values(estimator.estimate(), {})
-    assert said["strength measured by"] == "balance"
+    assert said["strength measured by"] == "nothing"
+    measured = StrengthEstimate(
+        sources=frozenset({"torque", "balance"}),
+        status=("cohesion not determined",),
+        remaining={"friction_angle": 0.2},
+        other_resistance=Quantity(0.05, 0.02),
+        steps=7,
+        cohesion=Quantity(800.0, 300.0),
+        friction_angle=Quantity(0.42, 0.02),
+        shear_displacement=Quantity(0.015, 0.004),
+    )
+    said = strength_values(measured, {})
+    assert said["strength measured by"] == "balance, torque"
+    assert said["strength"] == "cohesion not determined"
     assert said["verdict on friction angle"].endswith("of the prior's standard deviation is left")
-    value, deviation = map(float, said["friction angle [rad]"].split(" +- "))
-    assert abs(value - 0.42) < 3.0 * deviation
+    assert said["friction angle [rad]"] == "0.42 +- 0.02"

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""At a border of two soils each wheel's mobility is that of its own soil."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from rows_of_drives import rover_of, rows_of, run
+
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
+from smallwheel_ros.simulate.drive import EPOCH, simulate_drive
+from smallwheel_ros.simulate.ride import DriveSettings
+from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+
+BORDER = 8.0  # m
+
+
+class Crossed(NamedTuple):
+    """Estimates; number of the true soil under each, ln of its sinkage over the true one, and place (m)."""
+
+    made: Estimates
+    soil: Integers
+    error: Array
+    place: Array
+
+    @property
+    def behind(self) -> Flags:
+        """Of wheels that are on the first soil while others are known to be on the second."""
+        return self.made.elsewhere & (self.soil == 0)
+
+
+@pytest.fixture(scope="module", params=[0.25, 6.0])
+def crossed(request: pytest.FixtureRequest) -> Crossed:
+    """A drive from a sand to a soil of so many times its modulus."""
+    ground = {"n": 0.85, "m": 0.35, "friction_angle": 0.54, "cohesion": 600.0}
+    stretches = tuple(
+        Stretch(start, soil_of_pressure(name, pressure=pressure, **ground))
+        for start, name, pressure in ((0.0, "first", 19e3), (BORDER, "then", 19e3 * request.param))
+    )
+    drive = simulate_drive(DriveSettings(seed=5, distance=11.0, stretches=stretches))
+    settings, rows = rover_of(drive), rows_of(drive)
+    _, made = run(settings, rows, range(0, len(rows), 400))
+    assert made is not None
+    truth, time, wheel = drive.truth, (made.stamp - EPOCH) / 1e9, made.wheel
+    row = np.searchsorted(truth.travel.time, time, side="right") - 1
+    each = range(len(drive.rover.wheels))
+    depth = np.stack([np.interp(time, truth.travel.time, truth.sinkage[:, j]) for j in each])
+    ahead = np.array([w.x for w in drive.rover.wheels])[wheel]
+    way = np.interp(time, truth.travel.time, truth.travel.way)
+    error = np.log(made.sinkage / depth[wheel, np.arange(len(made))])
+    return Crossed(made, truth.stretch[row, wheel], error, way + ahead)
+
+
+def test_a_wheel_behind_the_border_has_the_mobility_of_its_own_soil(crossed: Crossed) -> None:
+    behind = crossed.behind & np.isfinite(crossed.error)
+    assert set(crossed.made.wheel[behind].tolist()) == {2, 3}  # the rear ones
+    assert behind.sum() >= 10
+    # The soil's modulus is another one by more than a factor of two.
+    assert abs(np.median(crossed.error[behind])) < 0.05
+    assert np.mean(np.abs(crossed.error[behind]) < 0.15) > 0.8
+
+
+def test_all_wheels_are_on_one_soil_away_from_the_border(crossed: Crossed) -> None:
+    away = ~((crossed.place > BORDER - 1.0) & (crossed.place < BORDER + 1.3))
+    assert set(crossed.soil[away].tolist()) == {0, 1}
+    assert not crossed.made.elsewhere[away].any()
