@@ -13,8 +13,9 @@ from rows_of_drives import SECOND, START, static_rover
 from smallwheel_ros.bags import BagWriter
 from smallwheel_ros.bags.types import typestore
 from smallwheel_ros.pipeline.bag import Decoder
-from smallwheel_ros.pipeline.inputs import JOINTS, ODOM
-from smallwheel_ros.pipeline.replay import replay
+from smallwheel_ros.pipeline.inputs import JOINTS, ODOM, topics_of
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.replay import feed, replay
 from smallwheel_ros.pipeline.tables import Readings
 
 NAMES = [f"{wheel}_joint" for wheel in ("fl", "fr", "rl", "rr")]
@@ -128,3 +129,31 @@ def test_a_bag_is_replayed_the_same_in_blocks_of_any_size(tmp_path: Path) -> Non
     for name in ("stamp", "slip", "path", "load", "speed_std"):
         one, two = (getattr(each, name) for each in found)
         np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("chunk", [2, 11])
+def test_joint_states_of_wheels_and_of_an_arm_are_both_good(chunk: int) -> None:
+    settings = static_rover(imu_topic=None)
+    pipeline = Pipeline(settings.onboard)
+    topics = {topic.name: topic for topic in topics_of(settings)}
+    decoders = {"joint_states": Decoder(typestore(), JOINTS)}
+
+    def give(names: list[str], *numbers: int) -> None:
+        messages = [("joint_states", _raw(_joints(k, names), JOINTS), 0) for k in numbers]
+        feed(pipeline, topics, decoders, messages)
+
+    give(NAMES, 0, 1)
+    for k in range(2, 40, chunk):
+        give(["elbow"], *range(k, k + chunk))
+        give(NAMES, *range(k, k + chunk))
+    assert not pipeline.problems
+    give(["elbow"], 100)
+    feed(pipeline, topics, decoders, [("joint_states", _raw(_halved(101), JOINTS), 0)])
+    assert set(pipeline.problems.values()) == {1}  # fewer values than names
+    assert {reason for _, reason in pipeline.problems} == {"no_value"}
+
+
+def _halved(k: int) -> Any:
+    whole = _joints(k)
+    whole.velocity = whole.velocity[:2]
+    return whole
