@@ -385,6 +385,7 @@ class TestFiles:
                     "digging_in:",
                     "cost:",
                     "mobility:",
+                    "twist:",
                 )
             )
             if default and not empty_optional:
