@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from smallwheel_ros.estimator.reading import Reading, UpdateResult
-from smallwheel_ros.pictures.house import COLOURS, GREY, INK, new_figure, style
+from smallwheel_ros.views.plots import PALETTE, Panel, decorate
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class Innovations:
 
 def innovations_picture(before: Innovations, after: Innovations) -> Figure:
     """Draw both: innovations along the way and over slip, and their correlation."""
-    figure = new_figure(12.0, 6.4)
+    figure = Figure(figsize=(12.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 3, width_ratios=(2.2, 1.0, 1.0))
     for row, one in zip(panels, (before, after), strict=True):
         _along(row[0], one)
@@ -91,39 +91,39 @@ def innovations_picture(before: Innovations, after: Innovations) -> Figure:
 def _along(axes: Axes, one: Innovations) -> None:
     shown = np.clip(one.normalised, -_LIMIT, _LIMIT)
     for taken, colour, label in (
-        (one.accepted, COLOURS[2], "used"),
-        (~one.accepted, COLOURS[0], "taken for outliers"),
+        (one.accepted, PALETTE["with"], "used"),
+        (~one.accepted, PALETTE["w1"], "taken for outliers"),
     ):
         share = f"{label} ({100.0 * np.mean(taken):.1f} %)"
         axes.plot(one.distance[taken], shown[taken], ".", color=colour, markersize=2, label=share)
     if one.alarm is not None:
-        axes.axvline(one.alarm, color=INK, linewidth=1.0)
-        axes.text(one.alarm, 0.93 * _LIMIT, " alarm", fontsize=8, color=INK, va="top")
+        axes.axvline(one.alarm, color=PALETTE["ink"], linewidth=1.0)
+        axes.text(one.alarm, 0.93 * _LIMIT, " alarm", fontsize=8, color=PALETTE["ink"], va="top")
     axes.set_ylim(-_LIMIT, _LIMIT)
-    style(axes, "travel [m]", "innovation [standard deviations]", one.title)
+    decorate(axes, Panel("travel [m]", "innovation [standard deviations]", one.title))
     axes.legend(fontsize=7, loc="lower right", markerscale=4, framealpha=0.9)
 
 
 def _over_slip(axes: Axes, one: Innovations) -> None:
     shown = np.clip(one.normalised, -_LIMIT, _LIMIT)
-    axes.plot(one.slip, shown, ".", color=GREY, markersize=1.5)
+    axes.plot(one.slip, shown, ".", color=PALETTE["base"], markersize=1.5)
     known = np.isfinite(one.slip)
     edges = np.unique(np.quantile(one.slip[known], np.linspace(0, 1, 13))) if known.any() else []
     for low, high in pairwise(edges):
         inside = known & (one.slip >= low) & (one.slip <= high)
         if inside.sum() > 5:
             middle = float(np.median(shown[inside]))
-            axes.plot([low, high], [middle, middle], color=COLOURS[0], linewidth=2.5)
+            axes.plot([low, high], [middle, middle], color=PALETTE["w1"], linewidth=2.5)
     axes.set_ylim(-_LIMIT, _LIMIT)
-    style(axes, "slip", "", "over slip, with medians")
+    decorate(axes, Panel("slip", "", "over slip, with medians"))
 
 
 def _correlation(axes: Axes, one: Innovations) -> None:
     found, chance = one.correlation
     lags = np.arange(1, _LAGS + 1)
     axes.fill_between(lags, -chance, chance, color="#dfe6ee", label="chance, 95 %")
-    axes.plot(lags, found, "o-", color=COLOURS[2], markersize=4, linewidth=1.0)
-    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.plot(lags, found, "o-", color=PALETTE["with"], markersize=4, linewidth=1.0)
+    axes.axhline(0.0, color=PALETTE["base"], linewidth=0.6)
     axes.set_ylim(-0.3, 1.0)
-    style(axes, "measurements later", "", "correlation of one wheel's innovations")
+    decorate(axes, Panel("measurements later", "", "correlation of one wheel's innovations"))
     axes.legend(fontsize=7, loc="upper right")

@@ -591,10 +591,10 @@ def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> N
     text = comparison.text()
     for name in (
         "constant",
-        "log_log_regression",
-        "bekker",
-        "meirion_griffith_spenko",
-        "contact_integral",
+        "log log regression",
+        "Bekker",
+        "Meirion-Griffith & Spenko",
+        "contact integral",
     ):
         assert text.count(name) >= 2
     lines = [line.split() for line in text.splitlines()]

@@ -27,7 +27,7 @@ from smallwheel_ros.onboard.feed import angles_of
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.result import Result
 from smallwheel_ros.replay.replay import replay
-from smallwheel_ros.replay.report import read_courses, replay_page, with_gaps
+from smallwheel_ros.replay.report import page, read_courses, with_gaps
 from smallwheel_ros.replay.spec import ReplaySpec, read_remaps
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
@@ -787,7 +787,7 @@ def test_changes_of_soil_are_told_where_they_are(three_soils, tmp_path):
     assert summary["soil"]["changes"] == len(places) == 2
     # Within the rover's length and some turns of its wheels.
     np.testing.assert_allclose(places, true, atol=2.5)
-    assert "The soil changed twice" in replay_page(found).html()
+    assert "The soil changed twice" in page(found).text()
 
 
 def test_the_measurements_are_a_table_for_the_bench(three_soils):
