@@ -26,6 +26,7 @@ class Display(NamedTuple):
 
 _WORDS = {
     "bekker": "Bekker",
+    "partly_dug_quadratic": "quadratic in slip, soil partly dug away",
     "meirion_griffith_spenko": "Meirion-Griffith & Spenko",
     "wong_reece": "Wong & Reece",
 }

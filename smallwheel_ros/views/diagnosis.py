@@ -117,7 +117,9 @@ def text(found: Diagnosis) -> str:
     more = max(len(notes) - max(left, 1), 0)
     rest = f"{more} more notes, where it fails, every effect tested" if more else (
         "Where it fails, every effect tested")  # fmt: skip
-    return "\n".join([*lines, "", f"{rest}, what this data cannot tell: `--full`, or `--html FILE`."])
+    return "\n".join(
+        [*lines, "", f"{rest}, what this data cannot tell: `--full`, or `--html FILE`."]
+    )
 
 
 def _before_and_after(document: Document) -> list[Block]:

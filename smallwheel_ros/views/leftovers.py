@@ -107,7 +107,10 @@ def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Pan
     measured: SI, shape (rows,). What is predicted beyond the axes is drawn at their edge.
     """
     how = shown_channel(channel)
-    layers, ends = [Layer("band", low=0.0, high=0.0, diagonal=True)], _range(how.scale * measured, 0.15)
+    layers, ends = (
+        [Layer("band", low=0.0, high=0.0, diagonal=True)],
+        _range(how.scale * measured, 0.15),
+    )
     for one in models:
         residual = one.errors.error.get(channel)
         if residual is None:
