@@ -357,7 +357,7 @@ def test_the_whole_report_tells_the_story_in_order(comparison: Comparison) -> No
     text = parsed.text
     assert "1.23" in text  # the floor of the diagnosis, not what repeats differ by
     assert "times the expected error of a true model, 1.23 mm" in text
-    assert "0.456" in text
+    assert "repeats differ by" in text
     assert "could not tell noise from misfit" in text  # of resistance
     assert text.index("The model lacks slip sinkage") < text.index("Bekker")
 
@@ -444,11 +444,11 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_notes_of_one_kind_are_one_line() -> None:
     rest = "is not determined by this data: vary the load"
     tied = "are tied (correlation {}): this data tells a combination of them"
-    notes = [f"sand.n {rest}", "slip_angle never varies", f"slip_sinkage.a {rest}", f"sand.n {rest}",
+    notes = [f"sand.n {rest}", "some rows are out", f"slip_sinkage.a {rest}", f"sand.n {rest}",
              f"a.x and b.y {tied.format(0.99)}", f"a.x and c.z {tied.format(0.98)}"]  # fmt: skip
     assert grouped(notes) == [
         "sand.n and slip_sinkage.a are not determined by this data: vary the load.",
-        "Slip angle never varies.",
+        "Some rows are out.",
         "Tied are a.x and b.y (correlation 0.99); a.x and c.z (correlation 0.98): this data tells a "
         "combination of them.",
     ]

@@ -24,9 +24,7 @@ from smallwheel_ros.views import effects
 def _only_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the effects beside the steps that a page is fitted with: that takes a while."""
     made = effects.models_block
-    monkeypatch.setattr(
-        effects, "models_block", lambda found, every, progress: made(found, False, progress)
-    )
+    monkeypatch.setattr(effects, "models_block", lambda found, **how: made(found))
 
 
 def smallwheel(*arguments: object) -> Result:
