@@ -76,7 +76,7 @@ _SOIL = (
 def page(result: Replayed, pictures: bool = True, folder: Path | None = None) -> Page:
     """All of a replay. folder: where its table is; the spec's where it is not given."""
     summary = result.to_dict(folder)
-    return _page(summary, _drive(summary, folder or result.spec.folder) if pictures else [])
+    return _page(summary, drive_blocks(summary, folder or result.spec.folder) if pictures else [])
 
 
 def save_page(result: Replayed, folder: Path) -> None:
@@ -220,7 +220,7 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _drive(summary: dict[str, Any], folder: Path) -> list[Block]:
+def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
     """The way as a map, wheels and soil over time."""
     counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
     every = max(1, math.ceil(max(counts) / _MOST_POINTS))
