@@ -65,6 +65,7 @@ _CAVEATS = (
     "A smaller error does not prove the physics: parameters that were fitted to the data can absorb an "
     "effect that the model lacks. `smallwheel diagnose` looks for such an effect.",
 )
+_NO_FLOOR = "the diagnosis could not tell noise from misfit: repeat runs"
 _NO_RUNS = (
     "The table names no runs. If rows belong together (one filling of the bin, one drive), the held-out "
     "errors are too small: name them in the column 'run'."
@@ -348,10 +349,15 @@ def with_floors(found: Comparison, diagnosed: Mapping[str, Any]) -> Comparison:
     """The comparison with the errors that a diagnosis of the same data expects of a true model."""
     from dataclasses import replace
 
-    noise = {
-        name: replace(floor, value=channel.get("noise_floor"),
-                      source=channel.get("noise_floor_source"))
-        for name, floor in found.noise.items()
-        if (channel := diagnosed["channels"].get(name, {})) is not None
-    }  # fmt: skip
+    noise = {}
+    for name, floor in found.noise.items():
+        channel = diagnosed["channels"].get(name, {})
+        value, repeats = channel.get("noise_floor"), channel.get("repeatability")
+        noise[name] = replace(
+            floor,
+            value=value,
+            source=channel.get("noise_floor_source"),
+            reason=_NO_FLOOR if value is None else "",
+            repeatability=floor.repeatability if repeats is None else repeats,
+        )
     return replace(found, noise=noise)
