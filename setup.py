@@ -25,12 +25,12 @@ setup(
     packages=[
         *find_packages(include=["smallwheel_ros", "smallwheel_ros.*"]),
         "smallwheel_ros.definitions",
-        "smallwheel_ros.report.web",  # script and look of pages, uPlot with its licence
+        "smallwheel_ros.views.web",  # script and look of pages
     ],
     package_dir={"smallwheel_ros.definitions": "msg"},
     package_data={
         "": ["*.yaml", "*.json", "*.csv", "*.html", "*.css", "*.js", "py.typed"],
         "smallwheel_ros.definitions": ["*.msg"],
-        "smallwheel_ros.report.web": ["*"],
+        "smallwheel_ros.views.web": ["*"],
     },
 )

@@ -12,7 +12,7 @@ import shutil
 from pathlib import Path
 
 # What a user of the library does not import: the program's own commands, its pages and its node.
-LEFT_OUT = {"commands", "demo", "explore", "report", "pictures", "ros", "msg"}
+LEFT_OUT = {"commands", "demo", "views", "ros", "msg"}
 # Of the modules that are in no package, those that one does import.
 ALONE = {"api"}
 

@@ -23,7 +23,6 @@ COMMANDS = {
     "fit": ("commands.bench:fit", "Calibrate soil and effects on measurements, write a model file."),
     "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
     "report": ("commands.bench:report", "The whole story of a table in one HTML page."),
-    "explore": ("commands.bench:explore", "Set and unset effects in a page, see the error at once."),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "benchmark": ("commands.bench:benchmark", "A table of laws on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),

@@ -28,7 +28,7 @@ class BenchmarkError(SmallwheelError):
 
 
 @dataclass(frozen=True, repr=False)
-class Benchmark(Result):
+class Benchmark(Result, shown="views.benchmark"):
     """What the laws leave on each set of rows. left_out: files that were not used, with the reason."""
 
     folder: Path

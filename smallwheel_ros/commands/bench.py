@@ -3,18 +3,12 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-import threading
-import webbrowser
 from pathlib import Path
 from typing import Any
 
 import click
 
 from smallwheel_ros import api
-from smallwheel_ros.arguments import registry_of
 from smallwheel_ros.commands.from_signature import PATH, BenchError, command
 from smallwheel_ros.commands.inputs import (
     HTML,
@@ -57,13 +51,14 @@ def compare(
     given["data"] = read_table(given["data"], how)
     with progress_bar("fitting", unit="fit") as progress:
         result = api.compare(**given, progress=progress)
-    finish(result, json_file, [], html, plots, "pictures.comparison:all_figures")
+    finish(result, json_file, [], html, plots)
 
 
 @command(api.diagnose)
 @JSON
 @HTML
 @PLOTS
+@click.option("--full", is_flag=True, help="Print all that the page has, not the answer alone.")
 @click.option("--apply", is_flag=True, help="Add what the verdict names; needs -o.")
 @click.option("-o", "--output", type=PATH, help="With --apply: model file to write.")
 def diagnose(
@@ -72,6 +67,7 @@ def diagnose(
     json_file: str | None,
     html: Path | None,
     plots: Path | None,
+    full: bool,
     apply: bool,
     output: Path | None,
 ) -> None:
@@ -90,7 +86,12 @@ def diagnose(
             click.echo(f"nothing was named, so nothing was added{gone}", err=True)
         if result.steps:
             written.append(result.model.save(output))
-    finish(result, json_file, written, html, plots, "pictures.diagnosis:figures")
+    text = None
+    if full:
+        from smallwheel_ros.views.diagnosis import page
+
+        text = page(result, pictures=False).text()
+    finish(result, json_file, written, html, plots, text)
 
 
 @command(
@@ -125,7 +126,7 @@ def learn(
         written.append(result.save(output))
     elif output is not None:
         click.echo(f"no law was drafted: {output} was not written", err=True)
-    finish(result, json_file, written, html, plots, "pictures.fit:learnt_figures")
+    finish(result, json_file, written, html, plots)
 
 
 @command(
@@ -148,75 +149,29 @@ def add(given: Given, how: How, output: Path, json_file: str | None) -> None:
 @command(api.diagnose, "data", "model", "effects")
 @click.option("-o", "--output", required=True, type=PATH, metavar="FILE",
               help="HTML file to write.")  # fmt: skip
-@click.option("--pairs/--no-pairs", default=True, show_default=True,
-              help="Whether pairs of effects can be set in the page: they take most of the time, with "
-              "many runs long.")  # fmt: skip
 @JSON
-def report(given: Given, how: How, output: Path, pairs: bool, json_file: str | None) -> None:
+def report(given: Given, how: How, output: Path, json_file: str | None) -> None:
     """Write one self-contained HTML page on the measurements in DATA.
 
     Effects to set and unset, the data, models side by side, where the model fails, which effect is
     missing, the held-out error step by step, what this data cannot tell, what to measure next.
     """
-    from smallwheel_ros.explore.data import explored_page
-    from smallwheel_ros.explore.session import ExploreError, Session
+    from smallwheel_ros.views.effects import models_block
+    from smallwheel_ros.views.page import write_page
+    from smallwheel_ros.views.report import page
 
     check_outputs(given, [output, json_file])
     given["data"] = read_table(given["data"], how)
-    model, own = given["model"], given["effects"]
-    models = [] if model is None else [model]
+    models = [] if given["model"] is None else [given["model"]]
     with progress_bar("fitting", unit="fit") as progress:
-        comparison = api.compare(given["data"], models, effects=own, progress=progress)
+        comparison = api.compare(given["data"], models, effects=given["effects"], progress=progress)
     with progress_bar("diagnosing", _STEPS) as progress:
         diagnosis = api.diagnose(**given, progress=progress)
-    try:
-        session = Session(diagnosis, registry_of(own))
-    except ExploreError:
-        session = None  # all is of one run: there are no effects to set and unset
     with progress_bar("fitting", unit="fit") as progress:
-        page = explored_page(diagnosis, session, comparison, progress, pairs)
-    page.save(output)
+        choices = models_block(diagnosis, every=True, progress=progress)
+    write_page(page(diagnosis, comparison, choices), output)
     found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
     tell({"schema": 1, **found}, f"written: {output}", json_file)
-
-
-@command(api.diagnose, "data", "model", "effects", "without")
-@click.option("--port", type=click.IntRange(0, 65535), default=0,
-              help="Port of the page; any that is free if not given.")  # fmt: skip
-@click.option("--no-browser", is_flag=True, help="Only print the address.")
-def explore(given: Given, how: How, port: int, no_browser: bool) -> None:
-    """Open a page on the measurements in DATA, for this machine only; Ctrl-C ends it.
-
-    The data is diagnosed once. Then set and unset effects: the page shows the model's parameters, its
-    held-out error beside that of a true model, and what is left over a setting. Each effect and each pair
-    is fitted while you look, any other choice when you make it.
-    """
-    from smallwheel_ros.explore import ExploreServer, Session
-
-    given["data"] = read_table(given["data"], how)
-    start = api.start_of(**given)
-    with progress_bar("diagnosing", _STEPS) as progress:
-        session = Session.of(*start, progress)
-    for names in session.steps():
-        session.view(names)
-    with ExploreServer(session, port) as server:
-        # A shell starts what runs in the background deaf to Ctrl-C.
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        try:
-            click.echo(server.url)
-            click.echo("Ctrl-C ends it.", err=True)
-            threading.Thread(target=server.fit_beforehand, daemon=True).start()
-            if not no_browser and _has_screen():
-                threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
-            server.serve_forever()
-        except KeyboardInterrupt:
-            click.echo("ended", err=True)
-
-
-def _has_screen() -> bool:
-    """Without a screen a browser in the terminal would be opened: not what is wanted."""
-    graphic = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-    return graphic or not sys.platform.startswith("linux")
 
 
 @click.command()
@@ -245,7 +200,7 @@ def benchmark(
 
     from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
     from smallwheel_ros.benchmark.table import LawTable
-    from smallwheel_ros.report.benchmark import ending, table_text
+    from smallwheel_ros.views.benchmark import ending, table_text
 
     def done(table: LawTable) -> None:
         if json_file != "-":

@@ -16,7 +16,6 @@ from smallwheel_ros.commands.from_signature import PATH, BenchError, understand
 from smallwheel_ros.common.console import show
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.files import check_folder_target, check_targets
-from smallwheel_ros.common.views import function
 from smallwheel_ros.measurements.columns import unit_of
 
 # `--help` of a command needs none of what the command computes with.
@@ -121,17 +120,15 @@ def finish(
     written: Sequence[Path],
     html: Path | None,
     plots: Path | None,
-    figures: str,
+    text: str | None = None,
 ) -> None:
     """Write report and pictures where they are asked for, then show the result.
 
-    written: files that are there already. figures: module and function that draw the result.
+    written: files that are there already. text: what is printed; the result's own if not given.
     """
     written = list(written)
     if html is not None:
         written.append(result.save(html))
     if plots is not None:
-        from smallwheel_ros.pictures.house import write_figures
-
-        written += write_figures(function(figures)(result), plots)
-    show(result, json_file, written)
+        written += result.write_pictures(plots)
+    show(result, json_file, written, text)

@@ -12,7 +12,7 @@ from smallwheel_ros import api
 from smallwheel_ros.commands.from_signature import PATH, command, option_of
 from smallwheel_ros.commands.inputs import check_outputs
 from smallwheel_ros.common.console import JSON, show, tell
-from smallwheel_ros.common.files import check_folder_target, check_targets
+from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.physics.soil import SOILS
 
 # `--help` of a command needs none of what the command computes and draws with.
@@ -57,9 +57,10 @@ def predict(
         given |= {"model": model, "soil": None}
     table = api.predict(**given)
     if plot is not None:
-        from smallwheel_ros.pictures.physics import plot_prediction
+        from smallwheel_ros.views.plots import write_picture
+        from smallwheel_ros.views.prediction import panels
 
-        plot_prediction(table, plot)
+        write_picture(panels(table), plot)
     show(table, json_file, [] if plot is None else [plot])
 
 
@@ -67,27 +68,18 @@ def predict(
 @click.argument("effect", required=False)
 @option_of(api.predict, "effects", metavar=None)
 @JSON
-@click.option("--plot", type=PATH, help="Draw the effect into this file.")
-def effects(
-    effect: str | None, effects: Path | None, json_file: str | None, plot: Path | None
-) -> None:
+def effects(effect: str | None, effects: Path | None, json_file: str | None) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""
     from smallwheel_ros.common.tables import text_table
     from smallwheel_ros.effects.registry import default_registry, families, load_effects
 
-    check_targets([plot, json_file], [effects])
-    if effect is None and plot is not None:
-        raise click.UsageError("--plot needs the name of one effect")
+    check_targets([json_file], [effects])
     user = load_effects(effects) if effects else None
     shown = (
         families(user)
         if effect is None
         else {effect: default_registry().with_families(user or {}).family(effect)}
     )
-    if plot is not None:
-        from smallwheel_ros.pictures.physics import plot_effect
-
-        plot_effect(shown[str(effect)], plot)
     if effect is None:
         rows = [[i, ", ".join(f[0].needs) or "-", f[0].summary] for i, f in shown.items()]
         rows.append(["covariate:NAME", "NAME", "The modulus follows any recorded column."])
@@ -96,7 +88,7 @@ def effects(
         text = _explained(shown[effect])
     listing = {id: [_described(form) for form in family] for id, family in shown.items()}
     document = {"schema": 1, "effects": listing}
-    tell(document, text, json_file, [] if plot is None else [plot])
+    tell(document, text, json_file)
 
 
 _FORM = ("form", "kind", "summary", "formula", "source", "needs", "drivers", "channels", "stage",
@@ -125,9 +117,6 @@ def _described(form: type[Effect]) -> dict[str, object]:
 
 
 def _explained(family: tuple[type[Effect], ...]) -> str:
-    from smallwheel_ros.common.tables import sparkline
-    from smallwheel_ros.pictures.effect_curves import effect_curves
-
     first = family[0]
     needed = ", ".join(first.needs) or "nothing beyond load, diameter and width"
     lines = [
@@ -154,32 +143,17 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
             lines.append(
                 f"    {c.name} = {c.start:g} [{c.unit}]: {c.description}; given, not fitted"
             )
-    drawn = effect_curves(family)
-    lines += ["", f"  {drawn.channel.replace('_', ' ')} over {drawn.axis}, {drawn.setting}"]
-    curves = {"without it": drawn.without, **drawn.forms}
-    width = max(map(len, curves))
-    top = max(float(max(y)) for y in curves.values())
-    for name, y in curves.items():
-        ends = f"{y[0]:.3g} to {y[-1]:.3g} {drawn.unit}"
-        lines.append(f"    {name.ljust(width)}  {sparkline(y, top)}  {ends}")
     return "\n".join(lines)
 
 
 @click.command()
 @JSON
-@click.option("--plots", type=PATH, help="Folder to draw figures into.")
-def paper(json_file: str | None, plots: Path | None) -> None:
+def paper(json_file: str | None) -> None:
     """Compute the numbers that the paper prints, and say which of them reproduce."""
     from smallwheel_ros.physics.paper import paper_lines
 
     check_targets([json_file])
-    check_folder_target(plots)
     lines = paper_lines()
-    drawn = []
-    if plots is not None:
-        from smallwheel_ros.pictures.physics import plot_paper
-
-        drawn = plot_paper(plots)
     marks = {"reproduced": "=", "not reproduced": "x"}
     said = [
         f"{marks.get(line.status, '~')} {line.quantity}: printed {line.printed:g} {line.unit}, "
@@ -191,4 +165,4 @@ def paper(json_file: str | None, plots: Path | None) -> None:
     }
     said += ["", ", ".join(f"{n} {s}" for s, n in counts.items())]
     document = {"schema": 1, "lines": [vars(line) for line in lines]}
-    tell(document, "\n".join(said), json_file, drawn)
+    tell(document, "\n".join(said), json_file)

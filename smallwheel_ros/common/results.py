@@ -2,21 +2,27 @@
 """What all results have in common: words for people, plain values and tables for programs, files.
 
 A result is what a function of `smallwheel_ros` returns and what the command of that name prints:
-`print(result)` is the command's text, `to_dict()` its JSON.
+`print(result)` is the command's text, `to_dict()` its JSON. How it looks is defined in the module that
+it names (`shown`), which has some of these functions:
+
+    page(result, pictures=True) -> Page    text, HTML and pictures
+    document(result) -> dict               its JSON, where it has not got it at hand
+    rows(result) -> list of mappings       its table, likewise
+    draw(axes, result, ...)                one plot of it
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from importlib import import_module
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.files import check_target, json_text, write_bytes, write_whole
 from smallwheel_ros.common.tables import plain, write_rows
-from smallwheel_ros.common.views import function, has_view, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,6 +31,7 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 Writer = Callable[[Path], object]
 PICTURES = (".png", ".svg", ".pdf")
+_MOST_ROWS = 20  # of a table in a notebook
 
 
 class ResultError(SmallwheelError):
@@ -32,7 +39,22 @@ class ResultError(SmallwheelError):
 
 
 class Result:
-    """Base of every result. `headline`, `text`, `to_dict` and `rows` are what it states, or its views."""
+    """Base of every result; `shown` names the module that shows it, without the package's name."""
+
+    _module: ClassVar[str] = ""
+
+    def __init_subclass__(cls, shown: str = "", **how: Any) -> None:
+        """Note what shows results of this class."""
+        super().__init_subclass__(**how)
+        if shown:
+            cls._module = f"smallwheel_ros.{shown}"
+
+    def _view(self, name: str) -> Callable[..., Any] | None:
+        """What shows it in that way, imported now: a result does not bring what draws it."""
+        found: Callable[..., Any] | None = None
+        if self._module:
+            found = getattr(import_module(self._module), name, None)
+        return found
 
     def headline(self) -> str:
         """The result in half a line."""
@@ -40,23 +62,31 @@ class Result:
 
     def text(self) -> str:
         """The result as the command prints it."""
-        if has_view("text", self):
-            return str(view_of("text", self)(self))
-        return str(view_of("page", self)(self).text())
+        told, page = self._view("text"), self._view("page")
+        if told is None and page is None:
+            raise NotImplementedError(f"a {type(self).__name__} has no text")
+        return str(told(self) if told else page(self, pictures=False).text())  # type: ignore[misc]
 
     def to_dict(self) -> dict[str, Any]:
         """The result as the command's JSON: plain values, SI units."""
-        return dict(plain(view_of("document", self)(self)))
+        document = self._view("document")
+        if document is None:
+            raise NotImplementedError(f"a {type(self).__name__} has no document")
+        return dict(plain(document(self)))
 
     def rows(self) -> Sequence[Row]:
         """The result as a table: one mapping for each row, all of the same keys, SI units."""
-        found: Sequence[Row] = view_of("rows", self)(self)
+        rows = self._view("rows")
+        if rows is None:
+            raise NotImplementedError(f"a {type(self).__name__} has no rows")
+        found: Sequence[Row] = rows(self)
         return found
 
     def _drawn(self, axes: Axes | None, *how: Any) -> Axes:
         """Draw the result on these axes, or on those of a new figure. how: what the view takes."""
-        made = axes_or_new(axes)
-        view_of("plot", self)(made, self, *how)
+        made, draw = axes_or_new(axes), self._view("draw")
+        assert draw is not None, f"a {type(self).__name__} is not drawn"
+        draw(made, self, *how)
         return made
 
     def __repr__(self) -> str:
@@ -66,9 +96,18 @@ class Result:
         return self.text()
 
     def _repr_html_(self) -> str:
-        """The headline and the table, for a notebook."""
-        rows_html = function("report.blocks:rows_html")
-        return f"<p>{escape(self.headline())}</p>\n{rows_html(self.rows())}"
+        """The headline and the first rows of the table, for a notebook."""
+        rows = self.rows()
+        head = "".join(f"<th>{escape(name)}</th>" for name in rows[0]) if rows else ""
+        body = "".join(
+            f"<tr>{''.join(f'<td>{escape(_cell(v))}</td>' for v in row.values())}</tr>"
+            for row in rows[:_MOST_ROWS]
+        )
+        more = len(rows) - _MOST_ROWS
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return f"<p>{escape(self.headline())}</p>\n{table}" + (
+            f"<p>and {more} more rows</p>" if more > 0 else ""
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a DataFrame of pandas. Raises ImportError where pandas is not installed."""
@@ -83,7 +122,10 @@ class Result:
         where it cannot be written.
         """
         target = check_target(Path(path))
-        known = {".json": self._write_json, ".csv": self._write_csv} | self._writers()
+        known = {
+            ".json": lambda path: write_bytes(path, json_text(self.to_dict()).encode()),
+            ".csv": lambda path: write_rows(path, self.rows()),
+        } | self._writers()
         if target.suffix not in known:
             raise ResultError(
                 f"{target}: a {type(self).__name__} cannot be saved as '{target.suffix}': "
@@ -95,32 +137,24 @@ class Result:
     def _writers(self) -> dict[str, Writer]:
         """Further kinds of files, by suffix."""
         found: dict[str, Writer] = {}
-        if has_view("plot", self):
-            found |= picture_writers(self.plot)  # type: ignore[attr-defined]  # a kind that is drawn
-        if has_view("page", self):
-            found[".html"] = lambda path: view_of("page", self)(self).save(path)
-        if has_view("model", self):
-            found |= dict.fromkeys(
-                (".yaml", ".yml"), lambda path: view_of("model", self)(path, self)
+        page = self._view("page")
+        if self._view("draw") is not None:
+            plot: Callable[[Axes], object] = self.plot  # type: ignore[attr-defined]  # a kind that is drawn
+            found |= dict.fromkeys(PICTURES, lambda path: write_plot(plot, path))
+        if page is not None:
+            found[".html"] = lambda path: import_module("smallwheel_ros.views.page").write_page(
+                page(self), path
             )
         return found
 
-    def _write_json(self, path: Path) -> None:
-        write_bytes(path, json_text(self.to_dict()).encode())
-
-    def _write_csv(self, path: Path) -> None:
-        write_rows(path, self.rows())
-
-
-def pandas() -> Any:
-    """The module pandas, imported now. Raises ImportError that says what to do without it."""
-    try:
-        import pandas as module
-    except ImportError as error:
-        raise ImportError(
-            "to_frame() needs pandas: pip install pandas; to_dict() gives the same without it"
-        ) from error
-    return module
+    def write_pictures(self, folder: Path) -> list[Path]:
+        """Write every figure of the result's page as PNG into a folder."""
+        page = self._view("page")
+        assert page is not None, f"a {type(self).__name__} has no page"
+        written: list[Path] = import_module("smallwheel_ros.views.page").write_pictures(
+            page(self), folder
+        )
+        return written
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -132,15 +166,25 @@ def axes_or_new(axes: Axes | None) -> Axes:
     return pyplot.subplots(layout="constrained")[1]
 
 
-def picture_writers(plot: Callable[[Axes], object]) -> dict[str, Writer]:
-    """Writers of a plot by suffix. plot: draws on axes."""
+def write_plot(plot: Callable[[Axes], object], path: Path) -> None:
+    """Write a plot as a picture; the suffix picks the format."""
+    from matplotlib.figure import Figure
 
-    def write(path: Path) -> None:
-        from matplotlib.figure import Figure
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    plot(figure.subplots())
+    write_whole(path, lambda draft: figure.savefig(draft, dpi=150, format=path.suffix[1:]))
 
-        figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-        plot(figure.subplots())
-        kind = path.suffix.removeprefix(".")
-        write_whole(path, lambda draft: figure.savefig(draft, dpi=150, format=kind))
 
-    return dict.fromkeys(PICTURES, write)
+def _cell(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+def pandas() -> Any:
+    """The module pandas, imported now. Raises ImportError that says what to do without it."""
+    try:
+        import pandas as module
+    except ImportError as error:
+        raise ImportError(
+            "to_frame() needs pandas: pip install pandas; to_dict() gives the same without it"
+        ) from error
+    return module

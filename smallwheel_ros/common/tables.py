@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.common.files import json_text, write_bytes
 
@@ -41,19 +39,6 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return cell in ("", "-")
     return True
-
-
-_BARS = "▁▂▃▄▅▆▇█"
-
-
-def sparkline(values: Sequence[float] | NDArray[np.float64], top: float, width: int = 24) -> str:
-    """Values as bars of one line, from 0 to `top`; what is not positive or finite is a blank."""
-    at = np.linspace(0, len(values) - 1, min(width, len(values))).round().astype(int)
-    shares = np.asarray(values, dtype=float)[at] / top
-    return "".join(
-        _BARS[min(int(share * len(_BARS)), len(_BARS) - 1)] if share > 0 else " "
-        for share in shares
-    )
 
 
 def each(value: Any, single: Callable[[Any], Any]) -> Any:

@@ -98,7 +98,7 @@ class ModelResult:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Result):
+class Comparison(Result, shown="views.comparison"):
     """Models against the same measurements.
 
     noise: by channel. folds: how many parts the runs were dealt into for the held-out error, 0 where

@@ -8,10 +8,11 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid
-from smallwheel_ros.pictures.house import COLOURS, key, new_figure, style
+from smallwheel_ros.views.plots import PALETTE, Panel, decorate
 
 _STEPS = 10  # of cost to a colour
 _UNKNOWN = "#e8e8e8"
@@ -55,7 +56,7 @@ def draw_cost(
     along = _span(rows, y0, grid.resolution) if rows.size else extent[2:]
     # As high as the ground is wide against its length, within what can be read.
     height = 7.5 * (along[1] - along[0]) / (across[1] - across[0]) + 1.2
-    figure = new_figure(9.0, min(max(height, 3.0), 9.0))
+    figure = Figure(figsize=(9.0, min(max(height, 3.0), 9.0)), layout="constrained")
     axes = figure.subplots()
     image = axes.imshow(
         grid.cells,
@@ -65,7 +66,7 @@ def draw_cost(
         norm=BoundaryNorm(bounds, colours.N),
         interpolation="nearest",
     )
-    lines = [(way, "robot's path", COLOURS[0]), (planned, "planned path", COLOURS[1])]
+    lines = [(way, "robot's path", PALETTE["w1"]), (planned, "planned path", PALETTE["w4"])]
     for line, words, colour in lines:
         if line is not None:
             places = np.asarray(line, dtype=np.float64)
@@ -77,9 +78,11 @@ def draw_cost(
     bar.set_label("cost", fontsize=9)
     bar.set_ticks([UNKNOWN, 4.5, 44.5, 84.5, HIGHEST], labels=_LABELS)
     bar.ax.tick_params(labelsize=8, width=0.6)
-    style(axes, f"x in {grid.frame} [m]", "y [m]", title)
+    decorate(axes, Panel(f"x in {grid.frame} [m]", "y [m]", title))
     if axes.get_lines():
-        key(axes)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=7.5, frameon=False
+        )
     axes.grid(visible=False)
     axes.set_aspect("equal")
     figure.savefig(Path(path), dpi=120)

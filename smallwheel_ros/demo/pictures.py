@@ -10,26 +10,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.pictures.house import (
-    COLOURS,
-    GREY,
-    INK,
-    band,
-    key,
-    new_figure,
-    style,
-    wheel_colours,
-)
 from smallwheel_ros.pipeline.answers import Status
+from smallwheel_ros.views.plots import CYCLE, PALETTE, Panel, decorate
 
 if TYPE_CHECKING:
     from smallwheel_ros.ros.play import Recording
 
 Array = NDArray[np.float64]
 
-_WARNED, _LAW = COLOURS[1], COLOURS[2]
+GREY, INK = PALETTE["base"], PALETTE["ink"]
+_WARNED, _LAW = PALETTE["w4"], PALETTE["with"]
 _GROUND = ("#f6efe2", "#e9eef2", "#efe9ef")
 _BAND = 1.96  # standard deviations: 95 %
 _TIME = "time [s]"
@@ -54,7 +47,7 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
     truth: answer of the simulated drive. warned: times (s) at which the node warned of something.
     """
     wheels = sorted(truth["wheels"])
-    figure = new_figure(13.0, 16.0)
+    figure = Figure(figsize=(13.0, 16.0), layout="constrained")
     places: list[Any] = [
         *_two_in_a_row("sinkage", wheels),
         ["k", "k", "n", "n", "m", "m"],
@@ -62,7 +55,8 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
         ["slip"] * 3 + ["margin"] * 3,
     ]
     panels = figure.subplot_mosaic(places)
-    for wheel, colour in wheel_colours(wheels).items():
+    for i, wheel in enumerate(wheels):
+        colour = PALETTE[CYCLE[i % len(CYCLE)]]
         rows = clip.mobility[clip.mobility["wheel"] == wheel]
         sinkage, pull = panels[f"{wheel}: sinkage"], panels[f"{wheel}: drawbar pull"]
         _draw_sinkage(sinkage, rows, truth["wheels"][wheel], colour)
@@ -76,10 +70,10 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
     true = np.where(np.array(rover["speed"]) > 1e-3, rover["slip"], np.nan)
     _dashed(panels["slip"], rover["time"], true)
     panels["slip"].set_ylim(-0.3, 1.05)
-    style(panels["slip"], _TIME, "slip", "slip")
+    _style(panels["slip"], _TIME, "slip", "slip")
     _draw_margin(panels["margin"], clip.mobility)
     _dashed(panels["margin"], rover["time"], np.degrees(rover["climb"]), "true slope here")
-    style(panels["margin"], _TIME, "slope [deg]", "slope that holds")
+    _style(panels["margin"], _TIME, "slope [deg]", "slope that holds")
     for axes in (panels["slip"], panels["margin"]):
         for i, time in enumerate(warned):
             label = None if i else "the node warns"
@@ -88,7 +82,7 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
     for axes in panels.values():
         axes.set_xlim(0.0, end)
         _draw_ground(axes, truth, end)
-        key(axes)
+        _key(axes)
     figure.suptitle(
         "Played over DDS into the node mobility_estimator: what it was told, what it believes; "
         "soil: p = k zⁿ Dᵐ\n"
@@ -106,12 +100,31 @@ def _two_in_a_row(what: str, wheels: list[str]) -> list[list[str]]:
     return [places[:6], places[6:]]
 
 
+def _style(axes: Axes, x: str, y: str, title: str) -> None:
+    decorate(axes, Panel(x, y, title))
+
+
+def _key(axes: Axes) -> None:
+    """The key in the line of the title, on the right: nothing is under it."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=8, fontsize=7.5, frameon=False,
+                borderpad=0.0, borderaxespad=0.3, columnspacing=1.1, handlelength=1.4,
+                handletextpad=0.5)  # fmt: skip
+
+
+def _band(
+    axes: Axes, x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike, label: str, colour: str
+) -> None:
+    """A curve and its band of 95 %."""
+    axes.plot(x, y, color=colour, linewidth=1.2, label=label)
+    axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0, label="its 95 % band")
+
+
 def _curve(
     axes: Axes, rows: pd.DataFrame, name: str, colour: str, label: str, scale: float = 1.0
 ) -> None:
     """A quantity of a table, with its band."""
     middle, half = scale * rows[name], _BAND * scale * rows[f"{name}_standard_deviation"]
-    band(axes, rows["time"], middle, middle - half, middle + half, label, colour)
+    _band(axes, rows["time"], middle, middle - half, middle + half, label, colour)
 
 
 def _dashed(axes: Axes, time: ArrayLike, true: ArrayLike, label: str = "true") -> None:
@@ -131,7 +144,7 @@ def _draw_sinkage(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colou
     known = pd.concat([measured, 1e3 * rows["sinkage_predicted"]]).dropna()
     if known.size:
         axes.set_ylim(1.15 * np.percentile(known, 99.8), 0.0)  # positive down, as in the soil
-    style(axes, _TIME, "sinkage [mm]", f"{rows['wheel'].iloc[0]}: sinkage")
+    _style(axes, _TIME, "sinkage [mm]", f"{rows['wheel'].iloc[0]}: sinkage")
 
 
 def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: str) -> None:
@@ -144,7 +157,7 @@ def _draw_pull(axes: Axes, rows: pd.DataFrame, true: Mapping[str, Any], colour: 
         low, high = np.percentile(known, [0.5, 99.5])
         edge = 0.35 * (high - low) + 1.0
         axes.set_ylim(low - edge, high + edge)
-    style(axes, _TIME, "drawbar pull [N]", f"{rows['wheel'].iloc[0]}: drawbar pull")
+    _style(axes, _TIME, "drawbar pull [N]", f"{rows['wheel'].iloc[0]}: drawbar pull")
 
 
 def _draw_margin(axes: Axes, mobility: pd.DataFrame) -> None:
@@ -156,7 +169,7 @@ def _draw_margin(axes: Axes, mobility: pd.DataFrame) -> None:
     means = sums.div(known["load"].groupby(instants).sum(), axis=0)
     margin, half = means[names[0]], _BAND * means[names[1]]
     middle, low, high = (np.degrees(np.arctan(m)) for m in (margin, margin - half, margin + half))
-    band(axes, means.index, middle, low, high, "slope held", _LAW)
+    _band(axes, means.index, middle, low, high, "slope held", _LAW)
 
 
 def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[str, Any]) -> None:
@@ -165,7 +178,7 @@ def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[st
     if name == "k":
         # k is closer to log-normal: a band in its logarithm never reaches below zero.
         factor = np.exp(_BAND * soil["k_standard_deviation"] / value)
-        band(axes, soil["time"], value, value / factor, value * factor, "k", _LAW)
+        _band(axes, soil["time"], value, value / factor, value * factor, "k", _LAW)
         axes.set_yscale("log")
         low, high = np.percentile(value, [1, 99])
         axes.set_ylim(low / 6, high * 6)
@@ -174,7 +187,7 @@ def _draw_parameter(axes: Axes, name: str, soil: pd.DataFrame, truth: Mapping[st
         axes.set_ylim(value.median() - 0.9, value.median() + 0.9)
     time, index = _stretch_of_time(truth)
     _dashed(axes, time, np.array([stretch[name] for stretch in truth["stretches"]])[index])
-    style(axes, _TIME, f"{name}{_UNITS[name]}", f"{name} of the soil")
+    _style(axes, _TIME, f"{name}{_UNITS[name]}", f"{name} of the soil")
 
 
 def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]:

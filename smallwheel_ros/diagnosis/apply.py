@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Added(Result):
+class Added(Result, shown="views.added"):
     """An effect that was added to a model. before, after: held-out errors; change: between them.
 
     recommended: the diagnosis of the same data names the effect, and no channel is predicted worse.

@@ -37,7 +37,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Result):
+class Diagnosis(Result, shown="views.diagnosis"):
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
     evidence, search and decision are None, and steps empty, where the data is insufficient.

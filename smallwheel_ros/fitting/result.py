@@ -62,7 +62,7 @@ _REMEDIES = {
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult(WithParameters, Result):
+class FitResult(WithParameters, Result, shown="views.fit"):
     """A fitted model. `fit["n"]`, `fit.k`: one number with its deviation.
 
     bare: without its uncertainty, which `model` has. measurements: what it was fitted to.

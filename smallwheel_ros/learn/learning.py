@@ -43,7 +43,7 @@ class LearnError(SmallwheelError):
 
 
 @dataclass(frozen=True, repr=False)
-class Learnt(Result):
+class Learnt(Result, shown="views.learnt"):
     """What was learnt. document: as the JSON. source: the file of the laws, None without any.
 
     sought: each search, the last one without a law where fewer than asked for were found.

@@ -24,7 +24,12 @@ class Display(NamedTuple):
     unit: str
 
 
-_WORDS = {"drawbar_pull": "drawbar pull", "pass_number": "pass number"}
+_WORDS = {
+    "bekker": "Bekker",
+    "partly_dug_quadratic": "quadratic in slip, soil partly dug away",
+    "meirion_griffith_spenko": "Meirion-Griffith & Spenko",
+    "wong_reece": "Wong & Reece",
+}
 _SLOW = 0.2  # m/s, below which millimetres are said
 # Said once by what prints k, n or m.
 LAW = (

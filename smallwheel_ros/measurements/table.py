@@ -29,7 +29,7 @@ Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 
 @dataclass(frozen=True, repr=False)
-class Measurements(Result):
+class Measurements(Result, shown="views.measured"):
     """What was measured, one row per steady measurement of one wheel.
 
     SI units; arrays of shape (rows,).

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.results import Result
-from smallwheel_ros.common.views import READ_MODEL, function
+from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
 from smallwheel_ros.model.stages import Loaded, Stages, guarded
@@ -108,7 +107,9 @@ class Model(Result):
         effects: those of your own that the file names (`smallwheel_ros.effects.load`). Raises
         ModelFileError naming file, key, what was found and what was expected.
         """
-        return cast(CalibratedModel, function(READ_MODEL)(Path(path), effects))
+        from smallwheel_ros.model.model_file import read_model
+
+        return read_model(Path(path), effects)
 
     from_file = load
 
@@ -118,6 +119,29 @@ class Model(Result):
         effects = " and ".join(effect.id.replace("_", " ") for effect in self.effects)
         rule = self.geometry.replace("_", " ")
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
+
+    def text(self) -> str:
+        """The model file."""
+        from smallwheel_ros.model.model_file import model_text
+
+        return model_text(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model file as plain values."""
+        from smallwheel_ros.model.model_file import model_document
+
+        return model_document(self)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The numbers of soils and effects."""
+        from smallwheel_ros.model.model_file import model_rows
+
+        return model_rows(self)
+
+    def _writers(self) -> dict[str, Writer]:
+        from smallwheel_ros.model.model_file import write_model
+
+        return dict.fromkeys((".yaml", ".yml"), lambda path: write_model(path, self))
 
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
         """Effects that act on these rows: the model's, after known physics that has its columns."""

@@ -70,7 +70,7 @@ class UncertainPrediction:
 
 
 @dataclass(frozen=True, repr=False)
-class PredictionTable(Result):
+class PredictionTable(Result, shown="views.prediction"):
     """Settings by name and what the model says of each combination; arrays of shape (rows,), SI.
 
     notes: what the numbers rest on that nobody measured.

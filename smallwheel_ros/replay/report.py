@@ -4,39 +4,58 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.results import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.replay.tables import is_used
-from smallwheel_ros.report.blocks import Block, Callout, Details, Drawing, Section, Table, Text
-from smallwheel_ros.report.page import Page
+from smallwheel_ros.views.blocks import (
+    Block,
+    Callout,
+    Column,
+    Details,
+    Figure,
+    Page,
+    Section,
+    Table,
+    Text,
+)
+from smallwheel_ros.views.page import write_page
+from smallwheel_ros.views.plots import CYCLE, Layer, Mark, Panel
+from smallwheel_ros.views.plots import draw as draw_panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MOST_EVENTS = 25
-_MAP = (
-    '<p><label>The path, coloured by <select name="colour"><option value="sinkage">sinkage, mean of the '
-    'wheels</option><option value="margin">drawbar margin</option><option value="cost">cost</option>'
-    "</select></label></p>"
-)
 _CAPTION = (
-    "The path is in the frame of the odometry. Drawbar margin: drawbar pull over load at the reference "
-    "slip, of all wheels together; it is the tangent of the slope that could be climbed beyond the "
-    "present one. Under 0 the wheels do not carry the vehicle on level ground. Cost: that of the ground "
-    "there in cost_map.yaml, after the drive: the risk of getting stuck, in per cent, slope included. The "
-    "reference pressure is what the drive determines first; k is the pressure at one metre of sinkage, "
-    "far from what small wheels do. Where something is not known there is a gap."
+    "The path is in the frame of the odometry; dots are what happened, listed below. Drawbar margin: drawbar "
+    "pull over load at the reference slip, of all wheels together; it is the tangent of the slope that could "
+    "be climbed beyond the present one. Under 0 the wheels do not carry the vehicle on level ground. Cost: "
+    "that of the ground there in cost_map.yaml, after the drive: the risk of getting stuck, in per cent, "
+    "slope included. Where something is not known there is a gap."
+)
+_OF_WHEELS = (
+    "Sinkage is predicted before the measurement of that instant is used, drawbar pull is at the slip of "
+    "that instant; bands: 95 %. Dotted lines: the soil changed (green), a warning or a problem (orange)."
+)
+_OF_SOIL = (
+    "The soil as it was believed, p = k z^n D^m. The reference pressure is what the drive determines first; "
+    "k is the pressure at one metre of sinkage, far from what small wheels do."
 )
 _BAND = 1.96  # standard deviations: 95 %
 _STEPS = 400  # of the way
-_MOST_POINTS = 2000  # of a wheel, and of the soil
-_MOST_OF_ALL = 12_000  # of all wheels: what a page of two megabytes holds
+_MOST_POINTS = 500  # of a curve: a plot is no wider on a screen
+_LOW = 2.0  # inch, height of a plot over time
 _GAP = 5.0  # times the usual step of time: a longer one is a gap
 _BANDS = ("sinkage_predicted", "drawbar_pull", "mobility_margin")
 _USED = {"time", "wheel", "x", "y", "status", "load", "sinkage_measured", "slip", *_BANDS}
@@ -54,20 +73,42 @@ _SOIL = (
 # --- The page
 
 
-def replay_page(result: Replayed, folder: Path | None = None) -> Page:
+def page(result: Replayed, pictures: bool = True, folder: Path | None = None) -> Page:
     """All of a replay. folder: where its table is; the spec's where it is not given."""
     summary = result.to_dict(folder)
-    return _page(summary, _drive(summary, folder or result.spec.folder))
+    return _page(summary, drive_blocks(summary, folder or result.spec.folder) if pictures else [])
 
 
 def save_page(result: Replayed, folder: Path) -> None:
     """Write the page into the folder of a replay that is about to be done."""
-    replay_page(result, folder).save(folder / FILES["report"])
+    write_page(page(result, folder=folder), folder / FILES["report"])
 
 
-def replay_text(result: Replayed) -> str:
-    """A replay as `smallwheel replay` prints it."""
-    return _page(result.to_dict(), []).text()
+def draw(axes: Axes, replayed: Replayed, quantity: str) -> None:
+    """One column of the estimates over time, a curve for each wheel. Raises ResultError."""
+    table = replayed.to_frame()
+    numbers = [str(name) for name in table.select_dtypes("number").columns]
+    if quantity not in numbers:
+        raise ResultError(f"no column '{quantity}' in the estimates: {nearest(quantity, numbers)}")
+    layers = []
+    for i, (wheel, rows) in enumerate(table.groupby("wheel")):
+        shown = rows.iloc[:: max(1, len(rows) // _MOST_POINTS)]
+        name = str(wheel).replace("_", " ")
+        layers.append(Layer("line", shown["time"], shown[quantity], colour=_colour(i), name=name,
+                            width=1.0))  # fmt: skip
+    draw_panel(axes, Panel("time [s]", quantity.replace("_", " "), layers=layers))
+
+
+def _table(
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    caption: str = "",
+    numbers: Iterable[int] = (),
+) -> Table:
+    """A table of cells that are words already. numbers: columns set to the right."""
+    right = set(numbers)
+    columns = [Column(name, str(i), right=i in right) for i, name in enumerate(header)]
+    return Table(columns, [{str(i): cell for i, cell in enumerate(row)} for row in rows], caption)
 
 
 def _page(summary: dict[str, Any], drive: list[Block]) -> Page:
@@ -179,10 +220,10 @@ def _times(count: int) -> str:
     return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
-def _drive(summary: dict[str, Any], folder: Path) -> list[Block]:
-    """The way as a map, wheels and soil over time: pointed at in one, shown in all."""
+def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
+    """The way as a map, wheels and soil over time."""
     counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
-    every = max(1, math.ceil(max(counts) / min(_MOST_POINTS, _MOST_OF_ALL // len(counts))))
+    every = max(1, math.ceil(max(counts) / _MOST_POINTS))
     courses = read_courses(folder / FILES["estimates_csv"], every)
     if not courses:
         return []
@@ -191,26 +232,83 @@ def _drive(summary: dict[str, Any], folder: Path) -> list[Block]:
     for course in courses.values():
         course["cost"] = _costs(ground, course)
     rows = pd.concat(list(courses.values())).sort_values("time", kind="stable")
-    data = {
-        "wheels": [_wheel_data(name, course) for name, course in courses.items()],
-        "way": _way(rows),
-        "soil": _soil_data(rows),
-        "events": summary["events"],
-    }
-    choice = "" if data["way"] is None else _MAP
+    events = summary["events"]
+    marks = [Mark(e["time"], "w2" if e["kind"] == "soil_change" else "w1") for e in events]
+    maps = _maps(_way(rows), events)
     thinned = f" One estimate in {every} is shown." if every > 1 else ""
-    inside = (
-        f'{choice}<div data-part="map"></div><h3>Wheels over time</h3><div data-part="wheels"></div>'
-        '<h3>The soil over time: p = k zⁿ Dᵐ as it was believed</h3><div data-part="soil"></div>'
-    )
+    wheels = [_wheel_data(name, course) for name, course in courses.items()]
     return [
-        Text(
-            "Point at the path or at a line: all show the same time. Drag to zoom in, click twice to see "
-            "all. Sinkage is predicted before the measurement of that instant is used, drawbar pull is "
-            f"at the slip of that instant; bands: 95 %.{thinned}"
-        ),
-        Drawing("drive", data, _CAPTION, inside),
+        *([Figure("path", maps, _CAPTION)] if maps else []),
+        Figure("wheels", _wheel_panels(wheels, marks), _OF_WHEELS + thinned),
+        Figure("soil", _soil_panels(_soil_data(rows), marks), _OF_SOIL),
     ]
+
+
+def _colour(i: int) -> str:
+    return CYCLE[i % len(CYCLE)]
+
+
+def _maps(way: dict[str, Any] | None, events: Sequence[dict[str, Any]]) -> list[Panel]:
+    """The path by sinkage, margin and cost, as far as they are known; none without odometry."""
+    if way is None:
+        return []
+    x, y = (np.asarray(way[name], float) for name in ("x", "y"))
+    places = np.reshape([e["place"] for e in events if e["place"] is not None], (-1, 2))
+    happened = Layer("points", places[:, 0], places[:, 1], colour="w1", name="what happened")
+    # As high as the path is wide against its length, within what can be read.
+    height = float(np.clip(7.5 * np.ptp(y[np.isfinite(y)]) / max(np.ptp(x[np.isfinite(x)]), 1e-9) + 1.0,
+                           1.6, 5.0))  # fmt: skip
+    names = {"sinkage": "sinkage [mm]", "margin": "drawbar margin [%]", "cost": "cost"}
+    values = {label: np.asarray(way[name], float) for name, label in names.items()}
+    return [
+        Panel("x [m]", "y [m]", f"the path, coloured by {label}",
+              [Layer("way", x, y, value=value), *([happened] if len(places) else [])],
+              equal=True, wide=True, height=height)
+        for label, value in values.items()
+        if np.isfinite(value[:-1]).any()
+    ]  # fmt: skip
+
+
+def _wheel_panels(wheels: Sequence[dict[str, Any]], marks: Sequence[Mark]) -> list[Panel]:
+    """Sinkage and drawbar pull of each wheel, and the slip of all, over time."""
+    panels = []
+    for i, wheel in enumerate(wheels):
+        name, time, colour = wheel["name"].replace("_", " "), wheel["time"], _colour(i)
+        deep = pd.concat([wheel["measured"], wheel["unused"], wheel["sinkage"]["y"]]).dropna()
+        down = (1.15 * float(np.percentile(deep, 99.8)), 0.0) if len(deep) else None
+        sinkage = [
+            Layer("points", time, wheel["measured"], colour="base", name="measured"),
+            Layer("points", time, wheel["unused"], colour="ink", name="measured, not used"),
+            Layer("line", time, **wheel["sinkage"], colour=colour, name="predicted", width=1.2),
+        ]
+        shown = [layer for layer in sinkage if np.isfinite(np.asarray(layer.y, float)).any()]
+        panels.append(_over_time("sinkage [mm]", f"{name}: sinkage", shown, marks, down))
+        known = wheel["pull"]["y"].dropna()
+        if len(known):
+            low, high = np.percentile(known, [0.5, 99.5])
+            room = 0.35 * (high - low) + 1.0
+            pull = Layer("line", time, **wheel["pull"], colour=colour, width=1.2)
+            panels.append(_over_time("drawbar pull [N]", f"{name}: drawbar pull", [pull], marks,
+                                     (low - room, high + room)))  # fmt: skip
+    slips = [
+        Layer("line", w["time"], w["slip"], colour=_colour(i), name=w["name"].replace("_", " "), width=1.0)
+        for i, w in enumerate(wheels)
+    ]  # fmt: skip
+    return [*panels, _over_time("slip", "slip", slips, marks, (-0.3, 1.05))]
+
+
+def _soil_panels(soil: dict[str, Any], marks: Sequence[Mark]) -> list[Panel]:
+    panels = []
+    for part in soil["parts"]:
+        line = Layer("line", soil["time"], part["y"], part["low"], part["high"], width=1.2)
+        title = part["label"].partition(" [")[0]
+        panels.append(_over_time(part["label"], title, [line], marks, log=part["log"]))
+    return panels
+
+
+def _over_time(y: str, title: str, layers: Sequence[Layer], marks: Sequence[Mark],
+               y_range: tuple[float, float] | None = None, log: bool = False) -> Panel:  # fmt: skip
+    return Panel("time [s]", y, title, layers, y_range=y_range, marks=marks, height=_LOW, log=log)
 
 
 def _match_rates(summary: dict[str, Any]) -> Table:
@@ -225,7 +323,7 @@ def _match_rates(summary: dict[str, Any]) -> Table:
     header = ["wheel", "estimates", "with a load", "with slip", "used for the soil",
               "measured - predicted [mm rms]"]  # fmt: skip
     caption = "How many measurements had what they need at their instant"
-    return Table(header, rows, caption, range(1, 6))
+    return _table(header, rows, caption, range(1, 6))
 
 
 def _soil(summary: dict[str, Any]) -> list[Block]:
@@ -243,7 +341,7 @@ def _soil(summary: dict[str, Any]) -> list[Block]:
         rows.append([name.replace("_", " "), value, deviation, unit, verdict])
     header = ["at the end", "value", "standard deviation", "unit", "determined by the drive"]
     caption = "Under the law p = k z^n D^m"
-    blocks: list[Block] = [Table(header, rows, caption, numbers=(1, 2))]
+    blocks: list[Block] = [_table(header, rows, caption, numbers=(1, 2))]
     if soil["status"]:
         blocks.append(Text("What the drive does not determine, and why:", soil["status"]))
     return blocks
@@ -258,9 +356,9 @@ def _events(summary: dict[str, Any]) -> list[Block]:
         text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
         return [Text(text)]
     header = ["time [s]", "way [m]", "place [m]", "what"]
-    blocks: list[Block] = [Table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
+    blocks: list[Block] = [_table(header, rows[:_MOST_EVENTS], numbers=(0, 1))]
     if rows[_MOST_EVENTS:]:
-        more = Table(header, rows[_MOST_EVENTS:], numbers=(0, 1))
+        more = _table(header, rows[_MOST_EVENTS:], numbers=(0, 1))
         blocks.append(Details(f"{len(rows) - _MOST_EVENTS} more", [more]))
     if summary["unlisted_events"]:
         blocks.append(Text(f"{summary['unlisted_events']} more are not listed."))
@@ -278,7 +376,7 @@ def _not_used(summary: dict[str, Any]) -> list[Block]:
     if not rows:
         return [Text("Every message was used.")]
     header = ["topic", "why", "messages", "share", "first [s]", "the first one"]
-    return [Table(header, rows, numbers=(2, 3, 4))]
+    return [_table(header, rows, numbers=(2, 3, 4))]
 
 
 def _inputs(summary: dict[str, Any]) -> list[Block]:
@@ -286,7 +384,7 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
         [item["stream"], item["topic"], item["type"], str(item["messages"])]
         for item in summary["inputs"]
     ]
-    blocks: list[Block] = [Table(["input", "topic", "type", "messages"], rows, numbers=(3,))]
+    blocks: list[Block] = [_table(["input", "topic", "type", "messages"], rows, numbers=(3,))]
     if summary["remaps"]:
         blocks.append(Text("Remapped:", [f"{a} to {b}" for a, b in summary["remaps"].items()]))
     if summary["notes"]:

@@ -129,7 +129,7 @@ def draft(spec: ReplaySpec) -> Iterator[Path]:
 
 
 @dataclass(repr=False)
-class Replayed(Result):
+class Replayed(Result, shown="replay.report"):
     """What came of a replay.
 
     state: ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``. ended: in words, what is

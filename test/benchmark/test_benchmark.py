@@ -19,7 +19,7 @@ from smallwheel_ros.benchmark.laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, W
 from smallwheel_ros.benchmark.table import Difference, Errors, difference
 from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.report.benchmark import table_text
+from smallwheel_ros.views.benchmark import table_text
 
 SIZES = (0.04, 0.07, 0.12, 0.2)
 
@@ -141,7 +141,7 @@ def test_pull_and_torque_are_judged_beside_sinkage(shared_data: Path, tmp_path: 
         assert set(tasks[0]["lost_forces"]) == {"drawbar_pull", "torque"}
     # Of two wheels nothing can be told, however large the difference is.
     assert {law["ours"] for law in tasks[1]["laws"]} == {"cannot tell", None}
-    assert "torque [N m], 6 points; each of 3 slips left out" in result.output
+    assert "torque, 6 points; each of 3 slips left out" in result.output
 
 
 def test_a_difference_is_judged_as_scipy_judges_it() -> None:

@@ -61,7 +61,7 @@ def done(folder: Path) -> Result:
 
 def test_everything_is_said_and_written(folder: Path, done: Result) -> None:
     assert done.exit_code == 0, done.output
-    for words in ("Sinkage [mm], repeats of one run differ by", "Resistance [N]", "contact_integral", "own",
+    for words in ("Sinkage, repeats of one run differ by", "Resistance, ", "contact integral", "own",
                   "was fitted to this very file", "written: "):  # fmt: skip
         assert words in done.stdout
     document = json.loads((folder / "out.json").read_text())
@@ -71,9 +71,8 @@ def test_everything_is_said_and_written(folder: Path, done: Result) -> None:
     assert pictures == {
         "errors.png",
         "resistance_ratio.png",
-        "sinkage_measured_predicted.png",
         "sinkage_residuals.png",
-        "resistance_measured_predicted.png",
+        "measured_predicted.png",
         "resistance_residuals.png",
     }
     for path in (folder / "pictures").iterdir():

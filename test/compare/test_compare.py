@@ -20,6 +20,7 @@ from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.display import words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict
@@ -490,7 +491,7 @@ def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
     assert law is not best
     text = " ".join(found.text().split())
     assert (
-        f"no law has less error than a constant, the mean of the other runs: {law.contender.name}"
+        f"no law has less error than a constant, the mean of the other runs: {words(law.contender.name)}"
         in text
     )
     assert "drawbar pull best by constant, which is no law, error" in found.headline()
@@ -591,10 +592,10 @@ def test_text_names_every_model_and_how_it_compares(comparison: Comparison) -> N
     text = comparison.text()
     for name in (
         "constant",
-        "log_log_regression",
-        "bekker",
-        "meirion_griffith_spenko",
-        "contact_integral",
+        "log log regression",
+        "Bekker",
+        "Meirion-Griffith & Spenko",
+        "contact integral",
     ):
         assert text.count(name) >= 2
     lines = [line.split() for line in text.splitlines()]

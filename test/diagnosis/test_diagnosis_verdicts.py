@@ -29,7 +29,6 @@ from smallwheel_ros.fitting.fit import Fitter, Predictor
 from smallwheel_ros.fitting.held_out import compare_cv
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.report.diagnosis import diagnosis_page
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
 REGISTRY = default_registry()
@@ -69,14 +68,15 @@ def test_nothing_missing_is_adequate() -> None:
 
 
 def test_a_hidden_effect_is_named_and_the_error_falls_to_the_noise() -> None:
-    found = plain(2.0, 1).document
+    diagnosed = plain(2.0, 1)
+    found = diagnosed.document
     assert found["verdict"] == "missing_effect"
     assert found["missing_effects"] == ["slip_sinkage"]
     first, last = (step["held_out_rmse"] for step in found["steps"])
     for channel, error in last.items():
         assert error < 0.3 * first[channel]
         assert error < 1.5 * found["channels"][channel]["noise_floor"]
-    assert "The model lacks slip sinkage" in diagnosis_page(found).text()
+    assert "The model lacks slip sinkage" in diagnosed.text()
 
 
 def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +196,7 @@ def test_few_runs_are_insufficient(runs: int) -> None:
     assert found.document["reason"].startswith(f"{runs} run")
     assert found.document["missing_effects"] == []
     assert {row["status"] for row in found.document["ranking"]} == {"not_testable"}
-    assert "nothing was held out" in diagnosis_page(found.document).text()
+    assert "nothing was held out" in found.text()
     check(found.document)
 
 

@@ -173,15 +173,14 @@ def test_effects_are_listed() -> None:
 
 
 @pytest.mark.parametrize("id", [*families(), "covariate:temperature"])
-def test_effects_are_explained(id: str, tmp_path: Path) -> None:
-    result = run("effects", id, "--plot", tmp_path / "effect.png")
+def test_effects_are_explained(id: str) -> None:
+    result = run("effects", id)
     assert result.exit_code == 0
     for form in families().get(id, ()):
         assert form.formula in result.output
         assert form.source in result.output
         assert form.next_step in result.output
         assert f"({form.kind})" in result.output
-    assert (tmp_path / "effect.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_users_effect_is_explained_with_the_rest(tmp_path: Path) -> None:
@@ -203,14 +202,13 @@ def test_a_users_effect_is_explained_with_the_rest(tmp_path: Path) -> None:
 
 
 def test_paper(tmp_path: Path) -> None:
-    result = run("paper", "--json", tmp_path / "paper.json", "--plots", tmp_path / "figures")
+    result = run("paper", "--json", tmp_path / "paper.json")
     assert result.exit_code == 0
     assert "not reproduced" in result.output
     lines = json.loads((tmp_path / "paper.json").read_text())["lines"]
     assert {line["status"] for line in lines} == {
         "reproduced", "reproduced under an inferred reading", "not reproduced",
     }  # fmt: skip
-    assert len(list((tmp_path / "figures").glob("*.png"))) == 3
 
 
 def test_numbers_are_typed_as_cells_of_a_table_are() -> None:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,7 +15,6 @@ from smallwheel_ros.physics.paper import (
     resistance,
     sinkage,
 )
-from smallwheel_ros.pictures.physics import plot_paper
 
 # Worked out by hand from the printed tables: (quantity, printed, computed to the digits given)
 BY_HAND = [
@@ -64,13 +61,3 @@ def test_measured_points_rise_more_steeply_than_any_of_the_laws() -> None:
     implied = [sinkage(BEKKER, load) / (1 - error) for load, error in TABLE_3.items()]
     growth = np.log(implied[1] / implied[0]) / np.log(LOADS[1] / LOADS[0])
     assert growth == pytest.approx(1.08, abs=0.01)
-
-
-def test_pictures(tmp_path: Path) -> None:
-    drawn = plot_paper(tmp_path / "figures")
-    assert [path.name for path in drawn] == [
-        "figure_9_pressure_sinkage.png", "figure_13_sinkage.png", "figure_14_resistance.png",
-    ]  # fmt: skip
-    for path in drawn:
-        assert path.read_bytes().startswith(b"\x89PNG")
-        assert path.stat().st_size > 10_000

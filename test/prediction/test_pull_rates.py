@@ -8,8 +8,9 @@ import pytest
 
 from benchmarks.pull_rates import DESIGNS, TRUTHS, rows_of, run, sand_of, table
 from smallwheel_ros.diagnosis.pipeline import diagnose
-from smallwheel_ros.explore.session import Session
 from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.views.blocks import Table
+from smallwheel_ros.views.effects import models_block
 
 RIGS = [(truth, list(DESIGNS)[i % len(DESIGNS)], i) for i, truth in enumerate(TRUTHS)]
 
@@ -62,10 +63,12 @@ def test_without_a_zero_none_is_named() -> None:
     assert "sinkage_offset" not in diagnose(rig(0.0)).missing_effects  # type: ignore[arg-type]
 
 
-def test_what_pull_and_torque_named_can_be_unset_in_a_session() -> None:
+def test_what_pull_and_torque_named_can_be_unset_on_the_page() -> None:
     found = diagnose(rig(-0.0277))  # type: ignore[arg-type]
-    session = Session(found)
-    assert session.chosen == ("sinkage_offset",)
-    errors = [view.after.rmse()["torque"] for view in map(session.view, ((), session.chosen))]
-    steps = [step["held_out_rmse"]["torque"] for step in found.document["steps"][:2]]
-    assert errors == pytest.approx(steps, rel=1e-5)
+    made = models_block(found)
+    assert made is not None
+    assert [choice.label for choice in made.choices] == ["sinkage offset"]
+    (first, last) = (step["held_out_rmse"]["torque"] for step in found.document["steps"][:2])
+    tables = [next(b for b in blocks if isinstance(b, Table)) for blocks in made.views.values()]
+    rows = [row for row in tables[1].rows if row["channel"] == "torque"]
+    assert [row["rmse"] for row in rows[:2]] == pytest.approx([first, last], rel=1e-5)

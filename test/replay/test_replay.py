@@ -4,6 +4,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import json
+import math
 import os
 import re
 import shutil
@@ -26,7 +27,7 @@ from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.pipeline.replay import replay as turns_of
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.replay.replay import replay
-from smallwheel_ros.replay.report import read_courses, replay_page, with_gaps
+from smallwheel_ros.replay.report import drive_blocks, page, read_courses, with_gaps
 from smallwheel_ros.replay.spec import ReplaySpec, read_remaps
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
@@ -240,12 +241,20 @@ def test_the_report_is_one_page_that_needs_nothing_else(usual):
         assert word in page
     assert not re.search(r"(src|href)=\"?https?:", page)
     assert "nan" not in page.partition("<script")[0].lower().split()
-    (drive,) = json.loads(re.search(r'id="data">(.*?)</script>', page)[1]).values()
-    assert [wheel["name"] for wheel in drive["wheels"]] == sorted(table["wheel"].unique())
-    for wheel in drive["wheels"]:
-        rows = table[table["wheel"] == wheel["name"]]
-        known = [value for value in wheel["sinkage"]["y"] if value is not None]
-        assert known == pytest.approx(1e3 * rows["sinkage_predicted"].dropna(), rel=1e-3)
+    panels = figures(folder)["wheels"].panels
+    shown = {p.title.removesuffix(": sinkage"): p for p in panels if p.title.endswith(": sinkage")}
+    assert list(shown) == sorted(name.replace("_", " ") for name in table["wheel"].unique())
+    for wheel, rows in table.groupby("wheel"):
+        every = math.ceil(len(rows) / 500)
+        (line,) = (x for x in shown[wheel.replace("_", " ")].layers if x.name == "predicted")
+        known = rows["sinkage_predicted"].iloc[::every].dropna()
+        assert line.y.dropna().to_numpy() == pytest.approx(1e3 * known.to_numpy(), rel=1e-3)
+
+
+def figures(folder):
+    """The figures of a replay's page by name."""
+    blocks = drive_blocks(json.loads((folder / "replay.json").read_text()), folder)
+    return {block.name: block for block in blocks}
 
 
 def test_the_cost_in_the_report_is_that_of_the_map(repository, tmp_path):
@@ -255,16 +264,12 @@ def test_the_cost_in_the_report_is_that_of_the_map(repository, tmp_path):
     out, rover = tmp_path / "out", repository / "config" / "four_wheels.yaml"
     smallwheel("replay", tmp_path / "bag", "--config", rover, "-o", out)
     table, ground = table_of(out), read_map(out / "cost_map.yaml")
-    page = (out / "report.html").read_text()
-    (found,) = json.loads(re.search(r'id="data">(.*?)</script>', page)[1]).values()
-    for wheel in found["wheels"]:
-        rows = table[table["wheel"] == wheel["name"]].set_index("time")
-        shown = [(t, c) for t, c in zip(wheel["time"], wheel["cost"], strict=True) if c is not None]
-        assert len(shown) > 50
-        for time, cost in shown:
-            at = rows.iloc[rows.index.get_indexer([time], method="nearest")[0]]
-            assert cost == ground.cells[ground.cell(at["x"], at["y"])]
-    costs = [cost for cost in found["way"]["cost"] if cost is not None]
+    (panel,) = (p for p in figures(out)["path"].panels if p.title.endswith("by cost"))
+    costs = np.asarray(panel.layers[0].value, float)
+    costs = costs[np.isfinite(costs)]
+    under = {ground.cells[ground.cell(x, y)] for x, y in table[["x", "y"]].dropna().to_numpy()}
+    assert costs.size > 50
+    assert set(costs) <= under
     assert max(costs) == 100  # where it got stuck
     assert min(costs) < 60
 
@@ -756,7 +761,7 @@ def test_changes_of_soil_are_told_where_they_are(three_soils, tmp_path):
     assert summary["soil"]["changes"] == len(places) == 2
     # Within the rover's length and some turns of its wheels.
     np.testing.assert_allclose(places, true, atol=2.5)
-    assert "The soil changed twice" in replay_page(found).html()
+    assert "The soil changed twice" in page(found).text()
 
 
 def test_the_measurements_are_a_table_for_the_bench(three_soils):

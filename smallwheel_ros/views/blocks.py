@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Blocks of which a result is told. A page of them is text on the terminal, HTML, and pictures.
+
+A table is rows as the result's JSON has them (SI units) and columns that say how each is shown, so that the
+number of a file and that of a page cannot differ. HTML is made of blocks by web/page.html.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
+
+from smallwheel_ros.common.tables import text_table
+from smallwheel_ros.measurements.display import (
+    number,
+    p_text,
+    percent,
+    probability_text,
+    shown_value,
+)
+from smallwheel_ros.views.plots import Panel
+
+Row = Mapping[str, Any]
+Show = Callable[[Any], str]
+
+
+class Column(NamedTuple):
+    """A column of a table. cell: a key of the rows, or what a row says; show: that as text.
+
+    right: set to the right, as numbers are. bar: the share (0 to 1) that is drawn behind the text.
+    """
+
+    header: str
+    cell: str | Callable[[Row], Any]
+    show: Show = lambda value: "-" if value is None else str(value)
+    right: bool = False
+    bar: Callable[[Row], float | None] | None = None
+
+    def text(self, row: Row) -> str:
+        """The cell of a row."""
+        return self.show(row.get(self.cell) if isinstance(self.cell, str) else self.cell(row))
+
+    def share(self, row: Row) -> float | None:
+        """What is drawn behind the cell, per cent; None without a bar."""
+        share = self.bar(row) if self.bar else None
+        return None if share is None else round(100.0 * share)
+
+
+def count(header: str, key: str) -> Column:
+    """A column of whole numbers."""
+    return Column(header, key, right=True)
+
+
+def of_channel(header: str, key: str, bar: Callable[[Row], float | None] | None = None) -> Column:
+    """A column of values of the row's `channel`, in millimetres or newtons."""
+    return Column(
+        header, lambda row: shown_value(row["channel"], row.get(key)), right=True, bar=bar
+    )
+
+
+def share_of(header: str, key: str) -> Column:
+    """A column of shares, in per cent."""
+    return Column(header, key, percent, right=True)
+
+
+def p_value(header: str, key: str) -> Column:
+    """A column of p values."""
+    return Column(header, key, p_text, right=True)
+
+
+def probability(header: str, key: str) -> Column:
+    """A column of probabilities, with bars."""
+    return Column(header, key, probability_text, right=True, bar=lambda row: row.get(key))
+
+
+def plain_number(header: str, key: str | Callable[[Row], Any], digits: int = 3) -> Column:
+    """A column of numbers without a unit, or whose unit is in the header."""
+    return Column(header, key, lambda value: number(value, digits), right=True)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph, a list, or both."""
+
+    kind: ClassVar = "text"
+    text: str = ""
+    items: Sequence[str] = ()
+
+    def lines(self) -> list[str]:
+        """The block on the terminal."""
+        inset = "  " if self.text else ""
+        return [*([self.text] if self.text else []), *(f"{inset}{item}" for item in self.items)]
+
+
+@dataclass(frozen=True)
+class Callout:
+    """What must not be missed: a headline and some sentences."""
+
+    kind: ClassVar = "callout"
+    headline: str
+    items: Sequence[str] = ()
+    tone: Literal["result", "warning"] = "result"
+
+    def lines(self) -> list[str]:
+        """The block on the terminal."""
+        return [self.headline.removesuffix(".") + ".", *(f"  {item}" for item in self.items)]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under columns; a column in which nothing stands is left out. strong: rows that are stressed."""
+
+    kind: ClassVar = "table"
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    caption: str = ""
+    strong: Callable[[Row], bool] = lambda row: False
+
+    @property
+    def shown(self) -> list[Column]:
+        """The columns in which something stands."""
+        return [c for c in self.columns if any(c.text(row) not in ("", "-") for row in self.rows)]
+
+    def lines(self) -> list[str]:
+        """The block on the terminal."""
+        shown = self.shown
+        cells = [[column.text(row) for column in shown] for row in self.rows]
+        right = [i for i, column in enumerate(shown) if column.right]
+        table = text_table([column.header for column in shown], cells, right)
+        inset = "  " if self.caption else ""
+        return [*([self.caption] if self.caption else []),
+                *(f"{inset}{line}" for line in table.splitlines())]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Plots beside each other, on the page and, under that name, as a picture. label: in words."""
+
+    kind: ClassVar = "figure"
+    name: str
+    panels: Sequence[Panel]
+    caption: str = ""
+
+    def lines(self) -> list[str]:
+        """Nothing."""
+        return []
+
+
+@dataclass(frozen=True)
+class Details:
+    """Blocks that open on a click: what few readers need."""
+
+    kind: ClassVar = "details"
+    summary: str
+    blocks: Sequence[Block]
+
+    def lines(self) -> list[str]:
+        """Only what is behind it."""
+        return [f"{self.summary}."]
+
+
+class Choice(NamedTuple):
+    """A model that can be chosen, alone or with others. chance: its probability, shown beside it."""
+
+    value: str
+    label: str
+    group: str = ""
+    chance: float | None = None
+    chosen: bool = False
+
+
+@dataclass(frozen=True)
+class Models:
+    """Models of which a reader chooses: what is said of each, and what it leaves over any setting.
+
+    choices: with several, any of them are set together, else one is picked. views: by the values chosen,
+    joined by commas. leaves: points and frames of the plots, see `views.leftovers`. stills: the same as
+    pictures, which are not in the page.
+    """
+
+    kind: ClassVar = "models"
+    choices: Sequence[Choice]
+    several: bool
+    views: Mapping[str, Sequence[Block]]
+    leaves: Mapping[str, Any]
+    absent: str = "This choice was not computed beforehand."
+    stills: Sequence[Figure] = ()
+
+    def lines(self) -> list[str]:
+        """Nothing."""
+        return []
+
+
+Block = Text | Callout | Table | Figure | Details | Models
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands under it."""
+
+    title: str
+    blocks: Sequence[Block] = ()
+
+    def lines(self) -> list[str]:
+        """The section on the terminal; none where there is nothing to say."""
+        return [line for block in self.blocks for line in block.lines()]
+
+
+@dataclass(frozen=True)
+class Page:
+    """Sections under a title; those without blocks are left out. The first is the answer."""
+
+    title: str
+    sections: Sequence[Section]
+    subtitle: str = ""
+    footer: str = ""
+
+    def text(self) -> str:
+        """As a command prints it: each section under its title, the first without."""
+        (_, answer), *others = [(s.title, lines) for s in self.sections if (lines := s.lines())]
+        parts = [[self.subtitle, *answer] if self.subtitle else answer]
+        parts += [[title, *(f"  {line}" for line in lines)] for title, lines in others]
+        return "\n\n".join("\n".join(lines) for lines in parts)
+
+    def figures(self) -> list[Figure]:
+        """The pictures of the page, those behind a click too."""
+        return [block for block in walked(b for s in self.sections for b in s.blocks)
+                if isinstance(block, Figure)]  # fmt: skip
+
+
+def walked(blocks: Iterator[Block] | Sequence[Block]) -> Iterator[Block]:
+    """The blocks, and those inside of them."""
+    for block in blocks:
+        yield block
+        if isinstance(block, Details):
+            yield from walked(block.blocks)
+        elif isinstance(block, Models):
+            yield from block.stills
+            for inside in block.views.values():
+                yield from walked(inside)

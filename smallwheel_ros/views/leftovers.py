@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What models leave of the measurements: over a setting, and measured against predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.measurements.columns import CHANNEL_UNITS
+from smallwheel_ros.measurements.display import Display, column_display, display, words
+from smallwheel_ros.measurements.settings import levels, varied_settings
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.views.plots import Layer, Panel, frame
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_PARTS = 8  # of a setting, for the means
+_POINTS = 600  # of a plot: beyond, the eye sees no more
+_BYTES = 120_000  # of residuals in a page
+_PREDICTED = ""  # in place of a setting: the prediction
+
+
+class Means(NamedTuple):
+    """Means of parts of a setting, and twice their standard errors over runs (NaN under three runs)."""
+
+    x: Array
+    y: Array
+    half: Array
+
+
+class Left(NamedTuple):
+    """What one model leaves. name, colour: of the key."""
+
+    errors: CvErrors
+    name: str
+    colour: str
+
+
+def means(x: Array, y: Array, run: Index) -> Means:
+    """Mean of y in eight parts of x with as many rows each, or at each of its few values."""
+    at = levels(x)
+    if at is None:
+        edges = np.quantile(x, np.linspace(0.0, 1.0, _PARTS + 1)[1:-1])
+        part = np.searchsorted(edges, x, side="right")
+    else:
+        part = np.abs(x[:, None] - at).argmin(axis=1)
+    found = []
+    for one in np.unique(part):
+        here = part == one
+        of_runs = [y[here & (run == r)].mean() for r in np.unique(run[here])]
+        known = len(of_runs) > 2
+        half = 2.0 * np.std(of_runs, ddof=1) / np.sqrt(len(of_runs)) if known else np.nan
+        found.append((x[here].mean(), np.mean(of_runs), half))
+    return Means(*np.array(found).T) if found else Means(*np.zeros((3, 0)))
+
+
+def shown_channel(name: str) -> Display:
+    """How values of a channel are shown."""
+    return display(name, CHANNEL_UNITS[name])
+
+
+def thinned(rows: Index, most: int = _POINTS) -> Index:
+    """These rows, or as many of them as a picture shows."""
+    if rows.size <= most:
+        return rows
+    return np.sort(np.random.default_rng(0).choice(rows, most, replace=False))
+
+
+def residual_panel(
+    data: Measurements,
+    models: Sequence[Left],
+    channel: str,
+    setting: str,
+    floor: float | None = None,
+) -> Panel:
+    """Points and means of what models leave over a setting. floor: error of a true model, SI."""
+    how, across = shown_channel(channel), column_display(data, setting)
+    layers, column, ends = [_band(how, floor)], data.conditions[setting], [0.0]
+    for one in models:
+        error = one.errors.error[channel]
+        at = np.flatnonzero(np.isfinite(error) & np.isfinite(column))
+        x, y = across.scale * column[at], how.scale * error[at]
+        some = thinned(np.arange(at.size))
+        mean = means(x, y, one.errors.run[at])
+        layers += [
+            Layer("points", x[some], y[some], colour=one.colour, name=one.name),
+            Layer(
+                "means", mean.x, mean.y, mean.y - mean.half, mean.y + mean.half, colour=one.colour
+            ),
+        ]
+        ends += y.tolist()
+    room = 0.06 * max(max(ends) - min(ends), 1e-9)
+    return Panel(
+        across.label, f"measured - predicted [{how.unit}]", words(channel), layers,
+        x_range=_range(across.scale * column), y_range=(min(ends) - room, max(ends) + room),
+    )  # fmt: skip
+
+
+def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Panel:
+    """Measured over predicted, a series for each model, with the line of a perfect one.
+
+    measured: SI, shape (rows,). What is predicted beyond the axes is drawn at their edge.
+    """
+    how = shown_channel(channel)
+    layers, ends = (
+        [Layer("band", low=0.0, high=0.0, diagonal=True)],
+        _range(how.scale * measured, 0.15),
+    )
+    for one in models:
+        residual = one.errors.error.get(channel)
+        if residual is None:
+            continue
+        at = thinned(np.flatnonzero(np.isfinite(residual)))
+        y = how.scale * measured[at]
+        x = np.clip(y - how.scale * residual[at], *ends)
+        layers.append(Layer("points", x, y, colour=one.colour, name=one.name))
+    return Panel(f"predicted {how.label}", f"measured {how.label}", words(channel), layers,
+                 x_range=ends, y_range=ends)  # fmt: skip
+
+
+def settings_of(data: Measurements) -> list[str]:
+    """The settings that were varied, or the load where none was."""
+    return list(varied_settings(data)) or ["load"]
+
+
+def leftovers(
+    data: Measurements,
+    models: Mapping[str, CvErrors],
+    base: str,
+    base_name: str,
+    floors: Mapping[str, float | None],
+    first: str | None = None,
+) -> dict[str, Any]:
+    """What the block Models draws. models: by the values chosen; base: the grey one of them.
+
+    floors: error of a true model by channel, SI. first: the setting at first.
+    """
+    settings, error = settings_of(data), models[base].error
+    most = max(100, min(_POINTS, _BYTES // (6 * len(models) * max(len(error), 1))))
+    rows = {c: thinned(np.flatnonzero(np.isfinite(e)), most) for c, e in error.items()}
+    kept = np.unique(np.concatenate([np.zeros(0, int), *rows.values()])).astype(int)
+    across = {name: column_display(data, name) for name in settings}
+    frames = []
+    for channel in rows:
+        for name in (*settings, _PREDICTED):
+            panel = _frame_panel(data, models, channel, name, floors.get(channel))
+            text, scale = frame(panel)
+            frames.append({"channel": channel, "over": name, "title": panel.title, "svg": text,
+                           "scale": scale, "label": panel.label})  # fmt: skip
+    return {
+        "base": base_name,
+        "base_key": base,
+        "first": first or settings[0],
+        "over": {name: how.label for name, how in across.items()},
+        "frames": frames,
+        "rows": [_row_words(data, row, across) for row in kept],
+        "settings": {n: data.conditions[n][kept] * how.scale for n, how in across.items()},
+        "channels": {
+            c: {"words": words(c), "unit": shown_channel(c).unit, "rows": np.searchsorted(kept, at),
+                "measured": shown_channel(c).scale * data.channels[c][at]}
+            for c, at in rows.items()
+        },
+        "left": {
+            key: {c: _rounded(shown_channel(c).scale * one.error[c][at])
+                  for c, at in rows.items() if c in one.error}
+            for key, one in models.items()
+        },
+        "at": {c: {n: _means_of(data, models[base], c, n).x for n in settings} for c in rows},
+        "means": {
+            key: {c: {n: np.array(_means_of(data, one, c, n)[1:]).T for n in settings}
+                  for c in rows if c in one.error}
+            for key, one in models.items()
+        },
+    }  # fmt: skip
+
+
+def _frame_panel(
+    data: Measurements, models: Mapping[str, CvErrors], channel: str, name: str, floor: float | None
+) -> Panel:
+    """Axes and band; the points are set in by the page's script, whatever is chosen."""
+    how = shown_channel(channel)
+    left = [how.scale * e.error[channel] for e in models.values() if channel in e.error]
+    measured = how.scale * data.channels[channel]
+    title = f"{words(channel)}: what is left over {words(name)}"
+    if name == _PREDICTED:
+        reach = np.nanquantile(np.concatenate([measured - e for e in left]), [0.002, 0.998])
+        across = _range(np.concatenate([reach, measured[np.isfinite(left[0])]]))
+        return Panel(f"predicted {how.label}", f"measured {how.label}",
+                     f"{words(channel)}: measured against predicted",
+                     [_band(how, floor, diagonal=True)], x_range=across,
+                     y_range=_range(measured))  # fmt: skip
+    shown = column_display(data, name)
+    ends = np.nanquantile(np.concatenate([*left, [0.0]]), [0.002, 0.998])
+    return Panel(shown.label, f"measured - predicted [{how.unit}]", title, [_band(how, floor)],
+                 x_range=_range(shown.scale * data.conditions[name]), y_range=_range(ends))  # fmt: skip
+
+
+def _band(how: Display, floor: float | None, diagonal: bool = False) -> Layer:
+    half = 2.0 * how.scale * (floor or 0.0)
+    return Layer("band", low=-half, high=half, diagonal=diagonal)
+
+
+def _range(values: Array, room: float = 0.05) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    margin = room * (high - low) or 0.05 * abs(high) or 0.5
+    return low - margin, high + margin
+
+
+def _means_of(data: Measurements, errors: CvErrors, channel: str, name: str) -> Means:
+    """Means of what is left of a channel over a setting, as shown."""
+    how, column = shown_channel(channel), data.conditions[name]
+    at = np.flatnonzero(np.isfinite(errors.error[channel]) & np.isfinite(column))
+    x = column_display(data, name).scale * column[at]
+    return Means(*map(_rounded, means(x, how.scale * errors.error[channel][at], errors.run[at])))
+
+
+def _rounded(values: Array) -> Array:
+    """To a thousandth of the largest: a plot shows no more, and a page has many of them."""
+    most = float(np.nanmax(np.abs(values), initial=1e-12))
+    step = 10.0 ** np.floor(np.log10(1e-2 * most))
+    return np.asarray(step * np.round(values / step))
+
+
+def _row_words(data: Measurements, row: int, across: Mapping[str, Display]) -> str:
+    """Run, line and settings of a row, for who points at it."""
+    known = [
+        f"{words(name)} {value * how.scale:.3g} {how.unit}".rstrip()
+        for name, how in across.items()
+        if np.isfinite(value := data.conditions[name][row])
+    ]
+    return f"run {data.run[row]}, {data.place} {data.line[row]}: {', '.join(known)}"[:200]

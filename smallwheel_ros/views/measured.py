@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table of measurements as people see it, before anything is made of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.common.results import ResultError
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.measurements.display import column_display, display, number
+from smallwheel_ros.measurements.settings import varied_settings
+from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.views.plots import Layer, Panel
+from smallwheel_ros.views.plots import draw as draw_panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def text(data: Measurements) -> str:
+    """A line for each column, and what was understood, assumed and is suspicious."""
+    lines = [data.headline()]
+    for name, values in data.columns().items():
+        if np.asarray(values).dtype.kind != "f" or not np.isfinite(values).any():
+            continue
+        of_channel = name in data.channels
+        shown = display(name, unit_of(name)) if of_channel else column_display(data, name)
+        # A channel keeps its name, as the table has it.
+        label = f"{name} [{shown.unit}]" if of_channel else shown.label
+        low, high = (number(shown.scale * end(values)) for end in (np.nanmin, np.nanmax))
+        lines.append(f"  {label}: {low} to {high}")
+    lines += [f"understood: {said}" for said in data.understood]
+    lines += [f"warning: {said}" for said in data.warnings]
+    return "\n".join([*lines, *(f"note: {said}" for said in data.notes)])
+
+
+def draw(
+    axes: Axes, data: Measurements, channel: str | None = None, over: str | None = None
+) -> None:
+    """A channel (the first) over a setting (load). Raises ResultError where there is none."""
+    settings = {"load": data.conditions.load} | dict(varied_settings(data))
+    channel, over = channel or next(iter(data.channels)), over or next(iter(settings))
+    for name, known in ((channel, data.channels), (over, settings)):
+        if name not in known:
+            raise ResultError(f"no column '{name}' to draw: {nearest(name, list(known))}")
+    across, shown = column_display(data, over), display(channel, unit_of(channel))
+    points = Layer("points", settings[over] * across.scale, data.channels[channel] * shown.scale)
+    draw_panel(axes, Panel(across.label, shown.label, layers=[points]))

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One description of a plot, drawn by matplotlib: on axes of a notebook, as PNG, as SVG in a page.
+
+In a page the SVG takes the colours of the page, dark or light, and its type: nothing is drawn by a script.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from smallwheel_ros.common.files import OutputError, write_bytes
+from smallwheel_ros.measurements.display import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
+
+Array = NDArray[np.float64]
+
+# Okabe and Ito's colours, told apart by the colour-blind and in grey print; page.css has each by its name.
+PALETTE = {
+    "ink": "#22262b", "base": "#8a8f98", "with": "#0072b2", "grid": "#e6e8eb", "band": "#e9ebef",
+    "paper": "#ffffff", "w1": "#d55e00", "w2": "#009e73", "w3": "#cc79a7", "w4": "#e69f00",
+    "w5": "#56b4e9", "w6": "#444444", "w7": "#a6761d",
+}  # fmt: skip
+CYCLE = ("with", "w1", "w2", "w3", "w4", "w5", "w6", "w7")
+_WIDTH = 4.3  # inch, of a panel: small, so that its letters are legible on a phone
+_MARGINS = 0.62, 0.46, 0.08  # inch: left, below, right and above the axes of a plot in a page
+_RASTER = 600  # points of a layer from which a page has an image instead
+_ACROSS = 3  # panels of a row
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What is drawn of one thing. name: in the key; low, high: a band of a line, whiskers of others.
+
+    kind band: around 0, or around the diagonal, from low to high; means: squares; way: coloured by value.
+    """
+
+    kind: Literal["points", "means", "line", "band", "way"]
+    x: ArrayLike = ()
+    y: ArrayLike = ()
+    low: ArrayLike | None = None
+    high: ArrayLike | None = None
+    colour: str = "with"
+    name: str = ""
+    dash: str = "-"
+    width: float = 1.7
+    diagonal: bool = False
+    value: ArrayLike = ()
+
+
+class Span(NamedTuple):
+    """A stretch of the x-axis with a name, one shade for each kind."""
+
+    start: float
+    end: float
+    name: str
+    shade: int
+
+
+class Mark(NamedTuple):
+    """A place on the x-axis at which something happened."""
+
+    x: float
+    colour: str
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A bar: name, value, its standard error, a second value that is pale. None: not known."""
+
+    name: str
+    value: float | None
+    colour: str = "with"
+    std: float | None = None
+    pale: float | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A plot: labels of its axes, title, layers or bars. level: a dashed line across bars, with its name.
+
+    log: the y-axis; equal: one scale for both axes; spans: behind it all; marks: lines across. height: inch;
+    wide: as two others.
+    """
+
+    x: str = ""
+    y: str = ""
+    title: str = ""
+    layers: Sequence[Layer] = ()
+    bars: Sequence[Bar] = ()
+    level: float | None = None
+    level_name: str = "a true model"
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+    key: bool = True
+    log: bool = False
+    equal: bool = False
+    spans: Sequence[Span] = ()
+    marks: Sequence[Mark] = ()
+    height: float = 2.9
+    wide: bool = False
+
+    @property
+    def label(self) -> str:
+        """In words, for those who cannot see it."""
+        what = f"{self.y} over {self.x}" if self.y else self.x
+        values = ", ".join(f"{bar.name} {number(bar.value)}" for bar in self.bars)
+        return ": ".join(part for part in (self.title, what, values) if part)
+
+
+def draw(axes: Axes, panel: Panel) -> None:
+    """Draw a plot on axes, in the style of the house."""
+    for layer in panel.layers:
+        _draw_layer(axes, panel, layer)
+    if panel.bars:
+        _draw_bars(axes, panel)
+    for span in panel.spans:
+        axes.axvspan(
+            span.start,
+            span.end,
+            color=PALETTE["band"],
+            alpha=0.3 * (1 + span.shade % 3),
+            zorder=-5,
+            linewidth=0,
+        )
+        axes.annotate(span.name.replace("_", " "), (span.start, 0.99), (2, 0), va="top", fontsize=7,
+                      xycoords=("data", "axes fraction"), textcoords="offset points",
+                      color=PALETTE["base"])  # fmt: skip
+    for mark in panel.marks:
+        axes.axvline(mark.x, color=PALETTE[mark.colour], linewidth=1.0, linestyle=":")
+    if panel.log:
+        axes.set_yscale("log")
+    axes.set_aspect("equal" if panel.equal else "auto")
+    decorate(axes, panel)
+    axes.set(xlim=panel.x_range or axes.get_xlim(), ylim=panel.y_range or axes.get_ylim())
+    if panel.key and any(layer.name for layer in panel.layers):
+        axes.legend(fontsize=7.5, frameon=False, labelcolor=PALETTE["ink"])
+
+
+def decorate(axes: Axes, panel: Panel) -> None:
+    """The style of the house: no box, light grid, small type."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(PALETTE["base"])
+    axes.grid(
+        visible=True, axis="x" if panel.bars else "both", color=PALETTE["grid"], linewidth=0.6
+    )
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=PALETTE["ink"], labelsize=8, length=0)
+    axes.locator_params(axis="x", nbins=6)
+    for set_label, text in ((axes.set_xlabel, panel.x), (axes.set_ylabel, panel.y)):
+        set_label(_safe(text), fontsize=9, color=PALETTE["ink"])
+    axes.set_title(_safe(panel.title), fontsize=9.5, color=PALETTE["ink"], loc="left")
+
+
+def _draw_layer(axes: Axes, panel: Panel, layer: Layer) -> None:
+    colour, label = PALETTE[layer.colour], _safe(layer.name) or None
+    x, y = np.asarray(layer.x, float), np.asarray(layer.y, float)
+    known = layer.low is not None and layer.high is not None
+    low, high = (np.asarray(end if known else np.nan, float) for end in (layer.low, layer.high))
+    if layer.kind == "band":
+        ends = np.array(panel.x_range or (0.0, 1.0))
+        middle = ends if layer.diagonal else 0.0 * ends
+        axes.fill_between(ends, middle + low, middle + high, color=PALETTE["band"], linewidth=0)
+        axes.plot(ends, middle, color=PALETTE["base"], linewidth=1.0)
+    elif layer.kind == "way":
+        from matplotlib.collections import LineCollection
+
+        ends = np.stack([np.column_stack([x, y])[:-1], np.column_stack([x, y])[1:]], axis=1)
+        way = axes.add_collection(
+            LineCollection(list(ends), cmap="cividis_r", linewidth=3.5, zorder=0.9)
+        )
+        way.set_array(np.asarray(layer.value, float)[:-1])
+        way.set_clim(vmin=min(0.0, np.nanmin(layer.value)))
+        axes.figure.colorbar(way, ax=axes, shrink=0.9, aspect=12, pad=0.01).ax.tick_params(
+            labelsize=7.5, length=0, colors=PALETTE["ink"])  # fmt: skip
+        axes.autoscale()
+    elif layer.kind in ("points", "means"):
+        means = layer.kind == "means"
+        axes.scatter(x, y, s=26 if means else 12, alpha=1.0 if means else 0.6, color=colour, label=label,
+                     marker="s" if means else "o", linewidth=0.5 if means else 0.0,
+                     edgecolor=PALETTE["paper"], rasterized=x.size > _RASTER)  # fmt: skip
+        if known:
+            axes.vlines(x, low, high, color=colour, linewidth=1.2 if means else 0.8)
+    else:
+        axes.plot(x, y, color=colour, linewidth=layer.width, linestyle=layer.dash, label=label)
+        if known:
+            axes.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+
+
+def _draw_bars(axes: Axes, panel: Panel) -> None:
+    two = any(bar.pale is not None for bar in panel.bars)
+    height, off = (0.34, 0.17) if two else (0.6, 0.0)
+    for at, bar in enumerate(panel.bars):
+        colour = PALETTE[bar.colour]
+        if bar.pale is not None:
+            axes.barh(at + off, bar.pale, height, color=colour, alpha=0.4)
+        if bar.value is None:
+            continue
+        axes.barh(at - off, bar.value, height, color=colour, xerr=bar.std,
+                  error_kw={"elinewidth": 0.9, "ecolor": PALETTE["ink"]})  # fmt: skip
+        axes.annotate(number(bar.value), (bar.value + (bar.std or 0.0), at - off), (3, 0),
+                      va="center", textcoords="offset points", fontsize=7.5,
+                      color=PALETTE["ink"])  # fmt: skip
+    if panel.level is not None:
+        axes.axvline(panel.level, color=PALETTE["ink"], linewidth=1.0, linestyle="--")
+        axes.annotate(f"{panel.level_name} {number(panel.level)}", (panel.level, 1.0), (2, 1),
+                      xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5,
+                      color=PALETTE["ink"])  # fmt: skip
+    axes.set_ylim(len(panel.bars) - 0.5, -0.5)
+    axes.set_yticks(range(len(panel.bars)), [_safe(bar.name) for bar in panel.bars])
+    axes.margins(x=0.15)
+    axes.set_xlim(left=0.0)
+
+
+def _safe(text: str) -> str:
+    """Column names come from a file: a dollar sign in one is not mathematics."""
+    return text.replace("$", r"\$")
+
+
+def picture(panels: Sequence[Panel]) -> Picture:
+    """The panels in one figure of matplotlib, in rows of three."""
+    from matplotlib.figure import Figure
+
+    columns = min(len(panels), _ACROSS)
+    rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
+    heights = [max(map(_height, row)) for row in rows]
+    made = Figure(figsize=(_WIDTH * columns, sum(heights)), layout="constrained")
+    grid = made.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
+    for axes, panel in zip(grid.flat, panels, strict=False):
+        draw(axes, panel)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    return made
+
+
+def _height(panel: Panel) -> float:
+    return 0.9 + 0.32 * len(panel.bars) if panel.bars else panel.height
+
+
+def write_picture(panels: Sequence[Panel], path: Path) -> Path:
+    """Write panels as a picture; the suffix picks the format. Raises OutputError."""
+    drawn = io.BytesIO()
+    try:
+        picture(panels).savefig(drawn, format=path.suffix[1:] or "png", dpi=150)
+    except ValueError as error:
+        raise OutputError(f"{path}: cannot be drawn: {error}") from error
+    write_bytes(path, drawn.getvalue())
+    return path
+
+
+# --- SVG for a page
+
+_COLOURS = {shade: f"var(--{name})" for name, shade in PALETTE.items()}
+# What matplotlib writes beside what is drawn: its head, ids, fonts, zeros.
+_WITHOUT = re.compile(
+    r"^.*?(?=<svg )|<metadata>.*?</metadata>|<!--.*?-->|<defs>\s*<style.*?</style>\s*</defs>"
+    r"|\sxmlns:?\w*=\"[^\"]*\"| id=\"(?!p\w{10}\"|m\w{10}\")[^\"]*\"|(?<=pt\") version=\"1.1\""
+    r"|(?<=<svg) (?:width|height)=\"[^\"]*\"| transform=\"rotate\(-0 [^\"]*\"|font-family: [^;\"]*; |xlink:"
+    r"| <g/>|(?<=>)\s+(?=<)|(?<= ) +|\n\s*",
+    re.DOTALL,
+)
+_TAG, _FINER = re.compile("<[^>]+>"), re.compile(r"(?<=\.\d)\d+")  # than a tenth of a point
+_SHADE = re.compile("|".join(_COLOURS))
+
+
+def svg(panel: Panel) -> str:
+    """A plot as an SVG element in the colours of the page."""
+    return _svg(panel)[0]
+
+
+def frame(panel: Panel) -> tuple[str, list[float]]:
+    """An SVG element with room for points, and how values become its units: (ax, bx, ay, by).
+
+    x of the element is ax + bx * value; points go into its group of class points.
+    """
+    return _svg(panel)
+
+
+def _svg(panel: Panel) -> tuple[str, list[float]]:
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    width, height = _WIDTH * (2 if panel.wide else 1), _height(panel)
+    # A layout takes as long as all else: fixed margins do where nothing but numbers stand beside the axes.
+    fixed = not panel.bars and not panel.equal
+    made = Figure(figsize=(width, height), dpi=72, layout=None if fixed else "constrained")
+    left, below, around = _MARGINS
+    if fixed:
+        made.subplots_adjust(left / width, below / height, 1 - around / width, 1 - around / height)
+    made.patch.set_visible(False)
+    axes = made.subplots()
+    axes.patch.set_visible(False)
+    draw(axes, replace(panel, title=""))
+    out = io.StringIO()
+    with rc_context(
+        {"svg.fonttype": "none", "svg.hashsalt": "plot", "path.simplify_threshold": 0.5}
+    ):
+        made.savefig(out, format="svg", metadata={"Date": None})
+    text = _WITHOUT.sub("", out.getvalue().replace("\n", " \n"))
+    text = _TAG.sub(lambda tag: _FINER.sub("", tag[0]), text)
+    text = _SHADE.sub(lambda found: _COLOURS[found[0]], text)
+    (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
+    scale: list[Any] = [x0, x1 - x0, 72.0 * height - y0, y0 - y1]
+    return text, [float(f"{value:.6g}") for value in scale]

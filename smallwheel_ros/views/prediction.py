@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Predictions as plots: a quantity over the setting of most values, a curve for each of the others."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from smallwheel_ros.common.errors import nearest
+from smallwheel_ros.prediction.prediction import SHOWN, UNITS, PredictionError, PredictionTable
+from smallwheel_ros.views.plots import CYCLE, Layer, Panel
+from smallwheel_ros.views.plots import draw as draw_panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_PANELS = ("sinkage", "resistance", "drawbar_pull")
+_MOST_CURVES = 8
+_DASHES = ("-", "--", "-.", ":")  # curves may lie on each other
+
+
+def panels(table: PredictionTable) -> list[Panel]:
+    """Sinkage, resistance and, where there is slip, pull."""
+    known = [q for q in _PANELS if getattr(table.result.prediction, q) is not None]
+    return [_panel(table, quantity) for quantity in known]
+
+
+def draw(axes: Axes, table: PredictionTable, quantity: str = "sinkage") -> None:
+    """One quantity that was predicted, by its name. Raises PredictionError where it was not."""
+    if getattr(table.result.prediction, quantity, None) is None:
+        known = [q for q in SHOWN if getattr(table.result.prediction, q) is not None]
+        raise PredictionError(f"no '{quantity}' was predicted: {nearest(quantity, known)}")
+    draw_panel(axes, _panel(table, quantity))
+
+
+def _panel(table: PredictionTable, quantity: str) -> Panel:
+    """Bands are one standard deviation. A wheel sunk to its axle is left out."""
+    title, factor = SHOWN[quantity]
+    sizes = {name: np.unique(values).size for name, values in table.settings.items()}
+    along = max(sizes, key=lambda name: sizes[name])
+    others = [name for name in table.varied if name != along]
+    prediction, std = table.result.prediction, table.result.standard_deviation.get(quantity)
+    rows = len(table.settings[along])
+    keys = np.stack([table.settings[n] for n in others]) if others else np.zeros((1, rows))
+    curves, layers = np.unique(keys, axis=1).T, []
+    for i, curve in enumerate(curves[:_MOST_CURVES]):
+        at = np.all(keys == curve[:, None], axis=0) & ~prediction.immobilised
+        name = ", ".join(f"{n} {v:g}" for n, v in zip(others, curve, strict=False))
+        x, y = table.settings[along][at], factor * getattr(prediction, quantity)[at]
+        half = None if std is None else factor * std[at]
+        low, high = (None, None) if half is None else (y - half, y + half)
+        layers.append(Layer("points" if x.size == 1 else "line", x, y, low, high, CYCLE[i % len(CYCLE)],
+                            name, dash=_DASHES[i % len(_DASHES)]))  # fmt: skip
+    unit = UNITS.get(along, "1")
+    across = along.replace("_", " ") + (f" [{unit}]" if unit != "1" else "")
+    more = f"the first {_MOST_CURVES} of {len(curves)} curves" if len(curves) > _MOST_CURVES else ""
+    return Panel(across, title, more, layers)

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole story of a table in one page: its diagnosis, and models side by side."""
+
+from __future__ import annotations
+
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.views import comparison as compared
+from smallwheel_ros.views import diagnosis as diagnosed
+from smallwheel_ros.views.blocks import Models, Page, Section, Text
+
+_TWICE = (
+    "Comparison and diagnosis hold out the same runs. The comparison fits each model with noise of the size "
+    "that its own predictions have, the diagnosis all models with one size, so that they can be ranked: "
+    "their held-out errors of the same base model differ a little."
+)
+
+
+def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> Page:
+    """A diagnosis with a comparison of the same measurements. models: effects to set and unset."""
+    beside = compared.with_floors(beside, found.document)
+    made = diagnosed.page(found, models=models)
+    sections = {section.title: section for section in made.sections}
+    sections["In short"] = Section(
+        "In short", [*sections["In short"].blocks, Text(items=compared.best_sentences(beside))]
+    )
+    sections["The data"] = Section("The data", compared.data_blocks(beside))
+    side = Section("Models side by side",
+                   [*compared.model_blocks(beside), *compared.left_blocks(beside)])  # fmt: skip
+    kept = Section("What to keep in mind", [Text(items=list(dict.fromkeys(
+        [*compared.caveats(beside), *diagnosed.caveats(found.document), _TWICE])))])  # fmt: skip
+    listed = [kept if s.title == kept.title else s for s in sections.values()]
+    at = next(i for i, section in enumerate(listed) if section.title == "Where the model fails")
+    data = found.measurements
+    return Page("Models, measurements, and what is missing", [*listed[:at], side, *listed[at:]],
+                data.source, made.footer)  # fmt: skip
