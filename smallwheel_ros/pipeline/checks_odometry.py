@@ -70,7 +70,7 @@ class ZDown:
             return []
         value = float(self.up.value[0])
         window.memory.down = -1.0 if value < -0.5 * GRAVITY else 1.0
-        text = "z of the imu looks down: it is turned over (imu_roll: 3.1416 says so to all)"
+        text = "z of the imu looks down: it is turned over here; publish it in base_link's axes for the others"
         return [Said("imu", value, text)] if window.memory.down < 0.0 else []
 
 
@@ -120,7 +120,7 @@ class OfWheels:
             return []
         text = (
             f"it agrees with the wheels to {self.share:.2%} of the way: it is made of them and shows no slip:"
-            " give an odometry of its own (velocity.source, or camera, lidar, GNSS)"
+            " give an odometry of its own (camera, lidar, GNSS), or velocity_topic"
         )
         return [Said("odometry", self.share, text, (ODOMETRY,))]
 

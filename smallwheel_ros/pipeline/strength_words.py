@@ -47,6 +47,11 @@ class StrengthEstimate:
     status: tuple[str, ...]
 
     @property
+    def determined(self) -> bool:
+        """Whether the margin is the filter's, no more that of any ground."""
+        return self.remaining["thrust"] <= DETERMINED
+
+    @property
     def verdicts(self) -> dict[str, str]:
         """For each number in words whether it is determined, and how far."""
         return {

@@ -192,7 +192,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
 
 def _mobility(summary: dict[str, Any]) -> list[str]:
     """Slip, margin and risk, as far as they are known."""
-    told, measured = summary["mobility"], summary["strength"]["measured_by"]
+    told, strength = summary["mobility"], summary["strength"]
     slip, margin, risk = told["slip"], told["margin"], told["risk"]
     lines = ["Slip: not known."]
     if slip["median"] is not None:
@@ -201,7 +201,9 @@ def _mobility(summary: dict[str, Any]) -> list[str]:
             f" 95 % under {number(slip['quantile_95'], 2)}."
         ]
     if margin["median"] is not None:
-        by = f"by {', '.join(measured)}" if measured else "of the configured strength, not measured"
+        by = "as on any ground, by slip and what was pulled"
+        if strength["determined"]:
+            by = f"by {', '.join(strength['measured_by'])}"
         std = "" if margin["std"] is None else f" ± {number(margin['std'], 2)}"
         lines.append(
             f"Margin, pull over load at the reference slip: {number(margin['median'], 2)}{std},"
@@ -400,7 +402,7 @@ def _caveats(summary: dict[str, Any]) -> Block:
     if not summary["strength"]["measured_by"]:
         lines.append(
             "Nothing measured the strength: cohesion, friction angle and shear displacement are as "
-            "configured, and drawbar pull and margin are as good as those."
+            "configured, and thrust and drawbar pull are as good as those."
         )
     if any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
         lines.append("A filter can hide a missing physical effect by bending k, n and m.")

@@ -230,6 +230,7 @@ class Replayed(Result, shown="replay.report"):
             "mobility": self.estimates.told(),
             "strength": {
                 "measured_by": sorted(self.pipeline.strength.sources),
+                "determined": self.pipeline.strength.determined,
                 "status": list(self.pipeline.strength.status),
             },
             "sensors": list(self.pipeline.findings),
