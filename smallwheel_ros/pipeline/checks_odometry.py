@@ -70,7 +70,9 @@ class ZDown:
             return []
         value = float(self.up.value[0])
         window.memory.down = -1.0 if value < -0.5 * GRAVITY else 1.0
-        text = "z of the imu looks down: it is turned over here; publish it in base_link's axes for the others"
+        text = (
+            "z of the imu looks down: it is turned over; publish it in base_link's axes for others"
+        )
         return [Said("imu", value, text)] if window.memory.down < 0.0 else []
 
 
