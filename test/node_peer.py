@@ -208,6 +208,7 @@ class Peer:
         begin: int | None = None,
         slip: float = 0.1,
         period: float = 0.02,
+        variance: float = 1e-7,
     ) -> int:
         """Drive along x, publishing everything at each step; return the last stamp.
 
@@ -228,7 +229,7 @@ class Peer:
             stamp = self.send_odometry(start + i * step, speed, moment, frame)
             self.send_wheel_speed(speed / (1.0 - slip) / 0.125, stamp)
             self.send_load(force, stamp)
-            self.send_sinkage(depth, stamp, variance=1e-7)
+            self.send_sinkage(depth, stamp, variance)
             self.spin(period)
         return stamp
 

@@ -354,7 +354,8 @@ class Outputs:
 
         frame: that of the odometry.
         """
-        if turn.starts_over:
+        # Before the first estimate there is nothing to forget: a map that was restored stays.
+        if turn.starts_over and len(self.newest):
             self.start_over()
         if turn.twists is not None and "~/twist" in self._publishers:
             self._publish_twists(turn.twists)

@@ -62,7 +62,8 @@ def test_range_efforts_and_a_velocity_of_its_own(peer: Peer, tmp_path: Path) -> 
             peer.spin(0.02)
         peer.spin_until(lambda: peer.answered(stamps[-1]), "the last estimate")
         last = peer.mobility[-1]
-        assert last.load == pytest.approx(60.0)
+        # 30 of effort are 60 N, but for what the filter believes of the scale of the cells.
+        assert last.load == pytest.approx(60.0, rel=0.02)
         assert last.sinkage_measured == pytest.approx(0.01, abs=1e-6)  # ranges are float32
         # Odometry claims 0.5 m/s, as fast as the wheel turns; the radar knows better.
         assert last.slip == pytest.approx(0.4)
@@ -136,17 +137,15 @@ def test_parameters_are_those_of_the_configuration(
         peer.spin_until(lambda: peer.load.get_subscription_count() == 0, "the old topic is left")
         assert peer.node.count_subscribers("/scale") == 1
         peer.configure_with("front.load_topic", "front/load")
-        peer.configure_with("noise.load", 6.0)
+        peer.configure_with("noise.sinkage", 0.004)
         peer.configure_with("soil.name", "moist_earth")
         peer.spin_until(lambda: soils[-1].m == pytest.approx(-0.49), "the prior")
         assert soils[-1].status == SoilEstimate.STATUS_PRIOR_ONLY
         peer.spin_until(lambda: peer.load.get_subscription_count() == 1, "the old topic is back")
         before = len(peer.mobility)
-        peer.drive(2.0, 2.4)
+        peer.drive(2.0, 2.4, variance=0.0)  # not told
         peer.spin_until(lambda: len(peer.mobility) > before + 1, "further estimates")
-        assert peer.mobility[-1].load_standard_deviation == pytest.approx(
-            (6.0**2 + (0.02 * peer.mobility[-1].load) ** 2) ** 0.5
-        )
+        assert peer.mobility[-1].sinkage_measured_standard_deviation == pytest.approx(0.004)
         assert node.death() is None
     text = log.read_text()
     assert text.count("effective parameters") == 5
@@ -167,7 +166,7 @@ def test_mobility_is_said_at_its_rate(peer: Peer, one_wheel: Path, tmp_path: Pat
         assert soils[-1].measurements_accepted > 100
         stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in peer.mobility]
         apart = [later - earlier for earlier, later in pairwise(stamps)]
-        assert min(apart) >= 10**8  # half a period of slack, see `Onboard`
+        assert min(apart) >= 10**8  # half a period of slack
         assert node.death() is None
 
 

@@ -46,8 +46,8 @@ def test_what_is_determined_is_said_before_driving_and_after(peer: Peer, tmp_pat
         strength = {v.key: v.value for v in peer.entry("soil").values}["strength"]
         assert strength.startswith("thrust is not determined: no balance, torque or drawbar pull")
 
-        # Of the first 16 stretches of 0.2 m nothing is determined, and three more wait.
-        peer.drive(0.0, 6.0)
+        # Of the first 40 stretches of 0.2 m nothing is determined, and three more wait.
+        peer.drive(0.0, 10.0)
         peer.spin_until(lambda: f"m not determined: {ONE_DIAMETER}" in message(), "m's verdict")
         assert "m stays what the prior says" not in message()
         assert verdicts()["verdict on reference pressure"].startswith("determined: ")
