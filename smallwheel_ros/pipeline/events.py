@@ -86,17 +86,11 @@ class DriveEvents:
         for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
             if newest[begin] != self._version:
                 self._version = int(newest[begin])
-                self.soils.append(self._soil_at(self._version))
+                self.soils.append(self._pipeline.soil_at(self._version))
             self._know(self.soils[-1], rows, begin)
             changing[begin:end] = self._change is not None
             self.soil_of[begin:end] = len(self.soils) - 1
         return changing
-
-    def _soil_at(self, version: int) -> SoilEstimate:
-        try:
-            return self._pipeline.soil_at(version)
-        except KeyError:  # of a time that is over: a jump has begun another one in the same block
-            return self.soils[-1]
 
     def _know(self, soil: SoilEstimate, rows: Readings, i: int) -> None:
         """Take the soil that is believed from a reading on."""
