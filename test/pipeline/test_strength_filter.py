@@ -252,3 +252,18 @@ def test_slopes_of_forces_are_those_of_differences(
     for force, more, less in zip(here, up, down, strict=True):
         slope = (more.value[0] - less.value[0]) / 2e-6
         assert force.by_slip[0] == pytest.approx(slope, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("forward", [True, False])
+@pytest.mark.parametrize("moved", [-0.9, 0.9])
+def test_where_the_base_frame_is_does_not_matter(moved: float, forward: bool) -> None:
+    places = [wheel.longitudinal_position + moved for wheel in WHEELS]
+    elsewhere = tuple(
+        replace(wheel, longitudinal_position=place)
+        for wheel, place in zip(WHEELS, places, strict=True)
+    )
+    one, other = (StrengthFilter(PRIOR, wheels, MASS) for wheels in (WHEELS, elsewhere))
+    for each in (one, other):
+        each.move(0.5, forward, 0.02)
+    assert other.cells.tolist() == one.cells.tolist()
+    assert other.kalman.P == pytest.approx(one.kalman.P)
