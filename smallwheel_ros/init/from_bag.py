@@ -23,11 +23,11 @@ from smallwheel_ros.init.recorded import (
     JointSpeeds,
     Speed,
     is_of_wheels,
-    is_upright,
     joint_speeds,
     signs_of,
     speed_of,
     unlike_wheels,
+    upright,
 )
 from smallwheel_ros.init.rover import (
     FILL_IN,
@@ -199,14 +199,16 @@ class _Finder:
         if not topics or values.get("load.source") != "static":
             return False  # with load sensors it is offered, and people decide
         found = only_or_best_match("imu", topics) or topics[0]
-        if not is_upright(self._reader, found):
+        way = upright(self._reader, found)
+        if not way:
             self._notes.append(
                 f"{found} is not used: gravity is not along its z axis; publish it in base_link's axes"
             )
             return False
         values["imu_topic"] = found
+        shown = "up as gravity shows" if way > 0 else "down as gravity shows: it is turned over"
         self._notes.append(
-            f"{found} is the imu, z up as gravity shows; if its x axis does not look ahead, write imu_yaw"
+            f"{found} is the imu, z {shown}; if its x axis does not look ahead, write imu_yaw"
         )
         return True
 

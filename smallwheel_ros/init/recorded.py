@@ -24,7 +24,7 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is said
 _BASE = 1.0  # s between two places whose difference is a speed
-_UPRIGHT = 0.8  # of the felt force along z: within 37 degrees
+_UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
@@ -143,8 +143,8 @@ def is_of_wheels(share: float | None) -> bool:
     return share is not None and share < _OF_WHEELS
 
 
-def is_upright(reader: BagReader, topic: str) -> bool | None:
-    """Whether the z axis of an imu looks up; None where it feels no gravity, or has no messages."""
+def upright(reader: BagReader, topic: str) -> int | None:
+    """Where the z axis of an imu looks: 1 up, -1 down, 0 neither; None where it feels no gravity."""
     felt = [m.linear_acceleration for m in _first(reader, topic)]
     table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)
     table = table[np.isfinite(table).all(axis=1)]
@@ -154,4 +154,4 @@ def is_upright(reader: BagReader, topic: str) -> bool | None:
     strength = float(np.linalg.norm(mean))
     if not 8.0 < strength < 12.0:  # m/s^2: it is not gravity, or in other units
         return None
-    return bool(mean[2] > _UPRIGHT * strength)
+    return int(np.sign(mean[2])) if abs(mean[2]) > _UPRIGHT * strength else 0

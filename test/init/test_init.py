@@ -232,7 +232,9 @@ def test_a_bad_question_is_answered_in_words(
 SIGNS = {"left_front": -1.0, "left_rear": -1.0, "right_front": 1.0, "right_rear": 1.0}
 
 
-def plain_drive(target: Path, odometries: Mapping[str, float], up: float = 1.0) -> Path:
+def plain_drive(
+    target: Path, odometries: Mapping[str, float], up: float = 1.0, side: float = 0.0
+) -> Path:
     """Joint states, an imu and odometries of 30 s: by topic, the share of slip that it sees.
 
     The left axes are mirrored, the wheels have a radius of 0.15 m, and one joint steers.
@@ -262,7 +264,7 @@ def plain_drive(target: Path, odometries: Mapping[str, float], up: float = 1.0) 
             rates = np.array([0.1, *(sign * rim / 0.15 for sign in SIGNS.values())])
             states = joints(head, names, np.empty(0), rates, np.empty(0))
             writer.write("/joint_states", "sensor_msgs/msg/JointState", at, states)
-            felt = vector(x=0.0, y=0.0, z=9.81 * up)
+            felt = vector(x=0.0, y=9.81 * side, z=9.81 * up)
             none = np.array([-1.0, *np.zeros(8)])
             message = imu(head, upright, none, still, none, felt, none)
             writer.write("/imu/data", "sensor_msgs/msg/Imu", at, message)
@@ -321,8 +323,20 @@ def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> N
     assert rows["slip"].mean() == pytest.approx(0.1, abs=0.03)
 
 
-def test_an_imu_that_is_not_upright_is_said(tmp_path: Path) -> None:
-    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1}, up=-1.0)
+def test_an_imu_that_looks_down_is_used_and_said(tmp_path: Path) -> None:
+    bag, config = plain_drive(tmp_path / "drive", {"/odom": 0.1}, up=-1.0), tmp_path / "rover.yaml"
+    said = run("init", bag, "-o", config).stdout
+    assert "/imu/data is the imu, z down as gravity shows: it is turned over" in said
+    config.write_text(filled_in(config.read_text()))
+    assert found_in(config.read_text())["imu_topic"] == "/imu/data"
+    run("replay", bag, "--config", config, "--copy", "none", "-o", tmp_path / "out")
+    rows = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    assert rows["slip"].notna().mean() > 0.9
+    assert rows["slip"].mean() == pytest.approx(0.1, abs=0.03)
+
+
+def test_an_imu_that_lies_on_its_side_is_not_used(tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1}, up=0.0, side=1.0)
     said = run("init", bag, "-o", tmp_path / "rover.yaml").stdout
     assert "/imu/data is not used: gravity is not along its z axis" in said
     assert "imu_topic" not in found_in(filled_in((tmp_path / "rover.yaml").read_text()))
@@ -350,7 +364,8 @@ def test_a_wrong_joint_is_answered_with_those_that_are_there(tmp_path: Path) -> 
     run("init", bag, "-o", config)
     config.write_text(filled_in(config.read_text()).replace("joint: left_rear_wheel", "joint: rl"))
     said = run("replay", bag, "--config", config, "-o", tmp_path / "out").stdout
-    assert "joint rl): never in a message, which has steering_joint, left_front_wheel" in said
+    has = "has no value of its joint; it has steering_joint, left_front_wheel"
+    assert f"joint rl): topic /joint_states {has}" in said
 
 
 @pytest.mark.parametrize(
@@ -373,9 +388,14 @@ def test_a_real_drive_needs_sizes_places_and_mass(
         "replay", bag, "--config", config, *options, "--copy", "none", "-o", tmp_path / "out"
     )
     assert "never in a message" not in result.stdout
-    known = pd.read_csv(tmp_path / "out" / "estimates.csv", usecols=["slip"])["slip"].notna()
+    table = pd.read_csv(tmp_path / "out" / "estimates.csv", usecols=["time", "slip"])
+    known = table["slip"].notna()
     assert known.sum() > 100
-    assert known.mean() > 1.0 / 3.0  # 0.40 to 0.77 when this was written
+    if name == "husky_snow":  # slip ends where its odometry is found to be made of the wheels
+        found_out = table["time"] > 30.0
+        assert not known[found_out].any()
+        known = known[~found_out]
+    assert known.mean() > 1.0 / 3.0  # of warthogs 0.65 and 0.94 when this was written
     signs = [value for key, value in found(config).items() if key.endswith("joint_sign")]
     assert signs == ([-1, -1] if name == "pathfinder_flat" else [])
 
