@@ -209,11 +209,16 @@ class Inputs:
 
     def say_when_all_are_here(self) -> None:
         """Log, once, that each input has given something usable, and what is estimated now."""
-        if self._all_here or any(self._newest_stamp(name) is None for name in self._listened):
+        if self._all_here or not all(map(self._is_here, self._listened)):
             return
         self._all_here = True
         words = estimates(self._pipeline.settings, self._pipeline.undeterminable)
         self._node.get_logger().info(f"all {len(self._listened)} inputs are here: {words}")
+
+    def _is_here(self, stream: str) -> bool:
+        """Whether something usable of a stream has come: a load that does not press is kept, but none."""
+        kept = self._pipeline.streams.all[stream]
+        return kept.newest > 0 and (kept.kind != "load" or bool((kept.values > 0.0).any()))
 
     def _newest_stamp(self, stream: str) -> int | None:
         """Newest stamp (ns) of what was kept of a stream; None where there is none."""
