@@ -164,7 +164,9 @@ def test_a_looping_bag_starts_over(drive: Drive, rows: list[Row]) -> None:
 def test_soils_of_a_time_that_is_over_are_told(drive: Drive, rows: list[Row]) -> None:
     pipeline = Pipeline(rover_of(drive, **EVERY).onboard)
     give(pipeline.streams, rows)
-    give(pipeline.streams, rows[: len(rows) // 8])  # the loop begins anew before a turn is asked for
+    give(
+        pipeline.streams, rows[: len(rows) // 8]
+    )  # the loop begins anew before a turn is asked for
     accepted = []
     for turn in pipeline.turns(last=True):
         accepted.append([pipeline.soil_at(v).accepted for v in np.unique(turn.version).tolist()])
