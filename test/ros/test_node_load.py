@@ -27,7 +27,8 @@ pytestmark = [pytest.mark.dds, pytest.mark.slow]
 MINUTES = float(os.environ.get("SMALLWHEEL_LOAD_MINUTES", "30"))
 RATE = 200
 WHEELS = [f"wheel_{i}" for i in range(6)]
-MOST_UNANSWERED = 24  # less than the depth of the node's queues
+# A turn is taken every 50 ms, in which 60 come: of two turns and a half, less than the depth of the queues.
+MOST_UNANSWERED = 150
 
 
 def resident(pid: int) -> float:
@@ -67,7 +68,6 @@ class Rover:
         self.pose.header.frame_id = "odom"
         self.pose.pose.pose.orientation.w = 1.0
         self.pose.twist.twist.linear.x = 0.5
-        self.turning.velocity = [0.5 / 0.9 / 0.125] * len(WHEELS)
         self.wrench, self.depth = WrenchStamped(), WheelSinkage(variance=1e-6)
 
     @property
@@ -100,6 +100,9 @@ class Rover:
         # Around a field, so that the window of the cost map moves and comes back.
         self.pose.pose.pose.position.x = 30.0 * math.cos(x / 30.0)
         self.pose.pose.pose.position.y = 30.0 * math.sin(x / 30.0)
+        # Odometry that goes as far as the wheels by one factor all the time would be made of them.
+        slip = 0.1 + 0.04 * math.sin(0.7 * x)
+        self.turning.velocity = [0.5 / (1.0 - slip) / 0.125] * len(WHEELS)
         for message, publisher in ((self.pose, self.odometry), (self.turning, self.joints)):
             self.peer.stamp(message, stamp)
             publisher.publish(message)
