@@ -237,7 +237,13 @@ class _Drive:
         """Keep a message for the next turn, if it is an input."""
         key = (raw.topic, raw.type)
         if key == _CLOCK and self._has_clock:
-            clock = self._read_clock(raw.data).clock
+            try:
+                clock = self._read_clock(raw.data).clock
+            except Exception as error:  # as below
+                self._pipeline.note(
+                    raw.topic, "not_readable", f"topic {raw.topic}: {reason(error)}"
+                )
+                return
             self._clock = clock.sec * SECOND + clock.nanosec
             return
         if key not in self._converts:
