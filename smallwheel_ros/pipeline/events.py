@@ -10,7 +10,7 @@ import numpy as np
 
 from .identifiability import SoilEstimate
 from .pipeline import Pipeline, Turn
-from .statements import statements
+from .statements import DIGGING_IN, statements
 from .tables import SECOND, Estimates, Flags, Integers, Readings, none_of
 
 _PAUSE = 5.0  # s: what is not said for so long begins anew
@@ -110,29 +110,20 @@ class DriveEvents:
         """Note what begins to be said."""
         rows, now = turn.estimates, self._since(turn.until)
         place = _place(rows, len(rows) - 1) if len(rows) else None
-        for statement in statements(self._pipeline, self.newest):
-            self._say(
-                statement.about, Event(now, self.travel, statement.kind, statement.text, place)
-            )
-        if turn.warned is not None and (turn.warned.level == 2).any():
-            self._brief(turn)
-
-    def _brief(self, turn: Turn) -> None:
-        """Wheels that dug in within the turn, if only for a while."""
-        rows = turn.estimates
         digs = np.flatnonzero(rows.digging_in)
-        if not digs.size or self.newest.digging_in.any():
-            return
-        wheels = self._pipeline.settings.wheels
-        names = ", ".join(wheels[i].name for i in np.unique(rows.wheel[digs]).tolist())
-        text = f"{names}: digging in (slip up, and more is asked for than the ground gives): stop"
-        first = int(digs[0])
-        way, time = float(rows.distance[first]), self._since(int(rows.stamp[first]))
-        self._say(text, Event(time, way, "digging_in", text, _place(rows, first)))
+        if digs.size:  # if only for a while, within the turn
+            first, event = int(digs[0]), DIGGING_IN
+            way, time = float(rows.distance[first]), self._since(int(rows.stamp[first]))
+            self._say(event.about, Event(time, way, event.kind, event.text, _place(rows, first)), now)
+        for statement in statements(self._pipeline, self.newest):
+            if statement is not DIGGING_IN:
+                event_now = Event(now, self.travel, statement.kind, statement.text, place)
+                self._say(statement.about, event_now, now)
 
-    def _say(self, about: str, event: Event) -> None:
+    def _say(self, about: str, event: Event, until: float) -> None:
+        """Note an event that is not said already. until: s, up to which it is."""
         before = self._said.get(about, -math.inf)
-        self._said[about] = event.time
+        self._said[about] = until
         if event.time - before > _PAUSE:
             self.events.append(event)
 

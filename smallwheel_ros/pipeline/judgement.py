@@ -19,7 +19,7 @@ from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSett
 
 from .align import Align
 from .checks import Checks, Finding
-from .margin import AnyGround, Margins
+from .margin import AnyGround, Ground, Margins
 from .streams import NEVER, Stream
 from .tables import SECOND, Array, Columns, Flags, Integers, Readings
 from .warnings import Instants, Warned, Warnings
@@ -83,6 +83,9 @@ class Judgement:
         self._levels: tuple[Integers, Integers] = np.array([NEVER]), np.zeros(1, dtype=np.int64)
         self._margins: Margins | None = None
         self._slip = np.nan
+        self._wheels_since: int | None = (
+            None  # ns, since when the odometry is known to be of the wheels
+        )
 
     # --- Doubts
 
@@ -124,6 +127,7 @@ class Judgement:
 
     def judge(self, rows: Readings, align: Align) -> Judged:
         """Go on with rows; what holds at each of them. `warned` has what is new."""
+        rows = self._by_ground(rows, align)
         felt = align.ground.felt.between(align.since, align.done)
         speeds = align.streams.all.get(self._speed_is)
         stamps = (
@@ -143,7 +147,7 @@ class Judgement:
             if margins is not None:
                 # A second is over with the first instant behind it: from there on its margin holds.
                 behind = np.searchsorted(instants.stamp, margins.stamp, side="right")
-                margins = replace(margins, stamp=instants.stamp[behind])
+                margins = self._unlearnt(replace(margins, stamp=instants.stamp[behind]))
                 old = self._margins
                 self._margins = margins if old is None else Margins.joined([old, margins])
         found = self._at(rows)
@@ -152,6 +156,32 @@ class Judgement:
         if self._margins is not None:
             self._margins = self._margins.take(slice(-1, None))
         return found
+
+    def _by_ground(self, rows: Readings, align: Align) -> Readings:
+        """Rows without speeds that are of the wheels: these show no slip, and teach nothing of the ground."""
+        of_wheels = align.ground.trust(rows.stamp).of_wheels
+        if not of_wheels.any():
+            return rows
+        if self._wheels_since is None:
+            self._wheels_since = int(rows.stamp[np.argmax(of_wheels)])
+        return replace(
+            rows,
+            speed=np.where(of_wheels, np.nan, rows.speed),
+            vehicle_speed=np.where(of_wheels, np.nan, rows.vehicle_speed),
+        )
+
+    def _unlearnt(self, margins: Margins) -> Margins:
+        """The margin of ground that nothing is known of, once it has turned out that the wheels taught it."""
+        if self._wheels_since is None:
+            return margins
+        wrong = margins.stamp > self._wheels_since
+        mean, deviation = Ground().moments()
+        return replace(
+            margins,
+            margin=np.where(wrong, mean, margins.margin),
+            margin_std=np.where(wrong, deviation, margins.margin_std),
+            risk=np.where(wrong, np.nan, margins.risk),
+        )
 
     @property
     def slip(self) -> float:

@@ -29,6 +29,14 @@ class Statement(NamedTuple):
         return _NUMBER.sub("", self.text)
 
 
+DIGGING_IN = Statement(
+    "alarms",
+    "digging_in",
+    True,
+    "the wheels are digging in: they slip, and more is asked for than the ground gives: stop",
+)
+
+
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
     """What is to be said now. newest: the newest row of each wheel."""
     found = list(alarms(pipeline, newest))
@@ -45,13 +53,8 @@ def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
 def alarms(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
     """What somebody should act on at once."""
     found = []
-    wheels = pipeline.settings.wheels
-    digging = ", ".join(wheels[i].name for i in newest.wheel[newest.digging_in].tolist())
-    if digging:
-        text = (
-            f"{digging}: digging in (it slips, and more is asked for than the ground gives): stop"
-        )
-        found.append(Statement("alarms", "digging_in", True, text))
+    if newest.digging_in.any():
+        found.append(DIGGING_IN)
     if pipeline.warning:
         found.append(Statement("alarms", "stuck", False, pipeline.warning))
     missing = pipeline.missing_effect

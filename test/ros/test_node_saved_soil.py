@@ -111,7 +111,7 @@ def test_digging_in_is_an_alarm_and_lethal_on_the_map(
         peer.spin_until(lambda: peer.mobility[-1].digging_in, "the alarm")
         assert "digs itself in" in peer.mobility[-1].status_text
         peer.spin_until(lambda: peer.entry("alarms").level == b"\x02", "the alarm in diagnostics")
-        assert "front: digging in" in peer.entry("alarms").message
+        assert "the wheels are digging in" in peer.entry("alarms").message
         peer.spin_until(lambda: max(grids[-1].data) == 99, "ground that it may still leave")
         peer.drive(1.65, 4.0, slip=0.1, step=0.01, period=0.025)
         peer.spin_until(lambda: max(grids[-1].data) == 100, "lethal ground behind it")
