@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.pull_rates import DESIGNS, TRUTHS, rows_of, run, sand_of, table
 from smallwheel_ros.diagnosis.pipeline import diagnose
+from smallwheel_ros.measurements.display import words
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.views.blocks import Table
 from smallwheel_ros.views.effects import models_block
@@ -67,7 +68,9 @@ def test_what_pull_and_torque_named_can_be_unset_on_the_page() -> None:
     found = diagnose(rig(-0.0277))  # type: ignore[arg-type]
     made = models_block(found)
     assert made is not None
-    assert [choice.label for choice in made.choices] == ["sinkage offset"]
+    added = [words(str(step.added)) for step in found.steps[1:]]
+    assert added[0] == "sinkage offset"
+    assert {choice.label for choice in made.choices} == set(added)
     (first, last) = (step["held_out_rmse"]["torque"] for step in found.document["steps"][:2])
     tables = [next(b for b in blocks if isinstance(b, Table)) for blocks in made.views.values()]
     rows = [row for row in tables[1].rows if row["channel"] == "torque"]
