@@ -114,7 +114,9 @@ class DriveEvents:
         if digs.size:  # if only for a while, within the turn
             first, event = int(digs[0]), DIGGING_IN
             way, time = float(rows.distance[first]), self._since(int(rows.stamp[first]))
-            self._say(event.about, Event(time, way, event.kind, event.text, _place(rows, first)), now)
+            self._say(
+                event.about, Event(time, way, event.kind, event.text, _place(rows, first)), now
+            )
         for statement in statements(self._pipeline, self.newest):
             if statement is not DIGGING_IN:
                 event_now = Event(now, self.travel, statement.kind, statement.text, place)
