@@ -234,7 +234,7 @@ def namesakes(node: LifecycleNode) -> str:
     return (
         f"another node is called {node.get_fully_qualified_name()} too: listeners get the answers of"
         " both, a service reaches either, and both save to one soil.file; end one, or give it another"
-        " name (--ros-args -r __node:=NAME). One that was killed is taken for alive for 20 s"
+        " name (--ros-args -r __node:=NAME). One that was killed seems alive for 20 s"
     )
 
 
