@@ -28,10 +28,9 @@ from smallwheel_ros.onboard.settings import (
 )
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
-from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
+from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
 
 NODE_NAME = "mobility_estimator"
-GRAVITY = 9.80665  # m/s^2
 _SECTION = "ros__parameters"
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from smallwheel_ros.physics.conditions import ROLLING
 
+GRAVITY = 9.80665  # m/s^2, standard
 _MOVES = 4.0  # standard deviations of a speed: one reading in 16,000 of what stands is beyond them
 
 

@@ -18,6 +18,7 @@ from scipy.special import chdtri, ndtr
 
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
 
 from .judgement import Judged
 from .margin import AHEAD
@@ -27,7 +28,7 @@ from .strength import Strengths
 from .strength_words import is_determined
 from .stretches import Loads
 from .tables import SECOND, Array, Estimates, Flags, Integers, Readings
-from .warnings import GRAVITY, risk_of
+from .warnings import risk_of
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
 _NEWEST, _FAR = (

@@ -27,6 +27,7 @@ from typing import Protocol
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
+from smallwheel_ros.physics.wheel import GRAVITY
 
 from .checks_loads import (
     SWAP,
@@ -78,7 +79,7 @@ from .checks_odometry import (
     ZDown,
 )  # fmt: skip
 from .checks_sums import Said
-from .checks_window import AROUND, GRAVITY, SPAN, Memory, Raw, Vehicle, Window
+from .checks_window import AROUND, SPAN, Memory, Raw, Vehicle, Window
 from .tables import SECOND, Array, Integers
 
 _NEVER = -(1 << 62)

@@ -7,10 +7,12 @@ from itertools import combinations
 
 import numpy as np
 
+from smallwheel_ros.physics.wheel import GRAVITY
+
 from .checks_motion import HELD, SIGN_WAY
 from .checks_odometry import REPEAT_WAY
 from .checks_sums import Medians, Run, Said
-from .checks_window import GRAVITY, Rows, Vehicle, Window
+from .checks_window import Rows, Vehicle, Window
 from .tables import Array
 
 WEIGHT_OFF = 0.1  # of the mass, known to 5 %, and 5 % of the cells

@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.physics.wheel import GRAVITY
 
 from .checks_sums import Agreement, Pieces, Run, Said, robust
-from .checks_window import AHEAD, GRAVITY, MOVES, Vehicle, Window
+from .checks_window import AHEAD, MOVES, Vehicle, Window
 
 SIGN_WAY, SIGN_SHARE = 1.0, 0.8  # m, 1
 DEAD_WAY = 2.0  # m

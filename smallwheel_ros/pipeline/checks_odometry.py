@@ -8,12 +8,12 @@ from collections import deque
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.physics.wheel import GRAVITY
 
 from .checks_sums import Medians, Pieces, Run, Said
 from .checks_window import (
     AHEAD,
     GAP,
-    GRAVITY,
     GYRO,
     LEFT,
     MOVES,

@@ -19,7 +19,6 @@ from smallwheel_ros.physics.conditions import ROLLING
 from .streams import Streams
 from .tables import SECOND, Array, Flags, Integers
 
-GRAVITY = 9.80665  # m/s^2
 SPAN = 2 * SECOND  # ns, between judgements: long against the work of one, short against a fault
 AROUND = (
     2 * SECOND

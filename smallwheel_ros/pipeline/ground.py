@@ -20,12 +20,12 @@ import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
 
 from .streams import NEVER, Stream, Streams
 from .tables import SECOND, Array, Flags, Integers, steps_of, unknown
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL = range(10)
-GRAVITY = 9.80665  # m/s^2
 WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s

@@ -22,7 +22,7 @@ from .checks import Checks, Finding
 from .margin import AnyGround, Ground, Margins
 from .streams import NEVER, Stream
 from .tables import SECOND, Array, Columns, Flags, Integers, Readings
-from .warnings import Instants, Warned, Warnings
+from .warnings import Instants, Warned, Warnings, level_at
 
 # Columns of `Readings` that a stream makes; odometry and velocity make those of every wheel.
 _OF_WHEEL = {
@@ -212,8 +212,7 @@ class Judgement:
 
     def _at(self, rows: Readings) -> Judged:
         count = len(rows)
-        stamps, levels = self._levels
-        level = levels[np.maximum(np.searchsorted(stamps, rows.stamp, side="right") - 1, 0)]
+        level = level_at(*self._levels, rows.stamp)
         spins = np.zeros(count, dtype=bool)
         stamps, flags = self._spinning
         if stamps.size:

@@ -20,9 +20,10 @@ import math
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from smallwheel_ros.physics.wheel import GRAVITY
+
 from .tables import SECOND, Array, Integers, Readings
 
-GRAVITY = 9.80665  # m/s^2
 _SLOPE, _LENGTH = 0.15, 40.0  # tangent, m: hills
 _ZERO, _ZERO_TIME = math.radians(1.5), 180.0  # tangent, s
 _ROW, _WAY, _TURN, _NEWEST = math.radians(0.5), 0.2, 0.2, 20  # tangent, m, rad, rows

@@ -15,7 +15,7 @@ from .identifiability import SoilEstimate, Variety, seen_as
 from .law import LEAST_SHARE, LOG_DEPTH, LawModel
 from .missing_effect import MissingEffect
 from .soil_filter import Law
-from .tables import Array, Columns, Flags
+from .tables import Array, Columns
 
 
 @dataclass(frozen=True)
@@ -89,14 +89,6 @@ def constants(law: Array) -> tuple[float, float, float]:
 def law_of(version: Version) -> Law:
     """Mean and covariance of (ln pressure at the soil's reference, n, m)."""
     return version.law, version.slopes @ version.covariance @ version.slopes.T
-
-
-def flags_of(version: Version, prior: SoilPrior, share: float = 0.5) -> Flags:
-    """Which of (ln pressure, n, m) the data has determined: half of the prior's deviation is gone."""
-    spread = np.sqrt(np.diag(law_of(version)[1]))
-    known = spread <= share * np.sqrt(np.diag(prior.law[1]))
-    determined: Flags = known & version.settled
-    return determined
 
 
 class Reported:

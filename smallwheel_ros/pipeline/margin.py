@@ -20,8 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from smallwheel_ros.physics.wheel import GRAVITY
+
 from .tables import SECOND, Array, Columns, Integers
-from .warnings import GRAVITY, Instants
+from .warnings import Instants
 
 REFERENCE_SLIP = 0.4
 # Prior: (median, standard deviation of the logarithm).

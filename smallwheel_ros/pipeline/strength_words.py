@@ -11,7 +11,7 @@ import numpy as np
 
 from smallwheel_ros.physics.wheel import Quantity
 
-from .forces import COHESION, FRICTION, OTHER, SHEAR
+from .forces import COHESION, FRICTION, OTHER, SHEAR, Believed
 from .identifiability import DETERMINED
 from .steps import Excitation
 from .strength import FORM_SHEAR, STRENGTH, Strengths
@@ -65,21 +65,36 @@ def strength_of(strengths: Strengths) -> StrengthEstimate:
     """The newest, by the filter of the reserve."""
     believed = strengths.believed[-1][1]
     mean = believed.x[:STRENGTH]
-    deviation = np.sqrt(np.maximum(np.diag(believed.P)[:STRENGTH], 0.0))
+    deviation = _deviations(believed)
     remaining = dict(zip(_NAMES, (deviation / strengths.now.prior_std).tolist(), strict=True))
     # The most that is held under a load, c A + W tan(phi): nearly all of it is friction.
     remaining["thrust"] = remaining["friction_angle"]
-    shear = math.exp(float(mean[SHEAR]))
     return StrengthEstimate(
-        Quantity(max(float(mean[COHESION]), 0.0), float(deviation[COHESION])),
-        Quantity(float(mean[FRICTION]), float(deviation[FRICTION])),
-        Quantity(shear, shear * math.hypot(float(deviation[SHEAR]), FORM_SHEAR)),
-        Quantity(float(mean[OTHER]), float(deviation[OTHER])),
-        strengths.steps,
-        frozenset(strengths.sources),
-        remaining,
-        _in_words(remaining, strengths.excitation, strengths.steps),
+        **constants_of(believed),
+        other_resistance=Quantity(float(mean[OTHER]), float(deviation[OTHER])),
+        steps=strengths.steps,
+        sources=frozenset(strengths.sources),
+        remaining=remaining,
+        status=_in_words(remaining, strengths.excitation, strengths.steps),
     )
+
+
+def constants_of(believed: Believed) -> dict[str, Quantity]:
+    """Cohesion (Pa), friction angle (rad), shear displacement (m), as a filter believes them."""
+    mean, deviation = believed.x, _deviations(believed)
+    shear = math.exp(float(mean[SHEAR]))
+    return {
+        "cohesion": Quantity(max(float(mean[COHESION]), 0.0), float(deviation[COHESION])),
+        "friction_angle": Quantity(float(mean[FRICTION]), float(deviation[FRICTION])),
+        "shear_displacement": Quantity(
+            shear, shear * math.hypot(float(deviation[SHEAR]), FORM_SHEAR)
+        ),
+    }
+
+
+def _deviations(believed: Believed) -> Array:
+    """Standard deviations of the numbers of the soil's strength."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(believed.P)[:STRENGTH], 0.0)))
 
 
 def is_determined(P: Array, prior_std: Array) -> bool:

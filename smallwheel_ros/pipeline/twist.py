@@ -18,8 +18,9 @@ import numpy as np
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings, TwistSettings
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
 
-from .ground import GRAVITY, SPEED_VARIANCE
+from .ground import SPEED_VARIANCE
 from .tables import SECOND, Array, Columns, Flags, Integers
 from .twist_filter import LONGEST, TwistFilter
 

@@ -19,11 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 
-from .tables import SECOND, Array, Columns, Flags, Integers, Readings
+from .tables import SECOND, Array, Columns, Integers, Readings
 
-GRAVITY = 9.80665  # m/s^2
 PERIOD = SECOND // 10  # ns, an instant; all constants were found at 10 Hz
 HELD = 0.5  # s, for which a wheel's row is taken on
 SLIP_S, TREND_S, READINGS = 0.5, 1.0, 5  # s: of a mean, of a line; readings of the speed in a mean
@@ -269,10 +268,10 @@ def _unfelt(time: Array, done: Instants, along: float) -> bool:
     return lost > UNFELT and gained > -SEEN * lost
 
 
-def digging_in(warned: Warned, stamps: Integers) -> Flags:
-    """Whether the rolling wheels dig themselves in at stamps: the second level at the newest instant."""
-    place = np.searchsorted(warned.stamp, stamps, side="right") - 1
-    return np.asarray((place >= 0) & (warned.level[np.maximum(place, 0)] == 2))
+def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers:
+    """Level at stamps, that of the newest instant, 0 before the first; at 2 the rolling wheels dig in."""
+    place = np.searchsorted(instants, stamps, side="right") - 1
+    return np.where(place >= 0, levels[np.maximum(place, 0)], 0)
 
 
 def risk_of(risk: Array, level: Integers) -> Array:

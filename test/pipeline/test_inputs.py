@@ -25,7 +25,7 @@ from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
-from smallwheel_ros.pipeline.ground import GRAVITY
+from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Readings
 
 QUARTER = math.sqrt(0.5)

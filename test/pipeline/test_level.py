@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from rows_of_drives import PLACES, G, Row, drive, rover, run
 
+from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.forces import LEVEL
-from smallwheel_ros.pipeline.level import GRAVITY, Level, news
+from smallwheel_ros.pipeline.level import Level, news
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.sensors import Weighing
 from smallwheel_ros.pipeline.strength import LEVEL_STD

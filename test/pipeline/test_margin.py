@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.margin import GRIP, RESISTANCE, SOFTNESS, AnyGround, Ground, Margins
-from smallwheel_ros.pipeline.warnings import GRAVITY, Instants
+from smallwheel_ros.pipeline.warnings import Instants
 
 SIDE = np.array([0.3, -0.3, 0.3, -0.3])
 START = 1_700_000_000_000_000_000

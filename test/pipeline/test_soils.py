@@ -20,11 +20,18 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.local_law import Reported, Version, flags_of, law_of
+from smallwheel_ros.pipeline.local_law import Reported, Version, law_of
 from smallwheel_ros.pipeline.saved_state import SavedState, read_state, write_state
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
+
+
+def flags_of(version: Version, prior: SoilPrior, share: float = 0.5) -> np.ndarray:
+    """Which of (ln pressure, n, m) the data has determined: half of the prior's deviation is gone."""
+    spread = np.sqrt(np.diag(law_of(version)[1]))
+    known = spread <= share * np.sqrt(np.diag(prior.law[1]))
+    return known & version.settled
 
 
 @lru_cache

@@ -19,9 +19,9 @@ from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 from smallwheel_ros.pipeline.contact import OnSoil
 from smallwheel_ros.pipeline.forces import COHESION, FRICTION, OTHER, Rolling, forces
 from smallwheel_ros.pipeline.forces import WHEELS as WHEELS_AT
-from smallwheel_ros.pipeline.mobility import strength_of
 from smallwheel_ros.pipeline.steps import Steps
 from smallwheel_ros.pipeline.strength import StrengthFilter, Strengths
+from smallwheel_ros.pipeline.strength_words import constants_of
 from smallwheel_ros.pipeline.tables import Array
 
 WHEELS = tuple(
@@ -85,7 +85,7 @@ def drive(strengths: Strengths, angle: float, begin: int = 0, soil: int = 0) -> 
 
 
 def angle_of(strengths: Strengths) -> Quantity:
-    return Quantity(*strength_of(strengths.believed[-1][0])["friction_angle"])
+    return Quantity(*constants_of(strengths.believed[-1][0])["friction_angle"])
 
 
 def test_balance_finds_the_friction_angle() -> None:
@@ -208,7 +208,7 @@ def test_no_step_breaks_the_filter(
     for one in (strengths.now, strengths.reserve or strengths.now):
         assert np.isfinite(one.kalman.x).all()
         assert np.linalg.eigvalsh(one.kalman.P).min() > -1e-9 * np.abs(one.kalman.P).max()
-    told = strength_of(strengths.believed[-1][0])
+    told = constants_of(strengths.believed[-1][0])
     assert told["cohesion"][0] >= 0.0
     assert told["shear_displacement"][0] > 0.0
 

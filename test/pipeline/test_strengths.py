@@ -19,11 +19,12 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.align import slip_of
-from smallwheel_ros.pipeline.mobility import Mobility, mobility, strength_of
+from smallwheel_ros.pipeline.mobility import Mobility, mobility
 from smallwheel_ros.pipeline.motion import rut_of
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.steps import StepState, steps
 from smallwheel_ros.pipeline.strength import Strengths
+from smallwheel_ros.pipeline.strength_words import constants_of
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Array, Integers, Readings
 
@@ -221,8 +222,8 @@ def test_a_way_back_is_the_mirror_of_a_way_forward() -> None:
     found, other, _ = driven(back, replace(SETTINGS, wheels=wheels))
     np.testing.assert_allclose(found.drawbar_pull, forth.drawbar_pull, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found.margin, forth.margin, rtol=1e-6, atol=1e-6)
-    assert strength_of(other.believed[-1][0])["friction_angle"][0] == pytest.approx(
-        strength_of(one.believed[-1][0])["friction_angle"][0]
+    assert constants_of(other.believed[-1][0])["friction_angle"][0] == pytest.approx(
+        constants_of(one.believed[-1][0])["friction_angle"][0]
     )
 
 
@@ -246,8 +247,8 @@ def test_a_strength_goes_on_from_its_record() -> None:
     again = Strengths(SETTINGS.strength, SETTINGS.wheels, np.arange(4), MASS)
     again.restore(saved)
     assert again.record() == saved
-    mean = strength_of(again.believed[-1][0])["friction_angle"]
-    assert mean == pytest.approx(strength_of(strengths.believed[-1][1])["friction_angle"])
+    mean = constants_of(again.believed[-1][0])["friction_angle"]
+    assert mean == pytest.approx(constants_of(strengths.believed[-1][1])["friction_angle"])
     with pytest.raises(ValueError, match="another prior"):
         again.restore(saved | {"prior": [1.0] * 6})
 

@@ -20,7 +20,7 @@ from smallwheel_ros.pipeline.align import Align, rules_of, widths_of
 from smallwheel_ros.pipeline.margin import AnyGround
 from smallwheel_ros.pipeline.streams import Streams
 from smallwheel_ros.pipeline.tables import Readings, unknown
-from smallwheel_ros.pipeline.warnings import Instants, Warned, Warnings, digging_in, risk_of
+from smallwheel_ros.pipeline.warnings import Instants, Warned, Warnings, level_at, risk_of
 
 Array = NDArray[np.float64]
 WHEELS = settings().wheels
@@ -185,9 +185,9 @@ def test_it_is_said_again_while_it_holds_and_not_at_each_instant() -> None:
 
 def test_wheels_dig_in_while_the_second_level_is_exceeded() -> None:
     _, said = warned(rows_of(0.52, slips_in))
-    digs = digging_in(said, said.stamp)
+    digs = level_at(said.stamp, said.level, said.stamp) == 2
     assert np.array_equal(digs, said.level == 2)
-    assert not digging_in(said, said.stamp[:1] - 1)[0]
+    assert not level_at(said.stamp, said.level, said.stamp[:1] - 1)[0]
 
 
 def test_risk_is_a_half_at_least_over_the_first_level_and_unknown_where_it_is() -> None:
