@@ -214,7 +214,6 @@ def _onboard(given: Given, inputs: Mapping[str, WheelInputs]) -> OnboardSettings
         estimator=estimator,
         noise=given.noise,
         timing=given.timing,
-        digging_in=given.digging_in,
         effects=effects,
         without_sinkage=frozenset(n for n, wheel in inputs.items() if not wheel.sinkage_topic),
         with_drawbar_pull=frozenset(n for n, wheel in rolling.items() if wheel.drawbar_pull_topic),

@@ -37,22 +37,6 @@ class OnboardError(SmallwheelError):
 
 
 @dataclass(frozen=True)
-class DiggingInRules:
-    """When a wheel is taken to dig itself in: all of it at once."""
-
-    slip: float = Parameter(0.5, "1", 0.31, 1.0).means(
-        "A wheel digs itself in where its slip is at least this, and all that follows holds."
-    )
-    sinkage_rise: float = Parameter(0.3, "1", 0.01, 10.0).means(
-        "Its sinkage is above that of ordinary driving (slip up to 0.3) by this share of it."
-    )
-    speed_drop: float = Parameter(0.3, "1", 0.01, 1.0).means(
-        "Its speed over ground is below that of ordinary driving by this share of it."
-    )
-    time: float = Parameter(1.0, "s", 0.0, 60.0).means("All of it for so long.")
-
-
-@dataclass(frozen=True)
 class SensorNoise:
     """Standard deviations of measurements whose messages do not carry them."""
 
@@ -156,7 +140,6 @@ class OnboardSettings:
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
     noise: SensorNoise = field(default_factory=SensorNoise)
     timing: Timing = field(default_factory=Timing)
-    digging_in: DiggingInRules = field(default_factory=DiggingInRules)
     effects: tuple[Effect, ...] = ()
     without_sinkage: frozenset[str] = frozenset()
     with_drawbar_pull: frozenset[str] = frozenset()
@@ -370,7 +353,6 @@ class Given:
     noise: SensorNoise = field(default_factory=SensorNoise)
     timing: Timing = field(default_factory=Timing)
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
-    digging_in: DiggingInRules = field(default_factory=DiggingInRules)
     cost: CostSettings = field(default_factory=CostSettings)
 
 
@@ -454,6 +436,7 @@ class NodeSettings(Given):
     inputs: Mapping[str, WheelInputs]
 
 
+_DIGGING_BEFORE = "Not used any more: wheels dig in while the warning's second level is exceeded."
 _COST_BEFORE = "Not used any more: cost is the risk of getting stuck, see cost.required_margin."
 
 
@@ -464,6 +447,14 @@ class NotUsed:
     surprises_to_reopen: int = Parameter(5, "", 1, 1000, "estimator.surprises_to_reopen").means(
         "Not used any more: a change of soil is judged on averages over several stretches of path."
     )
+    slip: float = Parameter(0.5, "1", 0.31, 1.0, "digging_in.slip").means(_DIGGING_BEFORE)
+    sinkage_rise: float = Parameter(0.3, "1", 0.01, 10.0, "digging_in.sinkage_rise").means(
+        _DIGGING_BEFORE
+    )
+    speed_drop: float = Parameter(0.3, "1", 0.01, 1.0, "digging_in.speed_drop").means(
+        _DIGGING_BEFORE
+    )
+    time: float = Parameter(1.0, "s", 0.0, 60.0, "digging_in.time").means(_DIGGING_BEFORE)
     easy_margin: float = Parameter(0.1, "1", 0.001, 10.0, "cost.easy_margin").means(_COST_BEFORE)
     hard_margin: float = Parameter(-0.1, "1", -10.0, 10.0, "cost.hard_margin").means(_COST_BEFORE)
     confidence: float = Parameter(0.95, "1", 0.5, 0.9999, "cost.confidence").means(_COST_BEFORE)
