@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntFlag
 
 import numpy as np
@@ -22,12 +22,12 @@ from smallwheel_ros.physics.wheel import GRAVITY
 
 from .judgement import Judged
 from .margin import AHEAD
-from .mobility import Mobility, mobility
+from .mobility import Predicted, mobility
 from .soils import Soils
 from .strength import Strengths
 from .strength_words import is_determined
 from .stretches import Loads
-from .tables import SECOND, Array, Estimates, Flags, Integers, Readings
+from .tables import SECOND, Array, Estimates, Flags, Integers, Mobility, Readings
 from .warnings import risk_of
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
@@ -126,40 +126,34 @@ def answer(
         conditions |= np.where(applies, int(condition), 0)
         status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
     margin, margin_std, risk = _margins(state, rows, can, judged, strength, strengths, rolls)
-    pull, pull_std = can.drawbar_pull, can.drawbar_pull_std
     numbers = [soils.versions[number].number for number in newest.tolist()]
+    known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
+    known |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
-        stamp=rows.stamp, wheel=rows.wheel, load=can.load, load_std=can.load_std, slip=rows.slip,
-        slip_std=rows.slip_std, sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std,
-        distance=rows.distance, x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows),
-        status=status, conditions=conditions, sinkage=can.sinkage, sinkage_std=can.sinkage_std,
-        compaction_resistance=can.compaction_resistance,
-        compaction_resistance_std=can.compaction_resistance_std,
-        other_resistance=can.other_resistance, other_resistance_std=can.other_resistance_std,
-        rolling_resistance_coefficient=can.rolling_resistance_coefficient,
-        rolling_resistance_coefficient_std=can.rolling_resistance_coefficient_std,
-        thrust=can.thrust, thrust_std=can.thrust_std, drawbar_pull=pull, drawbar_pull_std=pull_std,
-        probability_drawbar_pull_positive=ndtr(pull / pull_std),
-        margin=margin, margin_std=margin_std, steepest_slope=np.arctan(margin),
-        steepest_slope_std=margin_std / (1.0 + margin**2), energy=can.energy,
-        energy_std=can.energy_std, risk=risk, digging_in=digging, spins=judged.spins,
+        **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
+        sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
+        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
+        conditions=conditions,
+        probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
+        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
+        digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
         rejected=refused + np.array([version.outliers for version in of], dtype=np.int64),
         law=law, strength=strength,
     )  # fmt: skip
 
 
-def _among(some: Mobility, known: Integers, count: int) -> Mobility:
+def _among(some: Predicted, known: Integers, count: int) -> Predicted:
     """Rows of some wheels among those of which nothing is known."""
     if known.size == count:
         return some
-    whole = Mobility.unknown(count)
+    whole = Predicted.unknown(count)
     for name, column in vars(whole).items():
         column[known] = getattr(some, name)
     return whole
 
 
-def _without_law(can: Mobility, measured: Flags) -> Mobility:
+def _without_law(can: Predicted, measured: Flags) -> Predicted:
     """What a law says is not known of a soil that is neither named nor measured."""
     names = (
         "sinkage",
@@ -170,11 +164,11 @@ def _without_law(can: Mobility, measured: Flags) -> Mobility:
     columns = vars(can).copy()
     for name in (*names, *(f"{one}_std" for one in names)):
         columns[name] = np.where(measured, columns[name], np.nan)
-    return Mobility(**columns)
+    return Predicted(**columns)
 
 
 def _does_not_fit(
-    state: AnswerState, rows: Readings, can: Mobility, settings: OnboardSettings
+    state: AnswerState, rows: Readings, can: Predicted, settings: OnboardSettings
 ) -> Flags:
     """A sinkage far from those just before it, and beyond what is expected of it."""
     gate = float(chdtri(1, 1.0 - settings.estimator.gate_probability))
@@ -193,7 +187,7 @@ def _does_not_fit(
 
 
 def _margins(
-    state: AnswerState, rows: Readings, can: Mobility, judged: Judged, strength: Integers,
+    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, strength: Integers,
     strengths: Strengths, rolls: Flags,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Margin of each wheel with its deviation, and the vehicle's risk."""

@@ -19,7 +19,7 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.align import slip_of
-from smallwheel_ros.pipeline.mobility import Mobility, mobility
+from smallwheel_ros.pipeline.mobility import Predicted, mobility
 from smallwheel_ros.pipeline.motion import rut_of
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.steps import StepState, steps
@@ -33,7 +33,7 @@ BOTH = "balance and torque"
 
 
 @dataclass(frozen=True)
-class Known(Mobility):
+class Known(Predicted):
     """What wheels can do, with where and when that was."""
 
     stamp: Integers
