@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The front half over drives of real robots: how often slip is known, and how often it is in its band.
 
-The drives are not part of the repository: SMALLWHEEL_REAL_DRIVES is the folder that has them.
+The drives are not part of the repository: without the recorded data the tests skip.
 """
 
 from __future__ import annotations
 
 import csv
-import os
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.pipeline.replay import replay
 from smallwheel_ros.pipeline.tables import SECOND, Readings
 
-FOLDER = Path(os.environ.get("SMALLWHEEL_REAL_DRIVES", "/nowhere"))
 DRIVES = {
     "warthog_grass": ("warthog", "icp_odom"),
     "warthog_grass_pose_only": ("warthog", "icp_odom"),
@@ -26,28 +24,30 @@ DRIVES = {
     "pathfinder_flat": ("pathfinder", "gnss/odom"),
     "husky_snow": ("husky", "husky_velocity_controller/odom"),
 }
-pytestmark = pytest.mark.skipif(
-    not (FOLDER / "warthog.yaml").exists(),
-    reason="SMALLWHEEL_REAL_DRIVES is not a folder of real drives (they are too large for the repository)",
-)
+
+
+@pytest.fixture
+def drives(shared_data: Path) -> Path:
+    """The folder of the real drives."""
+    return shared_data / "real_drives"
 
 
 @cache
-def _readings(name: str) -> Readings:
+def _readings(folder: Path, name: str) -> Readings:
     robot, odometry = DRIVES[name]
-    settings = settings_from(read_parameters(str(FOLDER / f"{robot}.yaml")))
-    turns = replay(FOLDER / name, settings, remap={"odom": odometry})
+    settings = settings_from(read_parameters(str(folder / f"{robot}.yaml")))
+    turns = replay(folder / name, settings, remap={"odom": odometry})
     return Readings.joined([turn.readings for turn in turns])
 
 
 @cache
-def _truth(name: str) -> list[tuple[float, int, float]]:
+def _truth(folder: Path, name: str) -> list[tuple[float, int, float]]:
     """Stamp (s), wheel and slip, where the ground's speed is one that such a vehicle has.
 
     Lidar poses jump: what is over twice the rim's speed is no driving.
     """
     found = []
-    with (FOLDER / f"{name}_truth.csv").open() as file:
+    with (folder / f"{name}_truth.csv").open() as file:
         for stamp, side, rim, ground, slip in list(csv.reader(file))[1:]:
             if abs(float(ground)) <= 2.0 * abs(float(rim)) + 0.3 and np.isfinite(float(slip)):
                 found.append((float(stamp), 0 if side == "left" else 1, float(slip)))
@@ -74,24 +74,26 @@ def _in_band(rows: Readings, truth: list[tuple[float, int, float]]) -> float:
 @pytest.mark.parametrize(
     "name", ["warthog_grass", "warthog_grass_pose_only", "warthog_sand1", "pathfinder_flat"]
 )
-def test_slip_is_known_while_the_vehicle_moves(name: str) -> None:
-    known = _known(_readings(name))
+def test_slip_is_known_while_the_vehicle_moves(drives: Path, name: str) -> None:
+    known = _known(_readings(drives, name))
     print(f"{name}: slip known in {known:.3f} of the moving time")
     assert known > 0.85
 
 
 @pytest.mark.parametrize("name", ["warthog_grass", "warthog_sand1"])
-def test_slip_is_in_its_band(name: str) -> None:
-    share = _in_band(_readings(name), _truth(name))
+def test_slip_is_in_its_band(drives: Path, name: str) -> None:
+    share = _in_band(_readings(drives, name), _truth(drives, name))
     print(f"{name}: {share:.3f} of true slips in the band")
     assert share > 0.85
 
 
-def test_odometry_of_the_wheels_shows_no_slip_on_snow() -> None:
-    rows = _readings("husky_snow")
+def test_odometry_of_the_wheels_shows_no_slip_on_snow(drives: Path) -> None:
+    rows = _readings(drives, "husky_snow")
     seconds = (rows.stamp - rows.stamp[0]) / SECOND
     assert np.isnan(rows.slip[seconds > 60.0]).all()
 
 
-def test_an_imu_that_looks_down_feels_gravity_up() -> None:
-    assert np.nanmedian(_readings("pathfinder_flat").vertical) == pytest.approx(9.8, abs=0.1)
+def test_an_imu_that_looks_down_feels_gravity_up(drives: Path) -> None:
+    assert np.nanmedian(_readings(drives, "pathfinder_flat").vertical) == pytest.approx(
+        9.8, abs=0.1
+    )
