@@ -35,6 +35,7 @@ _STEADY = 0.1  # of the rims' speed: what they may change by where speed shows i
 _PLACE = (
     0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
 )
+_SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a place holds is not known
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
@@ -283,7 +284,8 @@ class Ground:
         sums.speed = before[-2:]
         bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
         told: Array = np.full(back.size, self.settings.noise.speed**2)
-        posed = 2.0 * (_PLACE * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
+        place = np.hypot(_PLACE, _SCAN * np.nan_to_num(speed))
+        posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
         for i, bend in enumerate(bends):
