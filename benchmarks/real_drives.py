@@ -7,6 +7,10 @@ FOLDER holds bags, parameter files and truths: the bag `warthog_sand1` goes with
 its name begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
 `stamp [s]`, `side` (left, right), `rim_speed [m/s]` and `ground_speed [m/s]`, means over 0.5 s or more.
 
+A truth is left out, and counted, where the poses that it was made of contradict it: where the vehicle's
+middle (mean of both sides) is to have gone more than twice as fast as the way along these poses, 2 s to
+either side, and 0.3 m/s. Places that jump, and slopes over poses that are too few, make such truths.
+
 Moving is a wheel whose rim turns at more than 0.15 m/s, by the bag's joint states. Steady is an instant
 from 1 s before to 1 s after which the rim's speed stays within a tenth of its own: in starts and stops,
 poses that come late would count as the program's errors. Accusations are what a sensor is said to have wrong.
@@ -39,6 +43,7 @@ from smallwheel_ros.replay.spec import ReplaySpec, resolved
 Array = NDArray[np.float64]
 MOVING = 0.15  # m/s
 STEADY, CHANGE = 1.0, 0.1  # s to either side; of the rim's speed
+AROUND, FASTER, AT_REST = 2.0, 2.0, 0.3  # s to either side; times the way of the poses; m/s
 NEAR = 0.15  # s between a truth and its estimate
 BAND = 1.96
 # The odometry that is not made of the wheels, where a robot has two.
@@ -61,6 +66,7 @@ class Row:
     inside: float  # share of truths in the band of slip, and that of steady ones
     steady: float
     truths: int
+    left_out: int  # truths that their own poses contradict
     margin: float
     margin_deviation: float
     warnings: int
@@ -70,7 +76,9 @@ class Row:
         margin = "-"
         if np.isfinite(self.margin):
             margin = f"{self.margin:.2f} ± {BAND * self.margin_deviation:.2f}"
-        inside = f"{self.inside:.2f} ({self.steady:.2f}) of {self.truths}" if self.truths else "-"
+        inside = "-"
+        if self.truths:
+            inside = f"{self.inside:.2f} ({self.steady:.2f}) of {self.truths}, {self.left_out} left out"
         return [
             self.name,
             f"{self.seconds:.0f} s, {self.metres:.0f} m",
@@ -139,6 +147,25 @@ def is_steady(times: Array, speeds: Array, at: float) -> bool:
     return bool(about.size and np.ptp(about) < 2.0 * CHANGE * abs(about.mean()))
 
 
+def poses(bag: Path, topic: str) -> tuple[Array, Array]:
+    """Times (s) of an odometry, and the way (m) along its places up to each."""
+    rows = []
+    with BagReader(bag) as reader:
+        for message in reader.messages({topic}):
+            stamp, place = message.message.header.stamp, message.message.pose.pose.position
+            rows.append((stamp.sec + stamp.nanosec * 1e-9, place.x, place.y))
+    times, x, y = np.array(rows).T
+    return times, np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+
+
+def contradicted(truth: pd.DataFrame, times: Array, way: Array) -> NDArray[np.bool_]:
+    """Of each row of a truth, whether the poses that it was made of contradict it."""
+    stamps = truth.iloc[:, 0].to_numpy()
+    middle = truth.groupby(truth.columns[0])[truth.columns[3]].transform("mean").to_numpy()
+    gone = np.interp(stamps + AROUND, times, way) - np.interp(stamps - AROUND, times, way)
+    return np.asarray(np.abs(middle) > FASTER * gone / (2.0 * AROUND) + AT_REST)
+
+
 def judged(
     truth: pd.DataFrame,
     estimates: pd.DataFrame,
@@ -183,10 +210,15 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
     said += [text for text in summary["sensors"] if text not in said]
     said = [_VARIES.sub("#", re.split("[,(]", text)[0]).strip() for text in said]
     truth_file = longest(bag, "*_truth.csv", "_truth.csv")
-    found = []
+    found, left_out = [], 0
     if truth_file is not None:
         left = {w.name for w in onboard.wheels if w.lateral_position > 0.0}
-        found = judged(pd.read_csv(truth_file), estimates, speeds, left)
+        truth = pd.read_csv(truth_file).dropna()  # at some instants one of both speeds is not there
+        times, way = poses(bag, odometry_of(bag))
+        there = truth.iloc[:, 0].between(times[0], times[-1]).to_numpy()
+        wrong = contradicted(truth, times, way) & there
+        left_out = int(wrong.sum())
+        found = judged(truth[~wrong], estimates, speeds, left)
     inside = np.array([a for a, _ in found], dtype=float)
     steady = np.array([a for a, b in found if b], dtype=float)
     margin = estimates["mobility_margin"]
@@ -199,6 +231,7 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
         float(inside.mean()) if inside.size else np.nan,
         float(steady.mean()) if steady.size else np.nan,
         len(found),
+        left_out,
         float(margin.median()),
         float(estimates["mobility_margin_standard_deviation"].median()),
         sum(event["kind"] == "stuck" for event in summary["events"]),

@@ -17,7 +17,7 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +32,13 @@ from benchmarks.traction_worlds import MASS, WORLDS, TractionDrive, make_drive
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.settings import ODOMETRY, OnboardSettings
 from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Array, Estimates, Integers
 from smallwheel_ros.pipeline.warnings import Warned
 
 _PAUSE, _EPISODE, _WITHIN = 0.3, 0.5, 1.0  # m
+FRICTION_STD = 0.25  # rad: the node's, soil.friction_angle_std
 SETTLE = 2.0  # m, before which nothing is scored
 EPOCH = 1_700_000_000_000_000_000  # ns
 
@@ -71,8 +73,11 @@ def settings_of(vehicle: str, mass: float, kind: str = "") -> OnboardSettings:
     base = soil("dry_sand")
     wheels = VEHICLES[vehicle]
     names = frozenset(wheel.name for wheel in wheels)
+    strength = replace(
+        usual_strength(base), friction_angle=Quantity(base.friction_angle, FRICTION_STD)
+    )
     return OnboardSettings(
-        wheels, SoilPrior.from_soil(base), usual_strength(base),
+        wheels, SoilPrior.from_soil(base), strength,
         estimator=EstimatorSettings(sinkage_zero_std=1e-3), mass=mass, mobility_rate=0.0,
         with_torque=names if "torque" in kind else frozenset(),
         with_drawbar_pull=names if kind == "pull sensor" else frozenset(),

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of each row that is due: numbers, conditions, margin and risk, whatever is missing.
 
-margin   of any ground (`margin`) until the strength is determined, afterwards the filter's: never a mean
+margin   of any ground (`margin`) until the soil's law is measured and its strength determined, afterwards
+         the filter's: never a mean
 risk     probability that the vehicle's margin, 0.08 unsure for ground ahead, is under what goes on being
 asked for; at least 0.5 over the first level of the warning
 """
@@ -125,7 +126,9 @@ def answer(
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
         status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
-    margin, margin_std, risk = _margins(state, rows, can, judged, strength, strengths, rolls)
+    margin, margin_std, risk = _margins(
+        state, rows, can, judged, measured, strength, strengths, rolls
+    )
     numbers = [soils.versions[number].number for number in newest.tolist()]
     known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     known |= {"margin": margin, "margin_std": margin_std}
@@ -187,14 +190,17 @@ def _does_not_fit(
 
 
 def _margins(
-    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, strength: Integers,
-    strengths: Strengths, rolls: Flags,
+    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
+    strength: Integers, strengths: Strengths, rolls: Flags,
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, and the vehicle's risk."""
+    """Margin of each wheel with its deviation, and the vehicle's risk.
+
+    measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
+    """
     prior = strengths.now.prior_std
     versions, index = np.unique(strength, return_inverse=True)
     known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
-    by_filter = np.array(known, dtype=bool)[index] & np.isfinite(can.margin)
+    by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)
     by_filter |= can.sunk
     margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
     deviation = np.where(rolls, np.where(by_filter, can.margin_std, judged.margin_std), np.nan)

@@ -48,7 +48,7 @@ class StrengthEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether the margin is the filter's, no more that of any ground."""
+        """Whether friction is: then the margin on a measured soil is the filter's, not that of any ground."""
         return self.remaining["thrust"] <= DETERMINED
 
     @property
