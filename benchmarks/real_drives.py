@@ -78,7 +78,9 @@ class Row:
             margin = f"{self.margin:.2f} ± {BAND * self.margin_deviation:.2f}"
         inside = "-"
         if self.truths:
-            inside = f"{self.inside:.2f} ({self.steady:.2f}) of {self.truths}, {self.left_out} left out"
+            inside = (
+                f"{self.inside:.2f} ({self.steady:.2f}) of {self.truths}, {self.left_out} left out"
+            )
         return [
             self.name,
             f"{self.seconds:.0f} s, {self.metres:.0f} m",

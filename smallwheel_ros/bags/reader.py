@@ -199,7 +199,7 @@ class BagReader:
             raise
 
     def channel(self, topic: str, kind: str) -> CopiedTopic | None:
-        """Return how a bag of ROS 2 is to hold a topic; None where nobody knows its type."""
+        """Return how a bag of ROS 2 is to hold a topic; None where its type is not known."""
         connection = self._connections[topic, kind]
         try:
             name, store, convert = self._definitions.in_ros2(connection)

@@ -122,7 +122,7 @@ class Definitions:
     ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
         """Return a topic's type in ROS 2, the store that knows it, and what its bytes become there.
 
-        Raises DefinitionError for a type that nobody knows; of ROS 1 only those known here are.
+        Raises DefinitionError for a type that is not known; of ROS 1 only those known here are.
         """
         kind, store = topic.msgtype, self._store(topic)
         if self.ros2:
@@ -168,7 +168,7 @@ def _parsed(topic: Connection) -> _Fields:
 
 
 def _used(kind: str, types: _Fields, found: _Fields) -> _Fields:
-    """Return a type and those of the messages in it. Raises KeyError for one that nobody knows."""
+    """Return a type and those of the messages in it. Raises KeyError for one that is not known."""
     if kind not in found:
         found[kind] = types[kind]
         for _, described in types[kind][1]:

@@ -120,7 +120,7 @@ class BagWriter:
     def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Connection:
         """Make a topic of a type that `message_type` knows before its first message comes.
 
-        keeps_last: whoever plays the bag gives its last message to those who listen later.
+        keeps_last: a player of the bag gives its last message to those that listen later.
         """
         if kind not in typestore().fielddefs:
             raise BagError(self.path, f"topic {topic}: the definition of {kind} is not known here")

@@ -391,7 +391,7 @@ class CostMap:
     def _let_out(self, costs: Grid) -> None:
         """Leave no cell that cannot be crossed around a vehicle that stands on one, until it has left.
 
-        A planner finds no way for who is inside an obstacle. So far around it as costs are spread.
+        A planner finds no way for a vehicle inside an obstacle. So far around it as costs are spread.
         """
         if self._pose is None or costs.frame != self.frame:
             self._held = None
@@ -431,7 +431,7 @@ class CostMap:
         if self.class_grid is not None and self.in_other_frame:
             found.append(
                 f"terrain_classes is in frame {self.class_grid.frame}, positions are in"
-                f" {self.frame}: nobody can tell on which class a wheel is, so the classes have no"
+                f" {self.frame}: it is not known on which class a wheel is, so the classes have no"
                 " cost. Feed odometry of that frame, or set cost.frame if it is the same"
             )
         old = self.remembered

@@ -24,7 +24,7 @@ Places = NDArray[np.int32]  # rows and columns on the frame's lattice, shape (2,
 Indices = NDArray[np.intp]  # of places in the window's cells, row by row
 
 _MOST_CELLS = 4_000_000
-_LONGEST_STEP = 2.0  # m between two places of a wheel; over more nobody knows the way
+_LONGEST_STEP = 2.0  # m between two places of a wheel; over more the way is not known
 
 
 class Outline:

@@ -22,7 +22,7 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 # What no combination of rims explains of an odometry's speed, as a share. One that is made of them leaves
 # rounding and the way between two messages; cameras, lidars and GNSS leave several hundredths.
 _OF_WHEELS = 0.01
-_LEAST = 50  # instants of driving, under which nothing is said
+_LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
 _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 

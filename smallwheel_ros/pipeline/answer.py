@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is said of each row that is due: numbers, conditions, margin and risk, whatever is missing.
+"""What is reported of each row that is due: numbers, conditions, margin and risk, whatever is missing.
 
 margin   of any ground (`margin`) until the soil's law is measured and its strength determined, afterwards
          the filter's: never a mean

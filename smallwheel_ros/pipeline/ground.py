@@ -30,7 +30,7 @@ WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
 _DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
-_POSED = 2.0  # m of the pose without a twist: then it is said
+_POSED = 2.0  # m of the pose without a twist: then it is reported
 _STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
 _PLACE = (
     0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt

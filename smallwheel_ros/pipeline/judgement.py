@@ -90,7 +90,7 @@ class Judgement:
     # --- Doubts
 
     def check(self, align: Align, *, last: bool) -> tuple[Finding, ...]:
-        """Look at the raw rows behind the last watermark; what is found is said once."""
+        """Look at the raw rows behind the last watermark; each finding is reported once."""
         found = self.checks.take(align.raw(), align.done)
         if last:
             found += self.checks.flush()

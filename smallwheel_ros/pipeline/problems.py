@@ -13,8 +13,8 @@ import numpy as np
 from .stretches import Stretches
 from .tables import Array
 
-_ENOUGH, _MANY = 20, 0.2  # messages before anything is said of a stream; share that is refused
-_RECENT, _ENOUGH_STRETCHES = 100, 30  # stretches; before anything is said
+_ENOUGH, _MANY = 20, 0.2  # messages before anything is reported of a stream; share that is refused
+_RECENT, _ENOUGH_STRETCHES = 100, 30  # stretches; before anything is reported
 _TOO_SURE, _TOO_MODEST = 2.0, 0.15  # mean of squared normalised innovations; 1 is right
 _LARGEST = 25.0  # a border shows some that are huge until it is found
 

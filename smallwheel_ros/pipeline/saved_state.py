@@ -94,7 +94,7 @@ def write_state(
         "soil": law,
         "strength": state.strength,
     }
-    with suppress(OSError):  # without the folder the writing says so
+    with suppress(OSError):  # without the folder the writing reports it
         path.parent.mkdir(parents=True, exist_ok=True)
     try:
         write_bytes(path, json_text({**content, "sha256": _checksum(content)}).encode())

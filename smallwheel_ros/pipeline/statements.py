@@ -25,7 +25,7 @@ class Statement(NamedTuple):
 
     @property
     def about(self) -> str:
-        """The text without its numbers: the same as long as the same is said."""
+        """The text without its numbers: the same as long as the same is reported."""
         return _NUMBER.sub("", self.text)
 
 

@@ -70,7 +70,7 @@ def replay_all(
     stop: those at work end with what they have when somebody asks for it, and no further one begins.
     jobs: processes at a time. scheduler: address of a Dask cluster, which gets one bag a task. The
     workers need this package, and the bags, the parameter file and the output folder under the same
-    paths as here. Raises ReplayError if dask.distributed is not installed, or nobody answers there.
+    paths as here. Raises ReplayError if dask.distributed is not installed, or nothing answers there.
     """
     left = []
     for spec in specs:
@@ -189,7 +189,7 @@ def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
         if path.exists():
             found[outcome.bag] = read_map(path)
     if not found:
-        raise ReplayError("option --map: no bag has a cost map: nobody says where the wheels were")
+        raise ReplayError("option --map: no bag has a cost map: where the wheels were is not known")
     frames = {grid.frame: bag for bag, grid in found.items()}
     if len(frames) > 1:
         words = ", ".join(f"{frame} ({bag})" for frame, bag in frames.items())

@@ -166,7 +166,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     )
     if soil["status"] and sunk:
         lines.append(f"Not known: {'; '.join(soil['status'])}.")
-    lines += _mobility(summary)
+    lines += _mobility(summary, sunk)
     digging = sum(event["kind"] == "digging_in" for event in events)
     headline = f"The soil changed {_times(soil['changes'])}"
     headline += f", and a wheel began to dig in {_times(digging)}." if digging else "."
@@ -174,7 +174,10 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
         headline = "One soil throughout, and no wheel dug itself in."
     if not sunk:
         warned = sum(event["kind"] == "stuck" for event in events)
-        headline = f"No sinkage was used: the soil's law is unknown. Getting stuck: warned {_times(warned)}."
+        told = f"Getting-stuck warnings were issued {_times(warned)}."
+        if not warned:
+            told = "No getting-stuck warning was issued."
+        headline = f"No sinkage was used: the soil's law is unknown. {told}"
     blocks.append(Callout(headline, lines, "warning" if digging else "result"))
     alarms = [event for event in events if event["kind"] == "missing_effect"]
     missed = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
@@ -190,8 +193,8 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     return [block for block in blocks if block.items]
 
 
-def _mobility(summary: dict[str, Any]) -> list[str]:
-    """Slip, margin and risk, as far as they are known."""
+def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
+    """Slip, margin and risk, as far as they are known. sunk: whether the soil was measured."""
     told, strength = summary["mobility"], summary["strength"]
     slip, margin, risk = told["slip"], told["margin"], told["risk"]
     lines = ["Slip: not known."]
@@ -202,7 +205,7 @@ def _mobility(summary: dict[str, Any]) -> list[str]:
         ]
     if margin["median"] is not None:
         by = "as on any ground, by slip and what was pulled"
-        if strength["determined"]:
+        if sunk and strength["determined"]:
             by = f"by {', '.join(strength['measured_by'])}"
         std = "" if margin["std"] is None else f" ± {number(margin['std'], 2)}"
         lines.append(
@@ -219,7 +222,7 @@ def _sentences(texts: Sequence[str]) -> list[str]:
 
 
 def _times(count: int) -> str:
-    return {0: "not once", 1: "once", 2: "twice"}.get(count, f"{count} times")
+    return {0: "at no point", 1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
@@ -392,7 +395,7 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
     if summary["notes"]:
         blocks.append(Callout("Parameters", summary["notes"], "warning"))
     if summary["not_copied"]:
-        text = "Not in the new bag, since nobody knows their type:"
+        text = "Not in the new bag, since their type is not known:"
         blocks.append(Text(text, summary["not_copied"]))
     return blocks
 

@@ -136,7 +136,7 @@ class Replayed(Result, shown="replay.report"):
     wrong with the bag, or where the replay stopped; empty when complete. start, end: ns. messages_read,
     message_count: of the topics that were read, and how many the bag says there are. prefix: of the
     topics of the estimates in the new bag. left_out: topics and types that are not in the new bag, since
-    nobody knows the type. place: what keeps a folder that is only for this result; it goes when the
+    the type is not known. place: what keeps a folder that is only for this result; it goes when the
     result does.
     """
 

@@ -155,7 +155,7 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
 def check_parameters(spec: ReplaySpec) -> list[str]:
     """Check the parameter file as far as that is possible without the bag.
 
-    Returns what in it nobody knows. Raises ParametersError if it cannot be read, or a parameter is wrong
+    Returns what in it is not known. Raises ParametersError if it cannot be read, or a parameter is wrong
     or is missing and can come from no bag.
     """
     values = read_parameters(spec.config)
@@ -167,7 +167,7 @@ def check_parameters(spec: ReplaySpec) -> list[str]:
 def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, list[str]]:
     """Read the parameter file, and what it does not give from the bag's robot description.
 
-    Returns settings and notes: what in the file nobody knows, and what came of the description. Raises
+    Returns settings and notes: what in the file is not known, and what came of the description. Raises
     ParametersError if the file cannot be read, or a parameter is missing or wrong.
     """
     values = read_parameters(spec.config)

@@ -41,7 +41,7 @@ def entries(pipeline: Pipeline, newest: Estimates, cost: CostPublisher) -> list[
     said = statements(pipeline, newest)
 
     def of(entry: str, plain: str, values: Mapping[str, str]) -> DiagnosticStatus:
-        """An entry with all that is said of it; plain: where nothing is."""
+        """An entry with all that is reported of it; plain: where nothing is."""
         mine = [statement for statement in said if statement.entry == entry]
         level = ERROR if any(s.is_error for s in mine) else WARN if mine else OK
         text = "; ".join(statement.text for statement in mine) or plain

@@ -38,7 +38,7 @@ try:
 except ImportError:  # no package of PyPI; ROS installations have it
     TFMessage = None
 
-_REPEAT_AFTER = 10.0  # s: the same problem of the same topic is said again
+_REPEAT_AFTER = 10.0  # s: the same problem of the same topic is reported again
 _SILENT_AFTER = 2.0  # s without a message of a topic that had some
 # What a stream measures; those of a wheel are `<wheel>/load` and so on.
 _MEASURED = {

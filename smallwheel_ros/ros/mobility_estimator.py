@@ -3,7 +3,7 @@
 
 It is a lifecycle node that configures and activates itself unless the parameter autostart is false.
 Where it cannot be configured it says why in one message; with autostart it then ends with exit code
-2, otherwise it stays unconfigured and says so in its diagnostics.
+2, otherwise it stays unconfigured and reports it in its diagnostics.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     # --- Services
 
     def _serve(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer a service, where it raises too: nobody is to wait for an answer in vain."""
+        """Answer a service, where it raises too: a client is not left waiting."""
         work, lacking = _SERVICES[name]
         try:
             if self._session is None:

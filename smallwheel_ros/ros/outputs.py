@@ -231,7 +231,7 @@ class CostPublisher:
                 self._look_at_corner(pose)
 
     def on_static_transforms(self, message: Any) -> None:
-        """Take transforms that are said once: of frames that are not known yet, they are kept."""
+        """Take transforms that are sent once: of frames that are not known yet, they are kept."""
         for found in message.transforms:
             pose = _pose_of(found.transform)
             if math.isfinite(sum(pose)):

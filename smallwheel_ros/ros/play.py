@@ -200,7 +200,7 @@ class _Player:
             due = started + (raw.log_time - begin) / 1e9 / rate
             self.spin_until(due)
             hold_back(raw.log_time)
-            started += max(time.monotonic() - due - 0.05, 0.0)  # nobody is made to catch up
+            started += max(time.monotonic() - due - 0.05, 0.0)  # a slow start is not made up for
             if raw.log_time >= clock + _CLOCK_PERIOD:
                 clock = raw.log_time
                 self._ticks.publish(Clock(clock=time_message(clock)))
