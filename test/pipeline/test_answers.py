@@ -72,6 +72,21 @@ def test_a_row_without_load_is_answered_and_says_so() -> None:
     assert np.isfinite(found.sinkage[others]).all()
 
 
+@pytest.mark.parametrize("factor", [0.92, 1.08])
+def test_loads_of_cells_that_are_off_are_within_their_deviation(factor: float) -> None:
+    rows = [
+        (name, stamp, (factor * values[0],), now) if name.endswith("/load") else row
+        for row in drive()
+        for name, stamp, values, now in [row]
+    ]
+    _, _, found = turned(rover(**{"vehicle.mass": None}), rows)
+    _, _, true = turned(rover(**{"vehicle.mass": None}), drive())
+    late = np.isfinite(found.load) & (found.distance > 1.0)
+    off = np.abs(found.load - true.load)[late] / found.load_std[late]
+    assert (off < 1.96).mean() > 0.95
+    assert (found.load_std[late] / found.load[late] > 0.02).all()  # nothing told the scale of the cells
+
+
 def test_a_soil_that_is_neither_named_nor_measured_gives_no_sinkage() -> None:
     pipeline, _, found = turned(static_rover(), drive(soil=False))
     assert np.isnan(found.sinkage).all()
