@@ -10,6 +10,8 @@
     ds/dt   = -s / 2 s + noise               deviation of s: slip |rim|
     slip^2  = weighted mean of (s^2 + var s) / rim^2 over a minute, and a beginning
                                              (expectation-maximisation, Shumway and Stoffer 1982)
+    rim     is taken less a steady share of it, which only a speed over ground teaches: where that comes and
+            goes, what it taught is used in its gaps. By pull as well it was no better (docs/odometry.md)
     var vx  = P + (slip vx)^2 + (0.1 s a)^2  slip that does not change is seen by no imu: taken as large
                                              as the slip that does; delays that are not known
 
@@ -33,7 +35,10 @@ _SLIP, _SLIP_WEIGHT = 0.3, 50.0  # slip to begin with, and what that weighs, m^2
 _MEMORY = 60.0  # s of driving over which slip and track are learnt
 _SLIP_TIME = 2.0  # s that a slip lasts
 _TILT, _TILT_TIME = 0.3, 10.0  # m/s^2: slope of 2 degrees and zero of the accelerometer; s
+_SHARE = 0.1  # of the rims' speed: steady slip and radii, before a speed over ground has told them
+_SHARE_TIME = 300.0  # s over which that is open again: another ground
 _LEVER = 0.3  # m of the imu off the point about which the vehicle turns
+_DRIVES = 0.2  # m/s at the rim, under which slip is noise
 _RIM_STD, _SPEED_STD = 0.03, 0.02  # m/s, of one reading; at least, of a speed over ground
 _SYNC = 0.1  # s: what is not known of delays
 _UNFELT = 1.0  # m^2/s^3: an acceleration that is not measured, 1 m/s in a second
@@ -57,6 +62,8 @@ class TwistFilter:
         self.P: Array = np.diag([0.25, 0.01, *[_TILT**2] * 2, *[_LEVER**2] * 2, 0.0, 0.0, 0.0])
         self.slip2 = self.weight = 0.0  # sums behind `slip`
         self.chi, self.chi_var = chi, _CHI_STD**2
+        self.share, self.share_var = 0.0, 0.0  # of the rims' speed that is lost throughout
+        self.unseen = 0.0  # s since a speed over ground came
         self.turn2 = 0.1**2  # square of what the rims' yaw rate missed, over 10 s of turning
         self.shakes2 = 0.1**2  # of the accelerometer, variance of one reading
         self.gained = 0.0  # m/s^2, over the last 0.3 s
@@ -91,6 +98,8 @@ class TwistFilter:
     def step(self, apart: int, rims: Array, felt: Array, speed: float, speed_std: float) -> None:
         """Take a row: ns since the last one, rims (2,) or NaN, yaw rate and force (3,) or NaN."""
         dt = apart / SECOND
+        self._teach(min(dt, LONGEST / SECOND), float(np.mean(rims)), speed, speed_std)
+        rims = self._rolled(rims)
         if apart > LONGEST:
             self._begin(rims)
             dt = _STEP
@@ -114,8 +123,27 @@ class TwistFilter:
         if not math.isnan(speed):
             R = max(speed_std, _SPEED_STD) ** 2 + (_SYNC * change / max(dt, _STEP)) ** 2
             self._update(_EYE[:1], np.array([speed]), np.array([[R]]))
-        if np.nanmax(np.abs(rims)) > 0.2:
+        if np.nanmax(np.abs(rims)) > _DRIVES:
             self._learn(dt, there, rims, turn, scale)
+
+    def _rolled(self, rims: Array) -> Array:
+        """Rims less the share that is lost throughout."""
+        return np.asarray((1.0 - self.share) * rims)
+
+    def _teach(self, dt: float, rim: float, speed: float, speed_std: float) -> None:
+        """Learn the steady share by a speed over ground; slips last, so that readings are not independent."""
+        self.unseen += dt
+        if self.share_var:
+            self.share_var += dt * _SHARE**2 / _SHARE_TIME
+        if math.isnan(speed + rim) or abs(rim) < _DRIVES:
+            return
+        before = self.share_var or _SHARE**2
+        one = self.slip**2 + (max(speed_std, _SPEED_STD) / rim) ** 2
+        noise = one * max(2.0 * _SLIP_TIME / self.unseen, 1.0)
+        gain = before / (before + noise)
+        self.share += gain * ((rim - speed) / rim - self.share)
+        self.share_var = (1.0 - gain) * before
+        self.unseen = 0.0
 
     def _steps(self, moved: Array) -> None:
         """Rims in steps hold, more than once, and jump: over their last ten changes, not from 0."""
@@ -225,7 +253,7 @@ class TwistFilter:
 
         later: seconds since the rims' instant and what was felt in each, for rims that come late.
         """
-        x, slip = self.x, self.slip
+        x, slip, rims = self.x, self.slip, self._rolled(rims)
         vx, vy, var_x, var_y = float(x[0]), float(x[1]), float(self.P[0, 0]), float(self.P[1, 1])
         for dt, felt in later:
             turn, ahead, aside = felt.tolist()
@@ -238,7 +266,7 @@ class TwistFilter:
                 vx, vy = vx + dt * float(ahead + turn * vy), vy + dt * float(aside - turn * vx)
                 noise = 0.1**2 * dt + 4.0 * self.shakes2 * dt**2
             var_x, var_y = var_x + noise, var_y + noise
-        var_x += (_SYNC * self.gained) ** 2 + (slip * vx) ** 2
+        var_x += (_SYNC * self.gained) ** 2 + (slip**2 + self.share_var) * vx**2
         effective = self.chi * self.half
         left, right = rims.tolist()
         if math.isnan(left + right):  # what one side has more than the middle is the turn

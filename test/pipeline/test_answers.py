@@ -84,7 +84,9 @@ def test_loads_of_cells_that_are_off_are_within_their_deviation(factor: float) -
     late = np.isfinite(found.load) & (found.distance > 1.0)
     off = np.abs(found.load - true.load)[late] / found.load_std[late]
     assert (off < 1.96).mean() > 0.95
-    assert (found.load_std[late] / found.load[late] > 0.02).all()  # nothing told the scale of the cells
+    assert (
+        found.load_std[late] / found.load[late] > 0.02
+    ).all()  # nothing told the scale of the cells
 
 
 def test_a_soil_that_is_neither_named_nor_measured_gives_no_sinkage() -> None:

@@ -239,6 +239,32 @@ def test_speed_over_ground_narrows_and_corrects() -> None:
     np.testing.assert_allclose(doubted.vx, blind.vx)
 
 
+def with_speed(drive: Drive, until: float) -> tuple[Drive, Rows]:
+    """The drive whose rims all turn a fifth too fast, with a speed over ground up to a time, s."""
+    rows = {
+        name: (stamps, values / 0.8) if name.endswith("/wheel_speed") else (stamps, values)
+        for name, (stamps, values) in drive.rows.items()
+    }
+    pick = np.flatnonzero(drive.time < until)[::4]
+    count = pick.size
+    columns = [drive.truth[pick, 0], np.zeros(count), np.full(count, 0.05)]
+    rows["velocity"] = drive.stamp[pick], np.column_stack(columns)
+    return replace(drive, vehicle=replace(drive.vehicle, velocity="topic")), rows
+
+
+def test_steady_slip_that_a_speed_over_ground_has_taught_is_used_without_it() -> None:
+    drive = simulated(5, slip=0.05, seconds=120.0)
+    taught = run(*with_speed(drive, 60.0))
+    untaught = run(*with_speed(drive, 0.0))
+    late = (drive.time > 70.0) & (np.abs(drive.truth[:, 0]) > 0.2)
+    true = drive.truth[late, 0]
+    too_fast = [np.sum(one.vx[late] * true) / np.sum(true**2) - 1.0 for one in (untaught, taught)]
+    assert too_fast[0] > 0.2  # no imu sees it
+    assert abs(too_fast[1]) < 0.5 * too_fast[0]  # a minute has taught most of it
+    off = (taught.vx[late] - true) ** 2 / taught.vx_var[late]
+    assert (off < 4.0).mean() > 0.9
+
+
 def test_the_message_is_wider_by_what_errors_last() -> None:
     found = run(SHORT)
     linear, angular, covariance = messages(found, SHORT.settings)
