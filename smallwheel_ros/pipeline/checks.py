@@ -213,7 +213,7 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "late",
-        "changes over 0.5 s of rims and odometry",
+        "changes over 0.5 s of rims and odometry, while the wheels of each side agree",
         "lag of the best correlation",
         f"{LATE:g} s and more, correlation over {LATE_ALIKE:g}",
         "the worst good odometry that follows the rims so well is 0.1 s late",

@@ -29,6 +29,7 @@ from .tables import Array
 
 OWN, OWN_PIECE, OWN_PIECES = 0.005, 0.5, 10  # of the way, m
 LATE, LATE_ALIKE = 0.2, 0.8  # s, correlation
+ALIKE = 0.1  # of their speed: what wheels of one side differ by on even ground
 JUMP, JUMP_FACTOR = 1.0, 3.0  # m, 1
 REPEAT_WAY = 1.0  # m by the rims
 NO_TWIST_WAY = 2.0  # m of the pose
@@ -156,15 +157,19 @@ class Late:
     def __init__(self, vehicle: Vehicle) -> None:
         self.count = 0
         self.sums = np.zeros((5, len(self.LAGS)))
+        self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
 
     def take(self, window: Window) -> list[Said]:
-        """Sums of products for each lag."""
+        """Sums of products for each lag, where the wheels of each side agree: one that spins is ahead of all."""
         moves, step = window.moves, self.STEP
         if window.rims is None or len(moves.t) < 3 or window.memory.made_of_wheels:
             return []
         first = round(-1.0 / step)
         t: Array = np.asarray(np.arange(first, round(4.0 / step)) * step, dtype=np.float64)
-        rims: Array = np.asarray(np.median(window.rims_at(t), axis=1), dtype=np.float64)
+        each = window.rims_at(t)
+        apart = np.max([np.ptp(each[:, side], axis=1) for side in self.sides], axis=0)
+        rims: Array = np.asarray(np.median(each, axis=1), dtype=np.float64)
+        rims = np.where(apart <= ALIKE * np.abs(rims) + MOVES, rims, np.nan)
         rim = _smoothed(rims, self.SMOOTH)
         v = _smoothed(moves.at(t, SPEED), self.SMOOTH)
         da, db = rim[self.OVER :] - rim[: -self.OVER], v[self.OVER :] - v[: -self.OVER]
