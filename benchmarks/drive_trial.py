@@ -24,6 +24,7 @@ from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Inte
 from smallwheel_ros.pipeline.warnings import Warned
 from smallwheel_ros.simulate.vehicle import TICK
 from smallwheel_ros.simulate.world_drive import EPOCH, WorldDrive, make_drive
+from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE
 
 Line = dict[str, Any]
 WORLDS = {"soil": SOIL, "traction": TRACTION, "field": FIELD, "slip": SLIP, "robots": ROBOTS}
@@ -214,7 +215,7 @@ class _Judge:
         world, line, soil = self.drive.world, self.line, self.pipeline.soil
         if world.hardpan is not None or (world.rut != 1.0 and "back" in world.way):
             return
-        truth = _soil_at(self.drive, place)
+        truth = _soil_at(self.drive, place, soil.reference_diameter)
         modulus, deviation = soil.effective_modulus()
         covariance = soil.log_covariance
         values = {
@@ -253,8 +254,8 @@ def _dies(fault: str) -> bool:
     return any(word in fault for word in ("frozen", "holds", "shows 0", "repeats"))
 
 
-def _soil_at(drive: WorldDrive, place: float) -> dict[str, tuple[float, float]]:
-    """Lowest and highest numbers that count as right where the vehicle is.
+def _soil_at(drive: WorldDrive, place: float, diameter: float) -> dict[str, tuple[float, float]]:
+    """Lowest and highest numbers that count as right where the vehicle is, under a wheel of that diameter.
 
     A border that the front wheels have come to has to be found within a metre: so long the soil behind it
     counts as well. Where sides differ, so do all between them.
@@ -263,10 +264,10 @@ def _soil_at(drive: WorldDrive, place: float) -> dict[str, tuple[float, float]]:
     front = max(wheel.x for wheel in drive.rover.wheels)
     places = place + front + np.linspace(-_WITHIN, 0.0, 28)
     common = soil.pressure + np.interp(places, ground.at, ground.common)
+    common = common + soil.m * math.log(diameter / DIAMETER)
     n = soil.n + ground.value("exponent", places)
     right = sorted((0.0, drive.world.right))
-    # At 10 mm sinkage and 0.2 m diameter, and at 1 m sinkage.
-    modulus = common - n * math.log(0.01)
+    modulus = common - n * math.log(SINKAGE)
     return {
         "reference_pressure": (float(common.min()) + right[0], float(common.max()) + right[1]),
         "n": (float(n.min()), float(n.max())),

@@ -20,7 +20,7 @@ from smallwheel_ros.simulate.world import GRAVITY, WAYS, Feature, World
 CELL = 0.02  # m
 _BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
 # Where ln pressure is told: 10 mm under a wheel of 0.2 m; what dry sand has there, with n and m.
-_SINKAGE, _DIAMETER = 0.01, 0.2
+SINKAGE, DIAMETER = 0.01, 0.2
 _SAND = (math.log(21_500.0), 0.8, 0.39)
 _HARDER = 8.0  # times as much as above, below a hardpan
 
@@ -136,7 +136,7 @@ def draw_soil(world: World, rover: Rover, rng: np.random.Generator) -> Soil:
         carried = contact.upward(np.maximum(contact.depth, 0.0) ** n, np.array([wheel.width]))
         load = rover.mass * GRAVITY / len(rover.wheels)
         modulus = math.log(load / float(carried[0])) + world.firmness
-        pressure = modulus + n * math.log(_SINKAGE) - m * math.log(wheel.diameter / _DIAMETER)
+        pressure = modulus + n * math.log(SINKAGE) - m * math.log(wheel.diameter / DIAMETER)
     shear = 0.012 * math.exp(0.3 * rng.standard_normal())
     strength = RimStrength(cohesion, friction, shear, rolling, world.residual)
     return Soil(pressure, n, m, strength)
@@ -179,9 +179,9 @@ def make_ground(world: World, rover: Rover, rng: np.random.Generator) -> Ground:
     for j, wheel in enumerate(rover.wheels):
         found.load[j] = np.interp(at - x[j], at, middle[j])
         modulus = (
-            soil.pressure + found.modulus[j] - (soil.n + found.exponent[j]) * math.log(_SINKAGE)
+            soil.pressure + found.modulus[j] - (soil.n + found.exponent[j]) * math.log(SINKAGE)
         )
-        modulus = np.exp(modulus + soil.m * math.log(wheel.diameter / _DIAMETER))
+        modulus = np.exp(modulus + soil.m * math.log(wheel.diameter / DIAMETER))
         law = pressure_law(modulus, soil.n + found.exponent[j], world.hardpan)
         size = np.full(at.size, wheel.diameter), np.full(at.size, wheel.width)
         found.rest[j] = static_sinkage(law, found.load[j], *size)
