@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from benchmarks import rates as bench
+from benchmarks import rates_page
 from benchmarks.drive_trial import WORLDS
 from benchmarks.faults import FAULTS
 from benchmarks.rates import ALL, Judge, Subject, events, middle, ratio, share
@@ -127,3 +128,23 @@ def test_rows_can_be_read_by_others(tmp_path: Path) -> None:
     again = pd.read_csv(path)
     assert list(again.columns) == list(bench.COLUMNS)
     assert again["value"].tolist() == [0.5, 1.0, 0.0]
+
+
+def test_the_page_has_pooled_rates_and_the_worlds_that_fail(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[tuple[str, int]] = []
+    lines = [line(world="a", hit=False) for _ in range(9)] + [line(world="b", hit=True)]
+    bench.rates(subject(calls), lines).to_csv(tmp_path / "tried.csv", index=False)
+    page = tmp_path / "rates.md"
+    page.write_text(
+        "# Rates\n\n<!-- rates: tried -->\nold\n<!-- end -->\n\nEnd.\n", encoding="utf-8"
+    )
+    monkeypatch.setattr(rates_page, "FOLDER", tmp_path)
+    monkeypatch.setattr("sys.argv", ["rates_page.py", str(page)])
+    rates_page.main()
+    text = page.read_text(encoding="utf-8")
+    assert "| hits | 0.1 (0.0179–0.404) | 10 | ≥ 0.9 ✗ |" in text
+    assert "Worlds beyond a limit: hits: a.\n<!-- end -->" in text
+    assert "old" not in text
+    assert text.endswith("End.\n")
