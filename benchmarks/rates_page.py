@@ -17,9 +17,9 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "rates.md"
 ALL = "all"
 # Rows without a limit that the page has all the same.
 _SHOWN = re.compile(
-    r"stated over true|in time by (?:second|slip over 0\.[23]|true)"
-    r"|false in 500 m by (?:slip over 0\.[23]|true)"
-    r"|slip is known|metres until|way until|too steep|error over that|said to be better|n: |named where"
+    r"^(?:slip|margin|pull): stated over true|in time by (?:slip over 0\.3|true)"
+    r"|false in 500 m by (?:slip over 0\.3|true)|slip is known|metres until|way until|too steep"
+    r"|error over that|said to be better|named where"
 )
 _MARKS = r"(<!-- rates: {subject} -->\n).*?(<!-- end -->\n)"
 
