@@ -82,7 +82,7 @@ benchmark: env
 	-@$(RUN) benchmarks/rates.py
 	@$(RUN) benchmarks/rates_page.py
 	@$(RUN) benchmarks/real_drives.py $(DRIVES) --page docs/real_robots.md
-	@set -e; for name in $(SPEED); do echo "== $$name"; $(RUN) benchmarks/$$name.py; done
+	@set -e; for name in $(SPEED); do echo "== $$name"; PYTHONPATH=. $(RUN) benchmarks/$$name.py; done
 
 # A warning is an error. The pages need no network to be made or read.
 docs: env

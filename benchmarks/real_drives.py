@@ -6,7 +6,8 @@
 A folder holds bags, parameter files and truths: the bag `warthog_sand1` goes with `warthog.yaml`, the file
 that its name begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
 `stamp [s]`, `side` (left, right), `rim_speed [m/s]` and `ground_speed [m/s]`, means over 0.5 s or more. The
-rows go to benchmarks/rates/real_drives.csv and, between its marks, into the page.
+rows go to benchmarks/rates/real_drives.csv, beside those of other drives, and, between its marks, into the
+page.
 
 Moving is a wheel whose rim turns at more than 0.15 m/s, by the bag's joint states. Steady is an instant
 from 1 s before to 1 s after which the rim's speed stays within a tenth of its own: in starts and stops,
@@ -109,13 +110,18 @@ class Row:
             str(self.accused),
         ]
 
+    def said(self) -> str:
+        """What was said of its sensors."""
+        return "; ".join(self.accusations)
+
     @property
     def accused(self) -> int:
         """Accusations that are not so."""
-        true = TRUE.get(self.name, {}).values()
+        true = TRUE.get(Path(self.name).name, {}).values()
         return sum(n for text, n in self.accusations.items() if not any(w in text for w in true))
 
 
+SAID = "said"
 HEADER = [
     "drive", "of", "slip known", "in its band (steady)", "margin", "warnings; by slip alone",
     "good sensors accused",
@@ -281,7 +287,7 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
     steady = np.array([a for a, b in found if b], dtype=float)
     margin = estimates["mobility_margin"]
     return Row(
-        bag.name,
+        f"{bag.parent.name}/{bag.name}",
         summary["duration"],
         summary["travel"],
         Counter(said),
@@ -333,15 +339,22 @@ def draw(row: Row, path: Path, seconds: float = 60.0) -> None:
     figure.savefig(path, dpi=110)
 
 
-def markdown(rows: list[Row]) -> str:
+def merged(rows: list[Row], path: Path = CSV) -> pd.DataFrame:
+    """Rows as the table has them; those of drives that are not among them stay as they were."""
+    columns = [*HEADER, SAID]
+    new = pd.DataFrame([[*row.cells(), row.said()] for row in rows], columns=columns)
+    if not path.exists():
+        return new
+    old = pd.read_csv(path, keep_default_na=False)
+    return pd.concat([new, old[~old["drive"].isin(new["drive"])]]).sort_values("drive")
+
+
+def markdown(table: pd.DataFrame) -> str:
     """The table, and what was said of the sensors."""
-    table = [HEADER, ["---"] * len(HEADER), *(row.cells() for row in rows)]
-    text = "".join("| " + " | ".join(cells) + " |\n" for cells in table)
-    said = [
-        f"- {row.name}: {text}" + (f" ({count} times)" if count > 1 else "") + "\n"
-        for row in rows for text, count in row.accusations.items()
-    ]  # fmt: skip
-    return text + "\nSaid of sensors:\n\n" + ("".join(said) or "nothing\n")
+    lines = [HEADER, ["---"] * len(HEADER), *table[HEADER].astype(str).to_numpy().tolist()]
+    text = "".join("| " + " | ".join(cells) + " |\n" for cells in lines)
+    told = [f"- {row.drive}: {row.said}\n" for row in table.itertuples() if row.said]
+    return text + "\nSaid of sensors:\n\n" + "".join(told)
 
 
 def main() -> int:
@@ -362,14 +375,15 @@ def main() -> int:
                     rows.append(row_of(bag, config, kept))
         if options.picture:
             drive, file = options.picture
-            draw(next(row for row in rows if row.name == drive), Path(file))
+            draw(next(row for row in rows if row.name.endswith(f"/{drive}")), Path(file))
     except (SmallwheelError, OSError) as error:
         print(f"real_drives: {error}", file=sys.stderr)
         return 2
-    text = markdown(rows)
+    table = merged(rows)
+    text = markdown(table)
     print(text)
     CSV.parent.mkdir(exist_ok=True)
-    pd.DataFrame([row.cells() for row in rows], columns=HEADER).to_csv(CSV, index=False)
+    table.to_csv(CSV, index=False)
     if options.page:
         before, rest = options.page.read_text(encoding="utf-8").split(BEGIN)
         page = before + BEGIN + text + END + rest.split(END)[1]

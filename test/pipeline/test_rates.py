@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
 import pytest
 
 from benchmarks import rates as bench
-from benchmarks import rates_page
+from benchmarks import rates_page, real_drives
 from benchmarks.drive_trial import WORLDS
 from benchmarks.faults import FAULTS
 from benchmarks.rates import ALL, Judge, Subject, events, middle, ratio, share
@@ -148,3 +149,20 @@ def test_the_page_has_pooled_rates_and_the_worlds_that_fail(
     assert "Worlds beyond a limit: hits: a.\n<!-- end -->" in text
     assert "old" not in text
     assert text.endswith("End.\n")
+
+
+def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> None:
+    def row(name: str, known: str) -> Any:
+        cells = [name, "60 s, 20 m", known, "-", "0.4 ± 0.7", "0; 1", "0"]
+        return SimpleNamespace(cells=lambda: cells, said=lambda: f"odometry: of {name}")
+
+    path = tmp_path / "real_drives.csv"
+    real_drives.merged([row("mine/mud", "90%"), row("mine/sand", "80%")], path).to_csv(
+        path, index=False
+    )
+    table = real_drives.merged([row("mine/sand", "85%")], path)
+    assert table["drive"].tolist() == ["mine/mud", "mine/sand"]
+    assert table["slip known"].tolist() == ["90%", "85%"]
+    text = real_drives.markdown(table)
+    assert "| mine/mud | 60 s, 20 m | 90% |" in text
+    assert "- mine/sand: odometry: of mine/sand\n" in text
