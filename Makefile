@@ -25,7 +25,7 @@ help:
 	@echo 'make fuzz        inputs that nobody intended: 10^5 of them, MINUTES=2 for each way in'
 	@echo 'make coverage    the fast tests once more, and which lines they did not reach'
 	@echo 'make lint        ruff and mypy'
-	@echo 'make benchmark   the benchmarks, each against a peer or a limit in the same run'
+	@echo 'make benchmark   rates over worlds, real drives (DRIVES=FOLDERS), and speed against peers; both pages'
 	@echo 'make docs        the documentation as a site, docs/_build/html'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
 	@echo 'make lock        pin the packages of the environment anew, with hashes (needs uv)'
@@ -72,8 +72,17 @@ lint: env
 demo: env
 	@$(VENV)/bin/smallwheel demo
 
+# Rates go on where they were; DRIVES are folders of real drives. A rate beyond its limit is no error here:
+# docs/rates.md says which. What each part takes is said before it starts.
+DRIVES ?= examples/data
+SPEED := costmap physics node replay diagnosis_cost cost_detours twist
 benchmark: env
-	@set -e; for script in benchmarks/[!_]*.py; do echo "== $$script"; $(RUN) $$script; done
+	@echo 'rates:'; $(RUN) benchmarks/rates.py --list
+	@echo 'real drives: 1 min each; speed against peers: $(SPEED), 10 min'
+	-@$(RUN) benchmarks/rates.py
+	@$(RUN) benchmarks/rates_page.py
+	@$(RUN) benchmarks/real_drives.py $(DRIVES) --page docs/real_robots.md
+	@set -e; for name in $(SPEED); do echo "== $$name"; PYTHONPATH=. $(RUN) benchmarks/$$name.py; done
 
 # A warning is an error. The pages need no network to be made or read.
 docs: env

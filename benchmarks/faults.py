@@ -1,62 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults put into copies of drives: when each is said, and what is said beside it; and what good drives hear.
+"""Faults put into copies of drives: rows of what is done, and by which rule and subject it should be named.
 
-    python benchmarks/faults.py --drives ../shared/data/real_drives        # real ones and five simulated
-    python benchmarks/faults.py --simulated                                # the simulated ones alone
-
-Held values, zeros and repeats begin at 30 % of the way of the rims, a jump at 50 %; all else is there from
-the beginning. Way: of the rims from the beginning until it is said.
+Subject `faults`: when each is named, what is said beside it, and what drives on which all sensors are good
+hear. Held values, zeros and repeats begin at 30 % of the way of the rims, a jump at 50 %; all else is
+there from the beginning. Way: of the rims from the beginning until it is said.
 """
 
 from __future__ import annotations
 
-import argparse
 import copy
 import math
-import sys
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from smallwheel_ros.bags import BagReader
+from benchmarks.rates import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.pipeline.checks import Checks, Finding
-from smallwheel_ros.simulate.drive import simulate_drive
-from smallwheel_ros.simulate.ride import DriveSettings
+from smallwheel_ros.simulate.world import World
+from smallwheel_ros.simulate.world_drive import make_drive
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 GRAVITY = 9.80665
 BEGINS, JUMPS_AT = 0.3, 0.5  # share of the way
-# Of drives on which all sensors are good; what is truly so of the real ones is said beside.
-SIMULATED: dict[str, dict[str, Any]] = {
-    "mixed soil": {"seed": 1, "wheels": "four"},
-    "mixed soil, two sizes": {"seed": 2, "wheels": "two_sizes"},
-    "long": {"seed": 3, "wheels": "four", "distance": 60.0},
-    "fast": {"seed": 4, "wheels": "four", "speed": 0.9},
-    "stuck": {"seed": 5, "wheels": "four", "finish": "slippery"},
-}
-REAL = {
-    "warthog_grass": ("warthog.yaml", "/icp_odom"),
-    "warthog_grass_pose_only": ("warthog.yaml", "/icp_odom"),
-    "warthog_sand1": ("warthog.yaml", "/icp_odom"),
-    "pathfinder_flat": ("pathfinder.yaml", "/gnss/odom"),
-    "husky_snow": ("husky.yaml", "/husky_velocity_controller/odom"),
-}
-TRUE = {  # rule and subject that are right of a real drive
-    "warthog_grass_pose_only": {("no twist", ODOMETRY)},
-    "pathfinder_flat": {("z down", "imu"), ("rolling", "radii")},
-    "husky_snow": {("of wheels", "odometry")},
-}
 
 
 @dataclass
@@ -93,116 +64,6 @@ def heard(drive: Raw) -> list[tuple[Finding, float]]:
     found = [*checks.take(drive.rows, until), *checks.flush()]
     stamps, way = drive.way()
     return [(finding, float(np.interp(finding.stamp, stamps, way))) for finding in found]
-
-
-# --- Drives
-
-
-def parameters_of(path: Path) -> dict[str, Any]:
-    """Parameters of a file of ROS, groups written with points."""
-    found: dict[str, Any] = {}
-
-    def add(prefix: str, group: dict[str, Any]) -> None:
-        for name, value in group.items():
-            if isinstance(value, dict):
-                add(f"{prefix}{name}.", value)
-            else:
-                found[prefix + name] = value
-
-    add("", yaml.safe_load(path.read_text(encoding="utf-8"))["/**"]["ros__parameters"])
-    return found
-
-
-def real_drive(folder: Path, name: str) -> Raw:
-    """A drive of `REAL`."""
-    config, topic = REAL[name]
-    settings = settings_from(parameters_of(folder / config))
-    joints, odometry, imu = [], [], []
-    with BagReader(folder / name) as bag:
-        for message in bag.messages(["/joint_states", topic, "/imu/data"]):
-            m = message.message
-            stamp = m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
-            if message.topic == "/joint_states":
-                speeds = dict(zip(m.name, m.velocity, strict=True))
-                joints.append(
-                    (stamp, [speeds[i.joint] * i.joint_sign for i in settings.inputs.values()])
-                )
-            elif message.topic == topic:
-                odometry.append((stamp, odometry_row(m.pose.pose, m.twist.twist)))
-            else:
-                imu.append((stamp, imu_row(m)))
-    rows = {IMU: _rows(imu), ODOMETRY: _rows(odometry)}
-    stamps, values = _rows(joints)
-    rows |= {f"{w}/wheel_speed": (stamps, values[:, [i]]) for i, w in enumerate(settings.inputs)}
-    return Raw(name, settings.onboard, rows)
-
-
-def odometry_row(pose: Any, twist: Any) -> list[float]:
-    """The ten columns of the odometry's stream."""
-    q, p = pose.orientation, pose.position
-    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (q.w * q.y - q.z * q.x))))
-    roll = math.atan2(2 * (q.w * q.x + q.y * q.z), 1 - 2 * (q.x * q.x + q.y * q.y))
-    moves = [twist.linear.x, twist.angular.z, p.x, p.y, math.cos(yaw), math.sin(yaw)]
-    return [*moves, 0.0, 0.0, pitch, roll]
-
-
-def imu_row(message: Any) -> list[float]:
-    """The seven columns of the imu's stream: yaw rate, specific force, which way is up."""
-    q, a = message.orientation, message.linear_acceleration
-    turn = getattr(message, "angular_velocity", None)
-    up = [math.nan] * 3
-    if (
-        abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) <= 0.01
-        and message.orientation_covariance[0] != -1.0
-    ):
-        up = [2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2)]
-    return [turn.z if turn else math.nan, a.x, a.y, a.z, *up]
-
-
-def _rows(found: list[tuple[int, list[float]]]) -> tuple[Integers, Array]:
-    """By stamp; of two with one stamp the first."""
-    stamps, first = np.unique(
-        np.array([stamp for stamp, _ in found], dtype=np.int64), return_index=True
-    )
-    return stamps, np.array([row for _, row in found], dtype=float)[first]
-
-
-def simulated_drive(name: str) -> Raw:
-    """A drive of `SIMULATED`."""
-    made = simulate_drive(DriveSettings(**SIMULATED[name]))
-    wheels = made.rover.wheels
-    given: dict[str, Any] = {"wheels": [w.name for w in wheels], "soil.name": "dry_sand"}
-    given |= {"vehicle.mass": made.rover.mass, "imu_topic": "imu"}
-    rows: dict[str, tuple[Integers, Array]] = {}
-    for i, wheel in enumerate(wheels):
-        given |= {f"{wheel.name}.diameter": wheel.diameter, f"{wheel.name}.width": wheel.width}
-        given[f"{wheel.name}.longitudinal_position"] = wheel.x
-        given[f"{wheel.name}.lateral_position"] = wheel.y
-        load, sinkage = made.load[wheel.name], made.sinkage[wheel.name]
-        rows[f"{wheel.name}/load"] = load.stamp, load.normal[:, None]
-        rows[f"{wheel.name}/sinkage"] = (
-            sinkage.stamp,
-            np.stack([sinkage.sinkage, sinkage.variance], 1),
-        )
-        rows[f"{wheel.name}/wheel_speed"] = made.joints.stamp, made.joints.velocity[:, [i]]
-    o, imu = made.odometry, made.imu
-    x, y, z, w = o.orientation.T
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    columns = [
-        o.forward_speed,
-        o.yaw_rate,
-        o.x,
-        o.y,
-        np.cos(yaw),
-        np.sin(yaw),
-        *np.zeros((4, x.size)),
-    ]
-    rows[ODOMETRY] = o.stamp, np.stack(columns, axis=1)
-    x, y, z, w = imu.orientation.T
-    up = [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
-    rows[IMU] = imu.stamp, np.stack([imu.yaw_rate, *imu.acceleration.T, *up], axis=1)
-    return Raw(name, settings_from(given).onboard, rows)
 
 
 # --- Faults
@@ -344,71 +205,71 @@ SOIL = (
 )  # fmt: skip
 
 
-def injected(drives: list[Raw], faults: Iterable[Fault], kind: str) -> list[str]:
-    """A line of the table for each fault; drives that have the fault themselves are left out."""
-    before = {d.name: {(f.rule, f.subject) for f, _ in heard(d)} for d in drives}
-    lines = []
-    for fault in faults:
-        ways, missed, beside, count = [], [], Counter[str](), 0
-        for drive in drives:
-            said = before[drive.name]
-            if any(_named(fault, *one) for one in said) or (
-                ("of wheels", "odometry") in said
-                and (fault.rule in ("late", "of wheels") or fault.name.startswith("odometry 1.3"))
-            ):
-                continue
-            changed = drive.copied()
-            fault.done(changed)
-            found, count = heard(changed), count + 1
-            right = [way for f, way in found if _named(fault, f.rule, f.subject)]
-            ways += right[:1]
-            missed += [] if right else [drive.name]
-            for f, _ in found:
-                if (f.rule, f.subject) not in said and not _named(fault, f.rule, f.subject):
-                    beside[f"{f.rule}: {f.subject}"] += 1
-        way = f"{np.median(ways):.1f}" if ways else "-"
-        words = ", ".join(f"{name} ({n})" for name, n in beside.items())
-        lines.append(
-            f"| {fault.name} | {kind} | {len(ways)} of {count} | {way} | {words} | {', '.join(missed)} |"
-        )
-        print(lines[-1], flush=True)
-    return lines
+FAULTS = {fault.name: fault.done for fault in (*MOTION, *SOIL)}
+
+
+# --- The subject
+
+# Drives by seed, on which all sensors are good.
+DRIVES = (
+    World("good, plain"),
+    World("good, two sizes", "two sizes", way="bends"),
+    World("good, long", "long", way="straight", speed=0.6),
+    World("good, manoeuvres", way="manoeuvres"),
+    World("good, stops", way="stop and go", speed=0.5),
+)
+NOTHING = "nothing"
+
+
+def good_drive(seed: int) -> Raw:
+    """A drive on which all sensors are good."""
+    made = make_drive(DRIVES[seed % len(DRIVES)], seed)
+    settings = settings_from(made.parameters)
+    return Raw(made.world.name, settings.onboard, dict(made.rows))
+
+
+def trial(name: str, seed: int) -> Line:
+    """Put one fault into a drive: the way at which it is named, and what is said beside it."""
+    drive = good_drive(seed)
+    before = {(finding.rule, finding.subject) for finding, _ in heard(drive)}
+    if name == NOTHING:
+        return {"accused": [f"{rule}: {subject}" for rule, subject in before]}
+    fault = next(one for one in (*MOTION, *SOIL) if one.name == name)
+    fault.done(drive)
+    found = heard(drive)
+    named = [way for f, way in found if _named(fault, f.rule, f.subject)]
+    beside = [
+        f"{f.rule}: {f.subject}"
+        for f, _ in found
+        if (f.rule, f.subject) not in before and not _named(fault, f.rule, f.subject)
+    ]
+    return {"named": bool(named), "way": named[0] if named else None, "beside": beside}
 
 
 def _named(fault: Fault, rule: str, subject: str) -> bool:
     return rule == fault.rule and fault.subject in subject
 
 
-def main() -> None:
-    """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--drives", type=Path, help="folder of the real drives")
-    parser.add_argument("--simulated", action="store_true", help="only the simulated ones")
-    given = parser.parse_args()
-    real = []
-    if not given.simulated:
-        if given.drives is None or not given.drives.is_dir():
-            parser.error(f"--drives: expected the folder of the real drives, found {given.drives}")
-        real = [real_drive(given.drives, name) for name in REAL]
-    made = [simulated_drive(name) for name in SIMULATED]
-    print("| drive | way, m | said of it | at m | true |\n| --- | --- | --- | --- | --- |")
-    wrong = 0
-    for drive in (*real, *made):
-        found = heard(drive)
-        for finding, way in found:
-            true = (finding.rule, finding.subject) in TRUE.get(drive.name, set())
-            wrong, answer = wrong + (not true), "yes" if true else "NO"
-            print(f"| {drive.name} | | {finding.rule}: {finding.text} | {way:.1f} | {answer} |")
-        if not found:
-            print(f"| {drive.name} | {drive.way()[1][-1]:.0f} | nothing | | |")
-    print(f"\n{wrong} good sensors accused\n")
-    print(
-        "| fault | drives | named | way, m | beside it | missed |\n| --- | --- | --- | --- | --- | --- |"
-    )
-    if real:
-        injected(real, MOTION, "real")
-    injected(made, (*MOTION, *SOIL), "simulated")
+def _has_fault(line: Line) -> int:
+    return int("named" in line)
 
 
-if __name__ == "__main__":
-    main()
+JUDGES = [
+    Judge("faults named", share(lambda one: one.get("named", False), _has_fault), 0.9, None, "."),
+    Judge("way until it is named, m", middle(lambda one: one.get("way"))),
+    Judge(
+        "something else said beside it",
+        share(lambda one: bool(one.get("beside")), _has_fault),
+        None,
+        0.1,
+    ),
+    Judge(
+        "drives with a good sensor accused",
+        share(lambda one: bool(one.get("accused")), lambda one: 1 - _has_fault(one)),
+        None,
+        0.05,
+    ),
+]
+SUBJECTS = [
+    Subject("faults", [NOTHING, *(f.name for f in (*MOTION, *SOIL))], trial, JUDGES, 5, 3.0)
+]

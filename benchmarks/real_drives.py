@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded drives of real robots through `smallwheel replay`: what it says of them, as a table.
 
-    python benchmarks/real_drives.py FOLDER [-o OUT]
+    python benchmarks/real_drives.py FOLDER... [-o OUT] [--page PAGE] [--picture warthog_sand1 FILE]
 
-FOLDER holds bags, parameter files and truths: the bag `warthog_sand1` goes with `warthog.yaml`, the file that
-its name begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
-`stamp [s]`, `side` (left, right), `rim_speed [m/s]` and `ground_speed [m/s]`, means over 0.5 s or more.
+A folder holds bags, parameter files and truths: the bag `warthog_sand1` goes with `warthog.yaml`, the file
+that its name begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
+`stamp [s]`, `side` (left, right), `rim_speed [m/s]` and `ground_speed [m/s]`, means over 0.5 s or more. The
+rows go to benchmarks/rates/real_drives.csv, beside those of other drives, and, between its marks, into the
+page.
 
 A truth is left out, and counted, where the poses that it was made of contradict it: where the vehicle's
 middle (mean of both sides) is to have gone more than twice as fast as the way along these poses, 2 s to
@@ -13,16 +15,19 @@ either side, and 0.3 m/s. Places that jump, and slopes over poses that are too f
 
 Moving is a wheel whose rim turns at more than 0.15 m/s, by the bag's joint states. Steady is an instant
 from 1 s before to 1 s after which the rim's speed stays within a tenth of its own: in starts and stops,
-poses that come late would count as the program's errors. Accusations are what a sensor is said to have wrong.
+poses that come late would count as the program's errors. Accusations are what a sensor is said to have wrong;
+those that are so are in TRUE. Slip alone: episodes of the middle wheel's slip, mean of half a second, over
+0.3.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,25 +38,47 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.drive_trial import shown_slip
+from benchmarks.faults import Raw
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.onboard.parameters import read_parameters, settings_from
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.result import FILES
 from smallwheel_ros.replay.spec import ReplaySpec, resolved
 
 Array = NDArray[np.float64]
+CSV = Path(__file__).resolve().parent / "rates" / "real_drives.csv"
+BEGIN, END = "<!-- drives: begin -->\n", "<!-- drives: end -->\n"
 MOVING = 0.15  # m/s
 STEADY, CHANGE = 1.0, 0.1  # s to either side; of the rim's speed
 AROUND, FASTER, AT_REST = 2.0, 2.0, 0.3  # s to either side; times the way of the poses; m/s
 NEAR = 0.15  # s between a truth and its estimate
 BAND = 1.96
+SLIP_ALONE, PAUSE = 0.3, 1.0  # of a threshold, and s between two of its warnings
 # The odometry that is not made of the wheels, where a robot has two.
-ODOMETRY = {"pathfinder": "/gnss/odom"}
+TOPICS = {"pathfinder": "/gnss/odom"}
+# What is said of a sensor, and is so, by the bag: rules of the checks, with their subjects, and in words.
+TRUE = {
+    "warthog_grass_pose_only": {("no twist", ODOMETRY): "has no twist"},
+    "pathfinder_flat": {("z down", "imu"): "looks down", ("rolling", "radii"): "the rims turn"},
+    "husky_snow": {("of wheels", "odometry"): "it is made of them"},
+}
 _VARIES = re.compile(
     r"-?\d+(\.\d+)?|'\w+'"
 )  # numbers and names of wheels, that alike texts are one line
 _KIND = "nav_msgs/msg/Odometry"
+
+
+@dataclass
+class Replayed:
+    """A drive's truth and its estimates, for a picture."""
+
+    truth: pd.DataFrame | None
+    estimates: pd.DataFrame
+    left: set[str]
 
 
 @dataclass
@@ -70,6 +97,8 @@ class Row:
     margin: float
     margin_deviation: float
     warnings: int
+    by_slip: int  # warnings that a threshold on slip alone would give
+    replayed: Replayed = field(repr=False)
 
     def cells(self) -> list[str]:
         """The row as the table has it."""
@@ -87,12 +116,26 @@ class Row:
             f"{self.known:.0%}",
             inside,
             margin,
-            str(self.warnings),
-            str(self.accusations.total()),
+            f"{self.warnings}; {self.by_slip}",
+            str(self.accused),
         ]
 
+    def said(self) -> str:
+        """What was said of its sensors."""
+        return "; ".join(self.accusations)
 
-HEADER = ["drive", "of", "slip known", "in its band (steady)", "margin", "warnings", "accusations"]
+    @property
+    def accused(self) -> int:
+        """Accusations that are not so."""
+        true = TRUE.get(Path(self.name).name, {}).values()
+        return sum(n for text, n in self.accusations.items() if not any(w in text for w in true))
+
+
+SAID = "said"
+HEADER = [
+    "drive", "of", "slip known", "in its band (steady)", "margin", "warnings; by slip alone",
+    "good sensors accused",
+]  # fmt: skip
 
 
 def longest(bag: Path, pattern: str, ending: str) -> Path | None:
@@ -117,29 +160,86 @@ def drives_in(folder: Path) -> list[tuple[Path, Path]]:
 
 def odometry_of(bag: Path) -> str:
     """The topic of its odometry. Raises SmallwheelError where the bag has none, or several."""
-    for robot, topic in ODOMETRY.items():
+    for robot, topic in TOPICS.items():
         if bag.name.startswith(robot):
             return topic
     with BagReader(bag) as reader:
         topics = [topic.name for topic in reader.topics if topic.type == _KIND]
     if len(topics) != 1:
-        raise SmallwheelError(f"{bag}: odometries {topics}, expected one, or a line in ODOMETRY")
+        raise SmallwheelError(f"{bag}: odometries {topics}, expected one, or a line in TOPICS")
     return topics[0]
 
 
-def rims(bag: Path, wheels: dict[str, tuple[str, float]]) -> dict[str, tuple[Array, Array]]:
-    """By wheel times (s) and rim speeds (m/s), from joint states. wheels: joint and signed radius."""
-    found: dict[str, list[tuple[float, float]]] = {wheel: [] for wheel in wheels}
+def raw_drive(bag: Path, config: Path, topic: str) -> Raw:
+    """Rows of joints, odometry and imu as the pipeline's streams have them."""
+    settings = settings_from(read_parameters(str(config)))
+    joints, odometry, imu = [], [], []
     with BagReader(bag) as reader:
-        for message in reader.messages({"/joint_states"}):
-            stamp, states = message.message.header.stamp, message.message
-            at = {name: i for i, name in enumerate(states.name)}
-            for wheel, (joint, radius) in wheels.items():
-                if joint in at:
-                    speed = radius * float(states.velocity[at[joint]])
-                    found[wheel].append((stamp.sec + stamp.nanosec * 1e-9, speed))
-    arrays = {wheel: np.array(rows).reshape(-1, 2) for wheel, rows in found.items()}
-    return {wheel: (rows[:, 0], rows[:, 1]) for wheel, rows in arrays.items()}
+        for message in reader.messages({"/joint_states", topic, "/imu/data"}):
+            m = message.message
+            stamp = m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
+            if message.topic == "/joint_states":
+                speeds = dict(zip(m.name, m.velocity, strict=True))
+                joints.append(
+                    (stamp, [speeds[i.joint] * i.joint_sign for i in settings.inputs.values()])
+                )
+            elif message.topic == topic:
+                odometry.append((stamp, _odometry_row(m.pose.pose, m.twist.twist)))
+            else:
+                imu.append((stamp, _imu_row(m)))
+    rows = {IMU: _rows(imu), ODOMETRY: _rows(odometry)}
+    stamps, values = _rows(joints)
+    rows |= {f"{w}/wheel_speed": (stamps, values[:, [i]]) for i, w in enumerate(settings.inputs)}
+    return Raw(bag.name, settings.onboard, rows)
+
+
+def real_drive(folder: Path, name: str) -> Raw:
+    """The drive of that name in a folder."""
+    bag, config = next(pair for pair in drives_in(folder) if pair[0].name == name)
+    return raw_drive(bag, config, odometry_of(bag))
+
+
+def _odometry_row(pose: Any, twist: Any) -> list[float]:
+    """The ten columns of the odometry's stream."""
+    q, p = pose.orientation, pose.position
+    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    pitch = math.asin(max(-1.0, min(1.0, 2 * (q.w * q.y - q.z * q.x))))
+    roll = math.atan2(2 * (q.w * q.x + q.y * q.z), 1 - 2 * (q.x * q.x + q.y * q.y))
+    moves = [twist.linear.x, twist.angular.z, p.x, p.y, math.cos(yaw), math.sin(yaw)]
+    return [*moves, 0.0, 0.0, pitch, roll]
+
+
+def _imu_row(message: Any) -> list[float]:
+    """The seven columns of the imu's stream: yaw rate, specific force, which way is up."""
+    q, a = message.orientation, message.linear_acceleration
+    up = [math.nan] * 3
+    unit = abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) <= 0.01
+    if unit and message.orientation_covariance[0] != -1.0:
+        up = [2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2)]
+    return [message.angular_velocity.z, a.x, a.y, a.z, *up]
+
+
+def _rows(found: list[tuple[int, list[float]]]) -> tuple[NDArray[np.int64], Array]:
+    """By stamp; of two with one stamp the first."""
+    stamps, first = np.unique(
+        np.array([stamp for stamp, _ in found], dtype=np.int64), return_index=True
+    )
+    return stamps, np.array([row for _, row in found], dtype=float)[first]
+
+
+def rims(raw: Raw) -> dict[str, tuple[Array, Array]]:
+    """By wheel times (s) and rim speeds (m/s)."""
+    found = {}
+    for wheel in raw.settings.wheels:
+        stamps, values = raw.rows[f"{wheel.name}/wheel_speed"]
+        found[wheel.name] = stamps * 1e-9, 0.5 * wheel.diameter * values[:, 0]
+    return found
+
+
+def by_slip_alone(raw: Raw) -> int:
+    """Warnings of a threshold on the slip that rims and odometry show."""
+    time, slip = shown_slip(raw)
+    return int(np.sum(np.diff(time[slip > SLIP_ALONE], prepend=-np.inf) > PAUSE))
 
 
 def is_steady(times: Array, speeds: Array, at: float) -> bool:
@@ -194,16 +294,13 @@ def judged(
 
 def row_of(bag: Path, config: Path, folder: Path) -> Row:
     """Replay one drive and judge it."""
-    spec = ReplaySpec(bag, config, folder, {"/odom": resolved(odometry_of(bag))}, copy="none")
+    topic = odometry_of(bag)
+    spec = ReplaySpec(bag, config, folder, {"/odom": resolved(topic)}, copy="none")
     result = replay(spec)
     summary: dict[str, Any] = result.to_dict()
     estimates = pd.read_csv(folder / FILES["estimates_csv"], low_memory=False)
-    onboard, inputs = result.settings.onboard, result.settings.inputs
-    by_joint = {
-        w.name: (inputs[w.name].joint, inputs[w.name].joint_sign * w.diameter / 2.0)
-        for w in onboard.wheels
-    }
-    speeds, moving = rims(bag, by_joint), []
+    onboard, raw = result.settings.onboard, raw_drive(bag, config, topic)
+    speeds, moving = rims(raw), []
     for wheel, rows in estimates.groupby("wheel"):
         times, rim = speeds[str(wheel)]
         turning = abs(np.interp(rows["stamp"] * 1e-9, times, rim)) > MOVING
@@ -212,20 +309,21 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
     said += [text for text in summary["sensors"] if text not in said]
     said = [_VARIES.sub("#", re.split("[,(]", text)[0]).strip() for text in said]
     truth_file = longest(bag, "*_truth.csv", "_truth.csv")
-    found, left_out = [], 0
+    left = {w.name for w in onboard.wheels if w.lateral_position > 0.0}
+    truth, found, left_out = None, [], 0
     if truth_file is not None:
-        left = {w.name for w in onboard.wheels if w.lateral_position > 0.0}
         truth = pd.read_csv(truth_file).dropna()  # at some instants one of both speeds is not there
-        times, way = poses(bag, odometry_of(bag))
+        times, way = poses(bag, topic)
         there = truth.iloc[:, 0].between(times[0], times[-1]).to_numpy()
         wrong = contradicted(truth, times, way) & there
         left_out = int(wrong.sum())
-        found = judged(truth[~wrong], estimates, speeds, left)
+        truth = truth[~wrong]
+        found = judged(truth, estimates, speeds, left)
     inside = np.array([a for a, _ in found], dtype=float)
     steady = np.array([a for a, b in found if b], dtype=float)
     margin = estimates["mobility_margin"]
     return Row(
-        bag.name,
+        f"{bag.parent.name}/{bag.name}",
         summary["duration"],
         summary["travel"],
         Counter(said),
@@ -237,28 +335,96 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
         float(margin.median()),
         float(estimates["mobility_margin_standard_deviation"].median()),
         sum(event["kind"] == "stuck" for event in summary["events"]),
+        by_slip_alone(raw),
+        Replayed(truth, estimates, left),
     )
+
+
+def draw(row: Row, path: Path, seconds: float = 60.0) -> None:
+    """Slip of one wheel of each side with its 95 % band, and the truth beside it."""
+    import matplotlib.pyplot as plt
+
+    replayed, truth = row.replayed, row.replayed.truth
+    if truth is None:
+        raise SmallwheelError(f"{row.name}: there is no truth to draw beside it")
+    begin = float(truth.iloc[:, 0].min()) + 5.0
+    figure, axes = plt.subplots(2, 1, figsize=(8.0, 4.6), sharex=True, layout="constrained")
+    for axis, side in zip(axes, ("left", "right"), strict=True):
+        wheels = [
+            w
+            for w in replayed.estimates["wheel"].unique()
+            if (w in replayed.left) == (side == "left")
+        ]
+        rows = replayed.estimates[replayed.estimates["wheel"] == wheels[0]]
+        time = rows["stamp"].to_numpy() * 1e-9 - begin
+        slip, spread = rows["slip"].to_numpy(), BAND * rows["slip_standard_deviation"].to_numpy()
+        mine = truth[truth["side"] == side]
+        true = [
+            wheel_slip(Quantity(r[3], 0.0), Quantity(r[2], 0.0), 0.01)
+            for r in mine.itertuples(index=False)
+        ]
+        axis.fill_between(time, slip - spread, slip + spread, alpha=0.3, label="95 % band")
+        axis.plot(time, slip, linewidth=1.0, label=f"estimate, {wheels[0]}")
+        axis.plot(
+            mine.iloc[:, 0] - begin, [np.nan if t is None else t.value for t in true], ".",
+            color="black", markersize=3, label="truth, by lidar poses",
+        )  # fmt: skip
+        axis.set(xlim=(0.0, seconds), ylim=(-1.1, 1.1), ylabel=f"slip, {side}")
+        axis.grid(alpha=0.3)
+    axes[0].legend(loc="lower right", fontsize=8, ncols=3)
+    axes[1].set_xlabel(f"time, s ({row.name})")
+    figure.savefig(path, dpi=110)
+
+
+def merged(rows: list[Row], path: Path = CSV) -> pd.DataFrame:
+    """Rows as the table has them; those of drives that are not among them stay as they were."""
+    columns = [*HEADER, SAID]
+    new = pd.DataFrame([[*row.cells(), row.said()] for row in rows], columns=columns)
+    if not path.exists():
+        return new
+    old = pd.read_csv(path, keep_default_na=False)
+    return pd.concat([new, old[~old["drive"].isin(new["drive"])]]).sort_values("drive")
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """The table, and what was said of the sensors."""
+    lines = [HEADER, ["---"] * len(HEADER), *table[HEADER].astype(str).to_numpy().tolist()]
+    text = "".join("| " + " | ".join(cells) + " |\n" for cells in lines)
+    told = [f"- {row.drive}: {row.said}\n" for row in table.itertuples() if row.said]
+    return text + "\nSaid of sensors:\n\n" + "".join(told)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("-o", "--output", type=Path, help="keep the replays there")
+    parser.add_argument(
+        "--page", type=Path, help="page whose table is made anew, between its marks"
+    )
+    parser.add_argument("--picture", nargs=2, metavar=("DRIVE", "FILE"), help="slip and its truth")
     options = parser.parse_args()
     rows = []
     try:
         with TemporaryDirectory() as scratch:
-            for bag, config in drives_in(options.folder):
-                rows.append(row_of(bag, config, (options.output or Path(scratch)) / bag.name))
+            for folder in options.folders:
+                for bag, config in drives_in(folder):
+                    kept = (options.output or Path(scratch)) / folder.name / bag.name
+                    rows.append(row_of(bag, config, kept))
+        if options.picture:
+            drive, file = options.picture
+            draw(next(row for row in rows if row.name.endswith(f"/{drive}")), Path(file))
     except (SmallwheelError, OSError) as error:
         print(f"real_drives: {error}", file=sys.stderr)
         return 2
-    for cells in (HEADER, ["---"] * len(HEADER), *(row.cells() for row in rows)):
-        print("| " + " | ".join(cells) + " |")
-    for row in rows:
-        for text, count in row.accusations.items():
-            print(f"\n{row.name}: {text}" + (f" ({count} times)" if count > 1 else ""), end="")
-    print()
+    table = merged(rows)
+    text = markdown(table)
+    print(text)
+    CSV.parent.mkdir(exist_ok=True)
+    table.to_csv(CSV, index=False)
+    if options.page:
+        before, rest = options.page.read_text(encoding="utf-8").split(BEGIN)
+        page = before + BEGIN + text + END + rest.split(END)[1]
+        options.page.write_text(page, encoding="utf-8")
     return 0
 
 

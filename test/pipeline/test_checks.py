@@ -226,11 +226,9 @@ def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:
 def test_good_sensors_of_real_robots_are_not_accused(
     name: str, right: set[tuple[str, str]]
 ) -> None:
-    folder, faults = real_folder(), import_module("benchmarks.faults")
-    found = {
-        (finding.rule, finding.subject)
-        for finding, _ in faults.heard(faults.real_drive(folder, name))
-    }
+    drive = import_module("benchmarks.real_drives").real_drive(real_folder(), name)
+    heard = import_module("benchmarks.faults").heard
+    found = {(finding.rule, finding.subject) for finding, _ in heard(drive)}
     assert found == right
 
 

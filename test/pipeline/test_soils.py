@@ -5,15 +5,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from world_drives import Driven, driven_world, table_of
 
-from benchmarks.robot_drives import RobotDrive, make_drive, table_of
-from benchmarks.robot_scores import run
-from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.settings import OnboardSettings
@@ -34,18 +31,16 @@ def flags_of(version: Version, prior: SoilPrior, share: float = 0.5) -> np.ndarr
     return known & version.settled
 
 
-@lru_cache
-def drive_of(world: str, distance: float = 12.0, seed: int = 1) -> RobotDrive:
-    whole = WORLDS[world]
-    borders = tuple((0.5 * distance, *rest) for _, *rest in whole.borders)
-    return make_drive(replace(whole, distance=distance, borders=borders), seed)
+def drive_of(world: str, way: str = "half", seed: int = 1) -> Driven:
+    return driven_world("soil", world, way, seed)
 
 
-def settings_of(drive: RobotDrive, **more: object) -> OnboardSettings:
-    estimator = EstimatorSettings(sinkage_zero_std=drive.world.zero_std)
-    strength = usual_strength(drive.prior.soil)
-    wheels = VEHICLES[drive.world.vehicle]
-    return OnboardSettings(wheels, drive.prior, strength, estimator=estimator, **more)  # type: ignore[arg-type]
+def settings_of(drive: Driven, **more: object) -> OnboardSettings:
+    return replace(drive.settings, mass=0.0, **more)  # type: ignore[arg-type]
+
+
+def border_of(drive: Driven) -> float:
+    return next(one.start for one in drive.drive.ground.started)
 
 
 def driven(
@@ -73,27 +68,26 @@ def driven(
 
 def test_a_soil_is_recovered_and_bands_hold() -> None:
     drive = drive_of("nominal")
-    soils, score = run(drive)
-    newest = soils.versions[-1]
-    mean, covariance = law_of(newest)
-    truth = np.array([*drive.soils[-1, :2, 0], drive.m])
-    assert (np.abs(mean - truth) < 3.0 * np.sqrt(np.diag(covariance))).all()
-    assert flags_of(newest, drive.prior)[0]
-    assert not score.wrong
-    assert score.held > 0.9
-    assert score.changes == 0
+    settings = settings_of(drive)
+    soils, versions, _ = driven(drive.rows, settings)
+    mean, covariance = law_of(versions[-1])
+    true = drive.drive.ground.soil
+    off = mean - np.array([true.pressure, true.n, true.m])
+    assert (np.abs(off) < 3.0 * np.sqrt(np.diag(covariance))).all()
+    assert flags_of(versions[-1], settings.prior)[0]
+    assert soils.changes == 0
 
 
 def test_nothing_is_determined_before_the_law_was_taken_again() -> None:
     drive = drive_of("nominal")
     settings = settings_of(drive)
     _, versions, _ = driven(drive.rows, settings)
-    first = next(i for i, one in enumerate(versions) if flags_of(one, drive.prior).any())
+    first = next(i for i, one in enumerate(versions) if flags_of(one, settings.prior).any())
     assert versions[first].settled
     assert (
         versions[first].accepted >= 160
     )  # some 6 readings a stretch; the law is taken again at the 40th
-    assert not any(flags_of(one, drive.prior).any() for one in versions[:first])
+    assert not any(flags_of(one, settings.prior).any() for one in versions[:first])
 
 
 @pytest.mark.parametrize("world", ["soil x2", "outliers 5 %"])
@@ -123,29 +117,31 @@ def test_a_border_is_found_and_wheels_behind_it_are_on_the_old_soil() -> None:
     assert soils.changes == 1
     number = np.array([versions[int(i)].number for i in found[0]])
     first = rows.distance[number == 1].min()
-    assert drive.border is not None
-    assert drive.border - 0.35 <= first <= drive.border + 1.0
+    border = border_of(drive)
+    assert border - 0.35 <= first <= border + 1.0
     rear = rows.wheel >= 2
     near = (rows.distance > first) & (rows.distance < versions[-1].border + 0.3)
     assert (number[near & rear] == 0).all()
-    assert (number[rows.distance > drive.border + 1.5] == 1).all()
+    assert (number[rows.distance > border + 1.5] == 1).all()
 
 
 def test_a_sensor_that_is_stuck_goes_to_no_filter() -> None:
-    drive = drive_of("stuck sensor")
-    soils, score = run(drive)
+    drive = driven_world("field", "sinkage frozen", "half")
+    soils, versions, _ = driven(drive.rows, settings_of(drive))
     assert soils.sensors.stuck.tolist() == [True, False, False, False]
-    assert score.changes == 0
-    assert not score.wrong
+    assert soils.changes == 0
+    mean, covariance = law_of(versions[-1])
+    assert abs(mean[0] - drive.drive.ground.soil.pressure) < 3.0 * math.sqrt(covariance[0, 0])
 
 
 def test_sensors_in_whole_steps_are_not_stuck() -> None:
-    soils, _ = run(drive_of("quantised 1 mm"))
+    drive = drive_of("quantised 1 mm")
+    soils, _, _ = driven(drive.rows, settings_of(drive))
     assert not soils.sensors.stuck.any()
 
 
 def test_rows_of_wheels_that_stand_tell_nothing() -> None:
-    drive = drive_of("nominal", 6.0)
+    drive = drive_of("nominal", "short")
     settings = settings_of(drive)
     rows = drive.rows
     twice = np.repeat(np.arange(len(rows)), 1 + 40 * (np.arange(len(rows)) // 4 == 100))
@@ -159,19 +155,19 @@ def test_rows_of_wheels_that_stand_tell_nothing() -> None:
 
 @pytest.mark.parametrize("blank", ["load", "sinkage"])
 def test_without_loads_or_sinkages_the_prior_stays(blank: str) -> None:
-    drive = drive_of("nominal", 6.0)
+    drive = drive_of("nominal", "short")
     settings = settings_of(drive)
     rows = drive.rows
     rows = replace(rows, **{blank: np.full(len(rows), math.nan)})
     soils, versions, found = driven(rows, settings, (100, 200))
     assert len(versions) == 1
     assert soils.record() is None
-    np.testing.assert_array_equal(law_of(versions[0])[0], drive.prior.law[0])
+    np.testing.assert_array_equal(law_of(versions[0])[0], settings.prior.law[0])
     np.testing.assert_array_equal(found[1], rows.load)
 
 
 def test_loads_of_no_wheel_on_the_ground_are_left_out() -> None:
-    drive = drive_of("nominal", 6.0)
+    drive = drive_of("nominal", "short")
     settings = settings_of(drive)
     rows = drive.rows
     lifted = replace(rows, load=np.where(np.arange(len(rows)) % 9 == 0, -0.5, rows.load))
@@ -181,7 +177,7 @@ def test_loads_of_no_wheel_on_the_ground_are_left_out() -> None:
 
 
 def test_a_slip_that_is_blank_under_an_effect_of_slip() -> None:
-    drive = drive_of("slip sinkage 1", 6.0)
+    drive = drive_of("slip digs", "short")
     settings = settings_of(drive, effects=(Exponential(a=0.7),))
     rows = drive.rows
     stands = (np.arange(len(rows)) // 4) % 10 == 0
@@ -199,18 +195,18 @@ def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
     assert saved is not None
     path, now = (
         tmp_path / "soil.json",
-        Reported(drive.prior, settings.estimator).estimate(versions[-1]),
+        Reported(settings.prior, settings.estimator).estimate(versions[-1]),
     )
-    write_state(path, SavedState(saved, soils.variety, soils.accepted), drive.prior, (), now)
-    state = read_state(path, drive.prior, ())
+    write_state(path, SavedState(saved, soils.variety, soils.accepted), settings.prior, (), now)
+    state = read_state(path, settings.prior, ())
     again = Soils(settings.prior, settings.estimator, (), settings.wheels)
     assert state.soil is not None
     again.resume(state.soil, state.variety, state.accepted)
     for one, other in zip(law_of(again.versions[-1]), law_of(versions[-1]), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
     assert (
-        flags_of(again.versions[-1], drive.prior).tolist()
-        == flags_of(versions[-1], drive.prior).tolist()
+        flags_of(again.versions[-1], settings.prior).tolist()
+        == flags_of(versions[-1], settings.prior).tolist()
     )
     assert again.variety == soils.variety
 

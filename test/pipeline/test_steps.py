@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
+from world_drives import table_of
 
-from benchmarks.robot_drives import table_of
 from smallwheel_ros.estimator.settings import SoilPrior, usual_strength
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil

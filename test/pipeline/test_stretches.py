@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from world_drives import table_of
 
-from benchmarks.robot_drives import table_of
 from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil

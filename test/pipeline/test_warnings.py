@@ -208,7 +208,7 @@ def test_on_real_ground_on_which_no_vehicle_got_stuck(
     name: str, at_most: int, risk_at_most: float
 ) -> None:
     """Pathfinder: one warning, said at both levels. Sand: new commands each 6 s, violent spins."""
-    drive = import_module("benchmarks.faults").real_drive(real_folder(), name)
+    drive = import_module("benchmarks.real_drives").real_drive(real_folder(), name)
     onboard = replace(drive.settings, with_imu=False)  # the imu goes to the stage as it is
     streams = Streams(widths_of(onboard), rules_of(onboard))
     for stream in streams.all.values():

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pull and torque where the truth is another law: one rig of each kind, more in benchmarks/pull_rates.py."""
+"""Pull and torque where the truth is another law: one rig of each kind."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from benchmarks.pull_rates import DESIGNS, TRUTHS, rows_of, run, sand_of, table
+from benchmarks.rates_pull import DESIGNS, TRUTHS, rows_of, run, sand_of, table
 from smallwheel_ros.diagnosis.pipeline import diagnose
 from smallwheel_ros.measurements.display import words
 from smallwheel_ros.measurements.wheels import read_measurements

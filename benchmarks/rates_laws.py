@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often the table of laws says that one law is better than another, and how often it is wrong.
-
-    python benchmarks/law_table_rates.py --worlds 150
+"""Subject: laws. How often the table of laws says that one law is better than another, and how often wrongly.
 
 Worlds are sets of plates whose soil follows one of four laws of size, by its formula: three to eight
-sizes, one to three runs of each, exponents, firmness from run to run and strays along a curve of their own.
-Each size is left out. The law of the soil is in the place of ours: where another law is said to be
+sizes, one to three runs of each, exponents, firmness from run to run and strays along a curve of their
+own. Each size is left out. The law of the soil is in the place of ours: where another law is said to be
 better than it, that is wrong. Where size does nothing the three laws that know size are all right, and any
 verdict between two of them is wrong.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import sys
 import tempfile
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import binomtest
 
+from benchmarks.rates import Judge, Line, Subject, share
 from smallwheel_ros.benchmark.laws import CONSTANT, SIZE_LAWS, Fold, predictions
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.benchmark.table import Errors, difference
@@ -44,10 +39,10 @@ def modulus(law: str, diameter: float, n: float, share: float) -> float:
     return 60e3 / 0.01**n * factor
 
 
-def make_world(seed: int, folder: Path) -> tuple[str, Task]:
-    """The law of the soil, and its plates with sizes left out."""
-    rng = np.random.default_rng([seed, 34])
-    law, n, share = NAMES[seed % len(NAMES)], rng.uniform(0.6, 1.3), rng.uniform(0.2, 0.8)
+def make_world(law: str, seed: int, folder: Path) -> Task:
+    """Plates of a soil of a law, with sizes left out."""
+    rng = np.random.default_rng([seed, NAMES.index(law), 34])
+    n, share = rng.uniform(0.6, 1.3), rng.uniform(0.2, 0.8)
     sizes = np.geomspace(rng.uniform(0.03, 0.06), rng.uniform(0.12, 0.3), rng.integers(3, 9))
     runs, firm, stray = rng.integers(1, 4), rng.uniform(0.02, 0.06), rng.uniform(0.01, 0.05)
     lines = ["run,contact,diameter,load,sinkage"]
@@ -65,7 +60,7 @@ def make_world(seed: int, folder: Path) -> tuple[str, Task]:
         ]
     file = folder / "plates.csv"
     file.write_text("\n".join(lines))
-    return law, next(task for task in tasks_of(read_measurements(file)) if task.what == "size")
+    return next(task for task in tasks_of(read_measurements(file)) if task.what == "size")
 
 
 def errors_by_part(task: Task) -> dict[str, list[float | None]]:
@@ -87,41 +82,49 @@ def verdict(other: list[float | None], ours: list[float | None]) -> str:
     return str(errors.verdict)
 
 
-def share_of(count: int, of: int) -> str:
-    """`3 of 120: 2.5 % (0.5 to 7.1)`."""
-    if not of:
-        return "none"
-    low, high = binomtest(count, of).proportion_ci(method="exact")
-    return f"{count} of {of}: {100 * count / of:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+SIZES = {"3 to 5 sizes": (0, 5), "6 to 8 sizes": (6, 99)}
+OTHERS = ("another law", "the mean", "two laws that are both right")
 
 
-def main() -> int:
-    """Count over worlds, print the rates."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--worlds", type=int, default=150)
-    options = parser.parse_args()
-    words: dict[str, Counter[str]] = {}
+def trial(law: str, seed: int) -> Line:
+    """Verdicts of one set of plates, by what they are between."""
     with tempfile.TemporaryDirectory() as folder:
-        for seed in range(options.worlds):
-            law, task = make_world(seed, Path(folder))
-            found = errors_by_part(task)
-            parts = "3 to 5 sizes" if len(task.names) <= 5 else "6 to 8 sizes"
-            for other in (name for name in found if name != law):
-                kind = "the mean" if other == CONSTANT else "another law"
-                key = f"the soil's law against {kind}, {parts}"
-                words.setdefault(key, Counter())[verdict(found[other], found[law])] += 1
-            if law == NAMES[0]:
-                for one, other in itertools.combinations(NAMES[1:], 2):
-                    key = f"two laws that are both right, {parts}"
-                    words.setdefault(key, Counter())[verdict(found[other], found[one])] += 1
-            print(f"{seed + 1} of {options.worlds}", end="\r", file=sys.stderr)
-    for key, count in sorted(words.items()):
-        total = count.total()
-        wrong = total - count["cannot tell"] if key.startswith("two") else count["loses"]
-        print(f"{key}: wrong {share_of(wrong, total)}", end="")
-        print("" if key.startswith("two") else f"; better {share_of(count['wins'], total)}")
-    return 0
+        task = make_world(law, seed, Path(folder))
+        found = errors_by_part(task)
+    said: dict[str, list[str]] = {kind: [] for kind in OTHERS}
+    for other in (name for name in found if name != law):
+        kind = OTHERS[1] if other == CONSTANT else OTHERS[0]
+        said[kind].append(verdict(found[other], found[law]))
+    if law == NAMES[0]:
+        said[OTHERS[2]] = [
+            verdict(found[other], found[one]) for one, other in itertools.combinations(NAMES[1:], 2)
+        ]
+    return {"sizes": len(task.names), "said": said}
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def _count(line: Line, kind: str, sizes: str, word: str) -> int:
+    """How often a verdict was given; all without a word, `!` any but that."""
+    low, high = SIZES[sizes]
+    said = line["said"][kind] if low <= line["sizes"] <= high else []
+    return sum(
+        (one != word[1:]) if word.startswith("!") else (not word or one == word) for one in said
+    )
+
+
+def _judge(kind: str, sizes: str, word: str, text: str, most: float | None) -> Judge:
+    hits, total = (lambda one, w=w: _count(one, kind, sizes, w) for w in (word, ""))
+    return Judge(f"{text} {kind}, {sizes}", share(hits, total), None, most)
+
+
+JUDGES = [
+    judge
+    for sizes in SIZES
+    for judge in (
+        _judge(OTHERS[0], sizes, "loses", "the soil's law said to be worse than", 0.05),
+        _judge(OTHERS[0], sizes, "wins", "the soil's law said to be better than", None),
+        _judge(OTHERS[1], sizes, "loses", "the soil's law said to be worse than", 0.05),
+        _judge(OTHERS[1], sizes, "wins", "the soil's law said to be better than", None),
+        _judge(OTHERS[2], sizes, "!cannot tell", "one said to be better of", 0.05),
+    )
+]
+SUBJECTS = [Subject("laws", NAMES, trial, JUDGES, 40, 1.0)]

@@ -1,0 +1,334 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How often what is right: rates over worlds whose answer is known, by subject.
+
+    python benchmarks/rates.py                         # all subjects; takes as long as --list says
+    python benchmarks/rates.py soil slip --seeds 0:4 --jobs 2
+    python benchmarks/rates.py field --worlds encoder --fresh
+
+A subject has worlds, a trial that tries one world with one seed, and judges that count over trials. Trials
+are lines of JSON in benchmarks/rates/SUBJECT.jsonl, appended one by one, so that an interrupted run goes on
+where it was; `--fresh` begins anew, as after a change of the program. Rates of each world and of all are rows
+of benchmarks/rates/SUBJECT.csv, and the tables of docs/rates.md are made of these files. Exit code 1: a rate
+is beyond its limit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+# One thread a job: numpy's own threads would compete with the other jobs.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest, chi2
+from tqdm import tqdm
+
+# As a script this file finds its neighbours, as a module of the repository its package.
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+Line = dict[str, Any]
+FOLDER = Path(__file__).resolve().parent / "rates"
+ALL = "all"
+_DRAWS = 1000  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A rate with its 95 % interval. count: of what, as a judge says."""
+
+    value: float
+    low: float
+    high: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Counts over the lines of some worlds.
+
+    least, most: what the rate should be; where its whole interval is beyond, it fails. each: a pattern of the
+    names of worlds of which that holds singly, too.
+    """
+
+    what: str
+    count: Callable[[Sequence[Line]], Rate | None]
+    least: float | None = None
+    most: float | None = None
+    each: str = "$^"
+
+    def fails(self, rate: Rate) -> bool:
+        """Whether a rate is beyond its limit, interval and all."""
+        low, high = self.least is not None and rate.high < self.least, self.most is not None
+        return low or (high and rate.low > float(self.most or 0.0))
+
+    @property
+    def limit(self) -> str:
+        """The limit in words; empty without one."""
+        parts = [f"at least {self.least:g}"] if self.least is not None else []
+        return ", ".join(parts + ([f"at most {self.most:g}"] if self.most is not None else []))
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What rates are of. seconds: of processor that a trial takes, about."""
+
+    name: str
+    worlds: Sequence[str]
+    trial: Callable[[str, int], Line]
+    judges: Sequence[Judge]
+    seeds: int
+    seconds: float
+
+
+# --- Rates with their intervals
+
+
+Counter = Callable[[Sequence[Line]], "Rate | None"]
+
+
+def share(found: Callable[[Line], int], of: Callable[[Line], int] = lambda _: 1) -> Counter:
+    """A share of counts that are independent, with Wilson's interval."""
+
+    def count(lines: Sequence[Line]) -> Rate | None:
+        hits, total = sum(found(one) for one in lines), sum(of(one) for one in lines)
+        if not total:
+            return None
+        bounds = binomtest(int(hits), int(total)).proportion_ci(method="wilson")
+        return Rate(hits / total, float(bounds.low), float(bounds.high), int(total))
+
+    return count
+
+
+def ratio(
+    over: Callable[[Line], float], under: Callable[[Line], float], root: bool = False
+) -> Counter:
+    """A ratio of sums over lines, with its interval by the bootstrap over them. root: the root of it."""
+
+    def count(lines: Sequence[Line]) -> Rate | None:
+        pairs = np.array([(over(one), under(one)) for one in lines], dtype=float).reshape(-1, 2)
+        pairs = pairs[pairs[:, 1] > 0.0]
+        if not len(pairs):
+            return None
+        rng = np.random.default_rng(1)
+        drawn = pairs[rng.integers(len(pairs), size=(_DRAWS, len(pairs)))].sum(axis=1)
+        low, high = np.quantile(drawn[:, 0] / drawn[:, 1], (0.025, 0.975))
+        whole = pairs.sum(axis=0)
+        found = np.array([whole[0] / whole[1], low, high])
+        value, low, high = (np.sqrt(found) if root else found).tolist()
+        return Rate(value, low, high, len(pairs))
+
+    return count
+
+
+def events(found: Callable[[Line], float], way: Callable[[Line], float], each: float) -> Counter:
+    """How many in so many metres, by Poisson's law."""
+
+    def count(lines: Sequence[Line]) -> Rate | None:
+        hits, metres = sum(found(one) for one in lines), sum(way(one) for one in lines)
+        if not metres:
+            return None
+        low = 0.5 * chi2.ppf(0.025, 2 * hits) if hits else 0.0
+        high = 0.5 * chi2.ppf(0.975, 2 * hits + 2)
+        factor = each / metres
+        return Rate(hits * factor, low * factor, high * factor, round(metres))
+
+    return count
+
+
+def middle(value: Callable[[Line], float | None]) -> Counter:
+    """The median, with its interval by the bootstrap."""
+
+    def count(lines: Sequence[Line]) -> Rate | None:
+        known = np.array([v for one in lines if (v := value(one)) is not None], dtype=float)
+        if not known.size:
+            return None
+        rng = np.random.default_rng(1)
+        drawn = np.median(known[rng.integers(known.size, size=(_DRAWS, known.size))], axis=1)
+        low, high = np.quantile(drawn, (0.025, 0.975))
+        return Rate(float(np.median(known)), float(low), float(high), known.size)
+
+    return count
+
+
+# --- Trials
+
+
+def stored(path: Path) -> dict[tuple[str, int], Line]:
+    """Trials of an earlier run; a last line cut short, and those that failed, are tried again."""
+    found: dict[tuple[str, int], Line] = {}
+    if not path.exists():
+        return found
+    for text in path.read_text(encoding="utf-8").splitlines():
+        try:
+            one = json.loads(text)
+        except json.JSONDecodeError:
+            continue
+        if "failed" not in one:
+            found[one["world"], one["seed"]] = one
+    return found
+
+
+def tried(subject: str, world: str, seed: int) -> Line:
+    """One trial; an error is kept as text, so that the rest of a night's run is not lost."""
+    start = time.process_time()
+    try:
+        found = subject_of(subject).trial(world, seed)
+    except Exception as error:  # whatever it is, it is a finding about this world
+        found = {"failed": f"{type(error).__name__}: {error}"}
+    return {"world": world, "seed": seed, "seconds": time.process_time() - start} | found
+
+
+def run(subject: Subject, tasks: Sequence[tuple[str, int]], store: Path, jobs: int) -> list[Line]:
+    """Do the trials that are not stored, each stored as soon as it is done."""
+    known = stored(store)
+    missing = [task for task in tasks if task not in known]
+    store.parent.mkdir(exist_ok=True)
+    with store.open("a", encoding="utf-8") as file:
+        file.write("\n" if store.stat().st_size else "")  # behind a line that was cut short
+        for one in tqdm(
+            _done(subject.name, missing, jobs), subject.name, len(missing), disable=None
+        ):
+            known[one["world"], one["seed"]] = one
+            file.write(json.dumps(one) + "\n")
+            file.flush()
+    return [one for one in known.values() if one["world"] in subject.worlds]
+
+
+def _done(subject: str, tasks: Sequence[tuple[str, int]], jobs: int) -> Iterator[Line]:
+    if jobs == 1:
+        yield from (tried(subject, *task) for task in tasks)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        for future in as_completed([pool.submit(tried, subject, *task) for task in tasks]):
+            yield future.result()
+
+
+# --- Rows
+
+
+COLUMNS = ("subject", "world", "what", "value", "low", "high", "count", "limit", "fails")
+
+
+def rates(subject: Subject, lines: Sequence[Line]) -> pd.DataFrame:
+    """Rates of all worlds together and of each, a row for each judge; trials that failed are a row too."""
+    good = [one for one in lines if "failed" not in one]
+    groups = [(ALL, good)]
+    groups += [(name, [one for one in good if one["world"] == name]) for name in subject.worlds]
+    rows = []
+    for world, mine in groups:
+        for judge in subject.judges:
+            rate = judge.count(mine) if mine else None
+            if rate is None:
+                continue
+            held = world == ALL or re.search(judge.each, world)
+            fails = bool(held) and judge.fails(rate)
+            numbers = (f"{value:.4g}" for value in (rate.value, rate.low, rate.high))
+            rows.append(
+                (
+                    subject.name,
+                    world,
+                    judge.what,
+                    *numbers,
+                    rate.count,
+                    judge.limit if held else "",
+                    fails,
+                )
+            )
+    failed = [one["world"] for one in lines if "failed" in one]
+    for world in dict.fromkeys(failed):
+        count = failed.count(world)
+        rows.append(
+            (
+                subject.name,
+                world,
+                "trials that failed",
+                count,
+                count,
+                count,
+                count,
+                "at most 0",
+                True,
+            )
+        )
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def subjects() -> dict[str, Subject]:
+    """All subjects, by name."""
+    from benchmarks import (
+        faults,
+        rates_diagnosis,
+        rates_drives,
+        rates_laws,
+        rates_learn,
+        rates_pull,
+    )
+
+    modules = rates_drives, faults, rates_diagnosis, rates_learn, rates_pull, rates_laws
+    return {subject.name: subject for module in modules for subject in module.SUBJECTS}
+
+
+def subject_of(name: str) -> Subject:
+    """The subject of a name."""
+    return subjects()[name]
+
+
+def main() -> int:
+    """Run subjects and write their rates."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("subjects", nargs="*", help="all without any")
+    parser.add_argument("--worlds", default="", help="regular expression; all without it")
+    parser.add_argument("--seeds", help="first and end, as 0:4; without it each subject's own")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--fresh", action="store_true", help="forget the trials of earlier runs")
+    parser.add_argument(
+        "--list", action="store_true", help="list subjects, worlds, minutes, and stop"
+    )
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="of trials and rates")
+    given = parser.parse_args()
+    known = subjects()
+    wrong = [name for name in given.subjects if name not in known]
+    if wrong:
+        parser.error(f"no subject {', '.join(wrong)}: there is {', '.join(known)}")
+    failing = []
+    for name in given.subjects or known:
+        subject = known[name]
+        first, end = (int(v) for v in (given.seeds or f"0:{subject.seeds}").split(":"))
+        worlds = [world for world in subject.worlds if re.search(given.worlds, world)]
+        minutes = len(worlds) * (end - first) * subject.seconds / 60.0 / given.jobs
+        print(
+            f"{name}: {len(worlds)} worlds, {end - first} seeds, about {minutes:.0f} min",
+            flush=True,
+        )
+        if given.list:
+            continue
+        store = given.folder / f"{name}.jsonl"
+        if given.fresh:
+            store.unlink(missing_ok=True)
+        tasks = [(world, seed) for seed in range(first, end) for world in worlds]
+        table = rates(subject, run(subject, tasks, store, given.jobs))
+        table.to_csv(given.folder / f"{name}.csv", index=False)
+        for row in table[(table.world == ALL) | table.fails].itertuples():
+            mark = "  FAILS" if row.fails else ""
+            print(
+                f"  {row.world}: {row.what} {row.value} ({row.low} to {row.high}; {row.count}){mark}"
+            )
+        failing += [f"{name}: {row.world}: {row.what}" for row in table[table.fails].itertuples()]
+    print(f"{len(failing)} rates beyond their limits", *failing, sep="\n  ")
+    return int(bool(failing))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

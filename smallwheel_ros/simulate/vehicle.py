@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A vehicle in time on the ground of a world: what its wheels do, and whether it gets on.
+
+Rims are commanded. Each wheel has a sinkage of its own, that of its load and what its rim has dug in time: a
+wheel that slips digs, and climbs out only by travelling on. The speed follows from the balance of all wheels
+with inertia; a differential gives both wheels of an axle one torque, so that the lighter one spins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.simulate.terrain import Rover
+from smallwheel_ros.simulate.truth import Array
+from smallwheel_ros.simulate.wheel_laws import DEPTHS, LAWS, SLIPS
+from smallwheel_ros.simulate.world import GRAVITY, WAYS, World
+from smallwheel_ros.simulate.world_ground import CELL, Frame, Ground, tilt
+
+TICK = 0.04  # s
+STUCK = 0.8  # slip that the vehicle does not get over
+REFERENCE_SLIP = 0.4
+_LASTS, _STUCK_FOR, _LONGEST = 0.5, 1.5, 900.0  # s: stuck since, drive ends, given up
+_HARDLY = 0.35  # mean slip at speed over which a vehicle has not got over its ground with ease
+_STEPS = np.linspace(-1.0, 1.0, 25)  # of what a speed may change by in a tick
+_GAIN = 6.0  # m/s^2, most by which a speed may change
+_TORQUE_GAIN = 5.0  # m/s^2, by which rims of a differential part for a torque of a load at the rim
+_LEAVING = 0.5  # diameters over which a wheel climbs out of what it dug
+_LOWEST, _RATIO = math.log(DEPTHS[0]), math.log(DEPTHS[1] / DEPTHS[0])
+_HARD_RESISTANCE, _HARD_GRIP, _HARD_STIFF = 0.02, 0.7, 0.03  # on hard ground
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What was true by time; arrays of shape (times,), those of wheels (times, wheels).
+
+    place: m along the way; path: m of travel; rate: rad/s of turning. rim: m/s; slip: NaN where a rim stands.
+    load, thrust, resistance: N; torque: N m; held: pull at the reference slip, N. stuck: s at which slip had
+    been over 0.8 for half a second, to stay, or None.
+    """
+
+    time: Array
+    path: Array
+    place: Array
+    speed: Array
+    rate: Array
+    yaw: Array
+    climb: Array
+    roll: Array
+    rim: Array
+    slip: Array
+    sinkage: Array
+    load: Array
+    thrust: Array
+    resistance: Array
+    torque: Array
+    held: Array
+    stuck: float | None
+
+    @property
+    def pull(self) -> Array:
+        """Drawbar pull of each wheel, N."""
+        return self.thrust - self.resistance
+
+    @property
+    def margin(self) -> Array:
+        """Of the vehicle: pull of all wheels at the reference slip over the load of all."""
+        return np.asarray(self.held.sum(axis=1) / self.load.sum(axis=1))
+
+    @property
+    def reserve(self) -> Array:
+        """Margin less the tangent of the slope in the way of travel."""
+        return np.asarray(self.margin - np.tan(self.climb))
+
+    @property
+    def middle_slip(self) -> Array:
+        """Slip of the middle wheel, 0 where nothing rolls along."""
+        known = np.nan_to_num(self.slip)
+        turning = np.isnan(self.slip).all(axis=1) | (np.abs(self.speed) < 0.02)
+        rolls = np.abs(self.rim).mean(axis=1) > 0.03
+        stalls = rolls & (np.abs(self.rim.mean(axis=1)) > 0.03)
+        return np.asarray(np.where(turning & ~stalls, 0.0, np.median(known, axis=1)))
+
+
+class Vehicle:
+    """Drives the legs of a world's way."""
+
+    def __init__(
+        self, world: World, rover: Rover, ground: Ground, rng: np.random.Generator
+    ) -> None:
+        self.world, self.rover, self.ground, self.rng = world, rover, ground, rng
+        wheels = rover.wheels
+        self.x, self.y = (np.array([getattr(w, axis) for w in wheels]) for axis in "xy")
+        self.diameter = np.array([w.diameter for w in wheels])
+        self.all = np.arange(len(wheels))
+        self.side = (self.y < 0.0).astype(int)
+        sizes = {(w.diameter, w.width): i for i, w in enumerate(wheels)}
+        weight = rover.mass * GRAVITY / len(wheels)
+        curves = {
+            size: LAWS[world.law](*size, weight, ground.soil.n, ground.soil.strength)
+            for size in sizes
+        }
+        of_wheel = [curves[w.diameter, w.width] for w in wheels]
+        # Thrust, resistance and torque, (wheels, depths, 3, slips); of this tick, (3, wheels, slips).
+        self.curves = np.stack([np.stack(one, axis=1) for one in of_wheel])
+        self.now = self.curves[:, 0].transpose(1, 0, 2)
+        self.frame = Frame(rover, world.spare)
+        self.steep = np.gradient(ground.bumps, CELL, axis=1).clip(-0.5, 0.5)
+        self.axles = [
+            (int(left), int(right))
+            for left in self.all for right in self.all
+            if self.x[left] == self.x[right] and self.y[left] > 0.0 > self.y[right]
+        ]  # fmt: skip
+        self.digging = rng.uniform(*world.digging)
+        self.dragging = rng.uniform(*world.dragging)
+        self.yields = rng.uniform(*world.skid) if world.skid else rng.uniform(0.5, 0.9)
+        self.place = self.speed = self.path = self.yaw = self.time = 0.0
+        self.most = 0.0
+        self.failed = False
+        self.dug: Array = np.zeros(self.all.size)
+        self.ripple: Array = np.zeros(self.all.size)
+        self.apart: Array = np.zeros(self.all.size)  # m/s, by which rims of a differential differ
+        self.gained = 0.0
+        tracks = {y: i for i, y in enumerate(dict.fromkeys(self.y.tolist()))}
+        self.track = np.array([tracks[y] for y in self.y.tolist()])
+        self.rolled = np.zeros((len(tracks), ground.at.size))
+        self.passes: Array = np.zeros(self.all.size)
+        self.last_cells = ground.cells(self.x) - 1
+        self.rows: list[tuple[float | Array, ...]] = []
+        self.stuck: float | None = None
+        self._spins = 0
+
+    def run(self) -> None:
+        """Stand for 2 s, then leg by leg until the end, or until it is stuck."""
+        self._stand(2.0)
+        for leg in WAYS[self.world.way]:
+            if leg.turn:
+                rate = math.copysign(self.world.turning, leg.turn)
+                for _ in range(round(abs(leg.turn) / self.world.turning / TICK)):
+                    self.step(0.0, rate)
+            self._drive(leg.metres, leg.bend)
+            self._stand(leg.stand)
+            if self.stuck is not None or self.failed:
+                return
+
+    def _stand(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK)):
+            self.step(0.0, 0.0)
+
+    def _drive(self, metres: float, bend: float) -> None:
+        """Drive so far along a bend, or until it is stuck."""
+        sense, rim, begin = math.copysign(1.0, metres), 0.0, self.path
+        gain = self.world.ramp * TICK
+        until = self.time + _LONGEST
+        while self.path - begin < abs(metres) - 1e-3 and self.stuck is None and not self.failed:
+            left = abs(metres) - self.path + begin
+            wish = self.world.speed * (1.0 + 0.12 * math.sin(0.5 * self.time))
+            wish = min(wish, math.sqrt(1.2 * self.world.ramp * left) + 0.02)
+            rim = min(max(wish, rim - gain), rim + gain)
+            self.step(sense * rim, sense * rim * bend)
+            self.failed = self.time > until
+
+    def step(self, rim: float, turning: float) -> None:
+        """One tick: rims are commanded to go at this speed (m/s) and rate (rad/s)."""
+        ground, sense = self.ground, -1.0 if rim < 0.0 else 1.0
+        cells = ground.cells(self.place + self.x)
+        here = int(ground.cells(np.array([self.place]))[0])
+        climb, roll = map(float, tilt(ground, here, self.yaw))
+        self._count_passes(cells)
+        load = self.frame.loads(climb, roll, self.gained, float(ground.twist[here]))
+        keep = math.exp(-TICK / 0.3)
+        noise = math.sqrt(1.0 - keep**2) * self.rng.standard_normal(self.all.size)
+        self.ripple = keep * self.ripple + 0.01 * noise
+        rims = (rim - turning * self.y) * (1.0 + self.ripple)
+        spot = rim == 0.0 and turning != 0.0
+        hard = bool(ground.floor[0, here])
+        yields = 0.9 if hard and not self.world.skid else self.yields
+        rate = turning * (yields if spot or self.world.skid else 1.0)
+        depth = self._depth(cells, load)
+        self._look_up(depth)
+        if self.world.differential and rim:
+            rims = self._by_torque(rims, rate, cells, load, sense)
+        slip, thrust, resistance = self._standing(spot, yields, rims)
+        now = 0.0
+        if rim or abs(self.speed) > 1e-3:
+            now, slip, thrust, resistance = self._balance(rims, rate, load, cells, climb, sense)
+        self.gained += 0.2 * ((now - self.speed) / TICK - self.gained)
+        self.speed = now
+        travel = abs(now) * TICK
+        self.place, self.path = self.place + now * TICK, self.path + travel
+        self.yaw += rate * TICK
+        floor = ground.floor[self.all, cells]
+        ahead = np.maximum(np.abs(rims) - np.abs(now - rate * self.y), 0.0)
+        self.dug = self.dug * np.exp(-travel / (_LEAVING * self.diameter))
+        self.dug = np.where(floor, 0.0, self.dug + self.digging * ahead * TICK)
+        held = self._forces(np.full((1, self.all.size), REFERENCE_SLIP), cells)
+        shown = np.where(np.abs(rims) > 1e-3, slip, np.nan)
+        sunk = np.where(floor, 0.0, depth)
+        torque = self._torque(np.nan_to_num(slip), cells) * load * 0.5 * self.diameter
+        dive = self._dive(cells)
+        self.rows.append(
+            (self.time, self.path, self.place, now, rate, self.yaw, climb + dive, roll, rims, shown, sunk,
+             load, thrust * load, resistance * load, torque, (held[0] - held[1])[0] * load)
+        )  # fmt: skip
+        self.time += TICK
+        self._look(rims, sense)
+
+    def _standing(self, spot: bool, yields: float, rims: Array) -> tuple[Array, Array, Array]:
+        """Slip, thrust and resistance where the vehicle rolls nowhere."""
+        nothing = np.zeros(self.all.size)
+        slip = np.full(self.all.size, 1.0 - yields) if spot else np.full(self.all.size, np.nan)
+        return slip, nothing, nothing
+
+    def _count_passes(self, cells: NDArray[np.intp]) -> None:
+        """How often each wheel's place was rolled over before."""
+        fresh = cells != self.last_cells
+        for j in np.flatnonzero(fresh):
+            self.passes[j] = self.rolled[self.track[j], cells[j]]
+        for j in np.flatnonzero(fresh):
+            low, high = sorted((int(self.last_cells[j]), int(cells[j])))
+            self.rolled[self.track[j], low + 1 : high + 1] += 1.0
+        self.last_cells = cells
+
+    def _depth(self, cells: NDArray[np.intp], load: Array) -> Array:
+        """Sinkage of each wheel, m: of its load, in ruts, and what it dug."""
+        ground, j = self.ground, self.all
+        power = 1.0 / (ground.soil.n + ground.exponent[j, cells] + 0.5)
+        rest = ground.rest[j, cells] * (load / ground.load[j, cells]) ** power
+        rest = rest * self.world.rut ** (self.passes / (0.5 + 0.5 * np.maximum(self.passes, 1.0)))
+        return np.asarray(np.minimum(rest + self.dug, DEPTHS[-1] * self.diameter))
+
+    def _dive(self, cells: NDArray[np.intp]) -> float:
+        """What bumps tilt the vehicle by, rad."""
+        if not self.world.bumps:
+            return 0.0
+        height, front = self.ground.bumps[self.side, cells], self.x > 0.0
+        return float((height[front].mean() - height[~front].mean()) / (2.0 * self.x.max()))
+
+    def _look(self, rims: Array, sense: float) -> None:
+        """Whether it is stuck."""
+        whole = float(np.mean(rims)) * sense
+        spins = whole > 0.03 and self.speed * sense < (1.0 - STUCK) * whole
+        if whole > 0.9 * self.world.speed:
+            self.most = max(self.most, 1.0 - self.speed * sense / whole)
+        self._spins = self._spins + 1 if spins else 0
+        if self._spins * TICK >= _STUCK_FOR:
+            self.stuck = self.time - self._spins * TICK + _LASTS
+
+    @property
+    def hardly(self) -> bool:
+        """Whether it was stuck, or slipped by more than a third."""
+        return self.stuck is not None or self.most > _HARDLY
+
+    # --- Forces, over the loads
+
+    def _look_up(self, depth: Array) -> None:
+        """Curves at the wheels' sinkages."""
+        place = (np.log(depth / self.diameter) - _LOWEST) / _RATIO
+        low = np.clip(place.astype(int), 0, DEPTHS.size - 2)
+        part = np.clip(place - low, 0.0, 1.0)[:, None, None]
+        found = self.curves[self.all, low] * (1.0 - part) + self.curves[self.all, low + 1] * part
+        self.now = found.transpose(1, 0, 2)
+
+    def _forces(self, slips: Array, cells: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Thrust and resistance at slips, shape (candidates, wheels)."""
+        ground, j = self.ground, self.all
+        at = np.interp(slips, SLIPS, np.arange(SLIPS.size))
+        low = np.minimum(at.astype(int), SLIPS.size - 2)
+        part = at - low
+        thrust, resistance = self.now[:2, j, low] * (1.0 - part) + self.now[:2, j, low + 1] * part
+        thrust = thrust * np.exp(ground.grip[j, cells])
+        floor = ground.floor[j, cells]
+        hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
+        resistance = np.where(floor, _HARD_RESISTANCE, resistance + self.dragging)
+        return np.where(floor, hard, thrust), resistance
+
+    def _torque(self, slip: Array, cells: NDArray[np.intp]) -> Array:
+        """Torque as a force at the rim."""
+        ground, j = self.ground, self.all
+        at = np.interp(slip, SLIPS, np.arange(SLIPS.size))
+        low = np.minimum(at.astype(int), SLIPS.size - 2)
+        part = at - low
+        found = self.now[2, j, low] * (1.0 - part) + self.now[2, j, low + 1] * part
+        hard = _HARD_GRIP * np.sign(slip) * -np.expm1(-np.abs(slip) / _HARD_STIFF)
+        return np.where(ground.floor[j, cells], hard, found * np.exp(ground.grip[j, cells]))
+
+    def _slips(self, speeds: Array, rims: Array, sense: float) -> Array:
+        travel, rim = speeds * sense, rims * sense
+        fast = np.maximum(np.maximum(np.abs(travel), np.abs(rim)), 1e-6)
+        slips: Array = np.clip((rim - travel) / fast, -1.0, 1.0)
+        return slips
+
+    def _balance(
+        self, rims: Array, rate: float, load: Array, cells: NDArray[np.intp], climb: float, sense: float,
+    ) -> tuple[float, Array, Array, Array]:  # fmt: skip
+        """Speed after this tick, slips, thrusts and resistances."""
+        mass, steep = self.rover.mass, self.steep[self.side, cells]
+        candidates = self.speed + _GAIN * TICK * _STEPS
+        slips = self._slips(candidates[:, None] - rate * self.y, rims, sense)
+        thrust, resistance = self._forces(slips, cells)
+        spare = 0.15 * self.world.spare * mass * GRAVITY * sense
+        whole = ((thrust - resistance - steep * sense) * load).sum(axis=1) * sense
+        whole = whole - spare - mass * GRAVITY * math.sin(climb)
+        left = np.minimum.accumulate(whole - mass * (candidates - self.speed) / TICK)
+        now = float(np.interp(0.0, -left, candidates))
+        if now * sense < 0.0 and abs(rims.mean()) > 1e-3:
+            now = 0.0  # rigid wheels in their ruts do not roll back against their drives
+        slip = self._slips(now - rate * self.y, rims, sense)
+        thrust, resistance = self._forces(slip[None], cells)
+        return now, slip, thrust[0], resistance[0]
+
+    def _by_torque(
+        self, rims: Array, rate: float, cells: NDArray[np.intp], load: Array, sense: float
+    ) -> Array:
+        """Rims of axles with a differential: each wheel's torque is the other's."""
+        slip = self._slips(self.speed - rate * self.y, rims + self.apart, sense)
+        torque = self._torque(slip, cells) * load * sense
+        for left, right in self.axles:
+            more = (torque[left] - torque[right]) / load.mean()
+            change = _TORQUE_GAIN * TICK * more * sense
+            most = 0.95 * abs(rims[left] + rims[right]) / 2.0
+            self.apart[right] = np.clip(self.apart[right] + change, -most, most)
+            self.apart[left] = -self.apart[right]
+        return rims + self.apart
+
+
+def driven(world: World, rover: Rover, ground: Ground, rng: np.random.Generator) -> Truth | None:
+    """The truth of a drive; None where it went on no drive that this world means."""
+    sinks = [w.diameter * (0.4 if world.sticks else 0.25) for w in rover.wheels]
+    deep = ground.rest[:, ground.at > -1.0].max(axis=1)
+    if not np.isfinite(deep).all() or (deep > sinks).any():
+        return None
+    vehicle = Vehicle(world, rover, ground, rng)
+    vehicle.run()
+    least = 6.0 if world.sticks else 0.0
+    if vehicle.failed or vehicle.path < least or (not world.sticks and vehicle.hardly):
+        return None
+    columns: list[Any] = [np.array(column) for column in zip(*vehicle.rows, strict=True)]
+    names = [field.name for field in fields(Truth)]
+    return Truth(**dict(zip(names, [*columns, vehicle.stuck], strict=True)))

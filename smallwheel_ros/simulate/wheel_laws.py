@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Two laws of what a rim does to soil, neither of which is the library's: curves over depth and slip.
+
+`rim_curves`: Wong and Reece (1967), shear stress by the displacement along the whole rim, under the
+pressure of the depth alone. `peaked_curves`: pressure that peaks ahead of the lowest point, shear that falls
+after its peak, soil that carries less where the wheel moved it; by trapezoids. What a wheel digs in time is a
+third law (`vehicle`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from smallwheel_ros.simulate.truth import Array, Contact
+
+SLIPS = np.array(
+    [-1, -0.7, -0.4, -0.2, -0.1, -0.04, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1]
+)
+DEPTHS: Array = np.geomspace(0.003, 0.45, 30).astype(np.float64)  # over the diameter
+_NODES = 801
+
+
+class Curves(NamedTuple):
+    """Over the load, by depth and slip: thrust, resistance, and the torque as a force at the rim."""
+
+    thrust: Array
+    resistance: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class RimStrength:
+    """Strength of a soil under a rim.
+
+    rolling: share of the displacement by rolling that shears soil, as a tread yields. residual: what is left
+    of the shear stress far behind its peak (Wong 1979), over that.
+    """
+
+    cohesion: float
+    friction_angle: float
+    shear_deformation: float
+    rolling: float = 1.0
+    residual: float = 1.0
+
+
+def rim_curves(
+    diameter: float, width: float, load: float, exponent: float, strength: RimStrength
+) -> Curves:
+    """Curves of a wheel under a load (N), whose pressure z^exponent carries it at each depth."""
+    depth, slips = DEPTHS * diameter, SLIPS[1:-1]
+    contact = Contact.at(np.full(depth.size, diameter), depth)
+    shape = np.maximum(contact.depth, 0.0) ** exponent
+    whole = np.full(depth.size, width)
+    stress = shape * (load / contact.upward(shape, whole))[:, None]
+    entry, angle = contact.entry[:, None], contact.angle
+    lower = np.sin(entry) - np.sin(angle)
+    by_rolling = strength.rolling * (entry - angle - lower)
+    # A skidding wheel turns slower than it travels.
+    ratio = np.where(slips >= 0, 1.0 - slips, 1.0 / (1.0 + np.minimum(slips, 0.0)))
+    moved = 0.5 * diameter * (by_rolling + (1.0 - ratio[:, None, None]) * lower)
+    passed = np.abs(moved) / strength.shear_deformation
+    mobilised = -np.expm1(-passed) * np.sign(moved)
+    mobilised *= strength.residual + (1.0 - strength.residual) * np.exp(-passed / 5.0)
+    shear = (strength.cohesion + stress * math.tan(strength.friction_angle)) * mobilised
+    thrust = np.stack([contact.upward(one, whole) for one in shear], axis=1)
+    torque = np.stack([contact.along(one, whole) for one in shear], axis=1)
+    resistance = np.repeat(contact.backward(stress, whole)[:, None], SLIPS.size, axis=1)
+    ends = ((0, 0), (1, 1))
+    return Curves(
+        np.pad(thrust, ends, "edge") / load, resistance / load, np.pad(torque, ends, "edge") / load
+    )
+
+
+@dataclass(frozen=True)
+class Sand:
+    """A sand and a rim as they really are; SI units.
+
+    rim: friction of a smooth rim, of that of the soil. dug, skid, lugs: of what slip digs over the diameter,
+    skid ploughs, and lugs dig over their height.
+    """
+
+    k: float
+    n: float
+    cohesion: float
+    friction_angle: float
+    shear_deformation: float
+    rim: float
+    dug: float
+    skid: float
+    lugs: float
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Settings of wheels, shape (rows,)."""
+
+    load: Array
+    diameter: Array
+    width: Array
+    slip: Array
+    lug: Array
+
+
+@dataclass(frozen=True)
+class Stresses:
+    """The shape of the stresses.
+
+    peak: where the pressure peaks, c1 and c2 of Wong and Reece. rear: of the entry angle, behind. moved:
+    share of its pressure that soil carries which the wheel dug. hump: how far shear falls after its peak.
+    bias: of the load, on the pull.
+    """
+
+    peak: tuple[float, float] = (0.0, 0.0)
+    rear: float = 0.0
+    moved: float = 1.0
+    hump: float = 0.0
+    bias: float = 0.0
+
+
+def sinkage_of(sand: Sand, at: Rows) -> Array:
+    """A parabola's static sinkage, and what slip digs and skid ploughs, in forms of their own."""
+    still = (1.5 * at.load / (at.width * sand.k * np.sqrt(at.diameter))) ** (1.0 / (sand.n + 0.5))
+    i, j = np.maximum(at.slip, 0.0), np.maximum(-at.slip, 0.0)
+    dug = sand.dug * at.diameter * np.sinh(1.2 * i) / np.sinh(1.2)
+    dug += sand.lugs * at.lug * i / (1.05 - i)
+    found: Array = np.minimum(still * (1.0 + sand.skid * j**1.3) + dug, 0.45 * at.diameter)
+    return found
+
+
+def response_of(sand: Sand, at: Rows, shape: Stresses) -> tuple[Array, Array, Array]:
+    """Sinkage, pull and torque."""
+    z, still = sinkage_of(sand, at), sinkage_of(sand, replace(at, slip=0.0 * at.slip))
+    thrust, resistance, torque = _forces(sand, at, z, still, shape)
+    return z, thrust - resistance + shape.bias * at.load, torque
+
+
+def _forces(
+    sand: Sand, at: Rows, z: Array, still: Array, shape: Stresses
+) -> tuple[Array, Array, Array]:
+    """Thrust, resistance (N) and torque (N m) of wheels at a depth."""
+    r = 0.5 * at.diameter
+    first = np.arccos(1.0 - z / r)[:, None]
+    last = -shape.rear * first
+    t = first + (last - first) * np.linspace(0.0, 1.0, _NODES)
+    top = (shape.peak[0] + shape.peak[1] * np.abs(at.slip))[:, None] * first
+    behind = (t - last) / np.where(top > last, top - last, 1.0)
+    down = np.where(t >= top, (first - t) / (first - top), behind)
+    if shape.rear == 0.0 and shape.peak == (0.0, 0.0):
+        down = 1.0 - t / first
+    equal = first * (1.0 - np.clip(down, 0.0, 1.0))
+    share = np.maximum(np.cos(equal) - np.cos(first), 0.0) / (1.0 - np.cos(first))
+    below = share * z[:, None]
+    press = share**sand.n * np.where(below < (z - still)[:, None], shape.moved, 1.0)
+    shoe = r + 0.5 * at.lug
+    driven, braked = 1.0 - np.minimum(at.slip, 0.98), 1.0 / np.maximum(1.0 + at.slip, 0.02)
+    u = np.where(at.slip >= 0, driven, braked)[:, None]
+    slid = shoe[:, None] * ((first - t) - u * (np.sin(first) - np.sin(t)))
+    x = np.abs(slid) / sand.shear_deformation
+    called = np.sign(slid) * (1.0 - np.exp(-x)) * (1.0 + shape.hump * x * np.exp(1.0 - x))
+    mu = np.where((at.lug > 0) | (at.slip < 0), 1.0, sand.rim)[:, None]
+
+    def total(f: Array) -> Array:
+        return np.asarray(-np.trapezoid(f, t, axis=1))
+
+    rub = mu * np.tan(sand.friction_angle) * press * called
+    held = mu * sand.cohesion * called
+    lift = r * total(press * np.cos(t)) + shoe * total(rub * np.sin(t))
+    p = (at.load / at.width - shoe * total(held * np.sin(t))) / lift
+    shear = p[:, None] * rub + held
+    thrust = at.width * shoe * total(shear * np.cos(t))
+    resistance = at.width * r * p * total(press * np.sin(t))
+    return thrust, resistance, at.width * shoe**2 * total(shear)
+
+
+def peaked_curves(
+    diameter: float, width: float, load: float, exponent: float, strength: RimStrength
+) -> Curves:
+    """Curves of a wheel whose pressure peaks ahead, and whose soil falls after its shear's peak."""
+    sand = Sand(
+        1.0, exponent, strength.cohesion, strength.friction_angle, strength.shear_deformation, 0.85, 0, 0, 0
+    )  # fmt: skip
+    depth, slip = (one.ravel() for one in np.meshgrid(DEPTHS * diameter, SLIPS, indexing="ij"))
+    same = np.ones(depth.size)
+    at = Rows(load * same, diameter * same, width * same, np.clip(slip, -0.95, 0.95), 0.0 * same)
+    found = _forces(sand, at, depth, depth, Stresses(peak=(0.25, 0.2), hump=0.15))
+    thrust, resistance, torque = (
+        np.reshape(one, (DEPTHS.size, SLIPS.size)) / load for one in found
+    )
+    return Curves(thrust, resistance, torque / (0.5 * diameter))
+
+
+LAWS = {"rim": rim_curves, "peaked": peaked_curves}

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ground of a world along the way: soil, grip, slopes, hard places and bumps, in cells of 2 cm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from smallwheel_ros.simulate.terrain import Rover
+from smallwheel_ros.simulate.truth import Array, Contact, static_sinkage
+from smallwheel_ros.simulate.wheel_laws import RimStrength
+from smallwheel_ros.simulate.world import GRAVITY, WAYS, Feature, World
+
+CELL = 0.02  # m
+_BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
+# Where ln pressure is told: 10 mm under a wheel of 0.2 m; what dry sand has there, with n and m.
+SINKAGE, DIAMETER = 0.01, 0.2
+_SAND = (math.log(21_500.0), 0.8, 0.39)
+_HARDER = 8.0  # times as much as above, below a hardpan
+
+
+@dataclass(frozen=True)
+class Soil:
+    """The law without places: ln pressure at 10 mm under 0.2 m, n, m; and the strength."""
+
+    pressure: float
+    n: float
+    m: float
+    strength: RimStrength
+
+
+@dataclass(frozen=True)
+class Started:
+    """A feature with its numbers drawn: size, place of its beginning, its edge and its end, m."""
+
+    what: str
+    size: float
+    start: float
+    edge: float
+    end: float
+
+    def at(self, place: Array) -> Array:
+        """How much of it there is at places."""
+        into = np.clip((place - self.start) / self.edge, 0.0, 1.0)
+        out = np.clip((self.end + self.edge - place) / self.edge, 0.0, 1.0)
+        found: Array = self.size * into * out
+        return found
+
+
+@dataclass
+class Ground:
+    """Arrays of shape (cells,), and (wheels, cells) for what each wheel finds.
+
+    common: ln of the factor on k that is no texture; modulus: that of k, and exponent what is added to n.
+    load (N): of the level, with slopes and twist. rest (m): sinkage under it, untouched by slip and ruts.
+    grip: ln. floor: hard. bumps: m, left and right.
+    """
+
+    world: World
+    rover: Rover
+    soil: Soil
+    started: tuple[Started, ...]
+    at: Array
+    east: Array
+    north: Array
+    steepens: Array
+    twist: Array
+    common: Array
+    modulus: Array
+    exponent: Array
+    grip: Array
+    floor: NDArray[np.bool_]
+    bumps: Array
+    load: Array
+    rest: Array
+
+    def cells(self, places: Array) -> NDArray[np.intp]:
+        """Cells of places along the way (m)."""
+        cells = np.clip(np.round((places - self.at[0]) / CELL), 0, self.at.size - 1)
+        return np.asarray(cells, dtype=np.intp)
+
+    def value(self, what: str, places: Array) -> Array:
+        """Sum of the features of a kind at places."""
+        found: Array = np.zeros(np.shape(places))
+        for one in self.started:
+            if one.what == what:
+                found = found + one.at(places)
+        return found
+
+
+class Frame:
+    """A rigid frame whose weight rests on its wheels. spare: share of it on a wheel that nobody listed."""
+
+    def __init__(self, rover: Rover, spare: float) -> None:
+        x = np.array([w.x for w in rover.wheels])
+        y = np.array([w.y for w in rover.wheels])
+        self._rover, self._weight = rover, rover.mass * GRAVITY * (1.0 - spare) / x.size
+        self._x, self._y = x / np.mean(x**2), y / np.mean(y**2)
+        self._diagonal = np.sign(x * y)
+
+    def loads(self, climb: Any, roll: Any, gained: Any, twist: Any) -> Array:
+        """Load of each wheel (N), shape (..., wheels); gained: speed that it gains forward, m/s^2."""
+        rover = self._rover
+        along = rover.gravity_x - rover.gravity_height * (np.tan(climb) + gained / GRAVITY)
+        across = rover.gravity_y - rover.gravity_height * np.tan(roll)
+        share = 1.0 + np.multiply.outer(along, self._x) + np.multiply.outer(across, self._y)
+        share = np.maximum(share + np.multiply.outer(twist, self._diagonal), 0.1)
+        found: Array = np.multiply(self._weight * np.cos(climb) * np.cos(roll), share.T).T
+        return found
+
+
+def draw_soil(world: World, rover: Rover, rng: np.random.Generator) -> Soil:
+    """Draw the law and the strength."""
+    rolling = rng.uniform(*world.rolling)
+    if world.soil == "sand":
+        pressure = _SAND[0] + 0.35 * rng.standard_normal() + world.firmness
+        n = _SAND[1] + 0.15 * rng.standard_normal()
+        m = _SAND[2] + 0.2 * rng.standard_normal()
+        cohesion = abs(300.0 * rng.standard_normal())
+        friction = max(0.475 + 0.05 * rng.standard_normal(), 0.3)
+        n = float(np.clip(n, 0.35, 1.5)) if world.exponent is None else world.exponent
+    else:
+        cohesion, friction = abs(400.0 * rng.standard_normal()), rng.uniform(0.47, 0.65)
+        n, m = rng.uniform(0.6, 1.2), _SAND[2]
+        if world.soil == "loam":
+            cohesion, friction, n = rng.uniform(1500.0, 4000.0), 0.35, 0.6
+        wheel = rover.wheels[0]
+        depth = np.array([rng.uniform(0.02, 0.07) * wheel.diameter])
+        contact = Contact.at(np.array([wheel.diameter]), depth)
+        carried = contact.upward(np.maximum(contact.depth, 0.0) ** n, np.array([wheel.width]))
+        load = rover.mass * GRAVITY / len(rover.wheels)
+        modulus = math.log(load / float(carried[0])) + world.firmness
+        pressure = modulus + n * math.log(SINKAGE) - m * math.log(wheel.diameter / DIAMETER)
+    shear = 0.012 * math.exp(0.3 * rng.standard_normal())
+    strength = RimStrength(cohesion, friction, shear, rolling, world.residual)
+    return Soil(pressure, n, m, strength)
+
+
+def make_ground(world: World, rover: Rover, rng: np.random.Generator) -> Ground:
+    """Draw the ground of a world."""
+    length = sum(abs(leg.metres) for leg in WAYS[world.way])
+    at: Array = np.arange(-_BEFORE, length + _BEHIND, CELL, dtype=np.float64)
+    soil = draw_soil(world, rover, rng)
+    started = tuple(_started(feature, length, rng) for feature in world.features)
+    names = [wheel.name for wheel in rover.wheels]
+    x = np.array([wheel.x for wheel in rover.wheels])
+    tracks = {y: blocks(rng, at, 1.0) for y in dict.fromkeys(w.y for w in rover.wheels)}
+    waves = [_waves(rng, at, world.slope) for _ in range(2)]
+    twist = 0.12 * world.swing * _waves(rng, at, 1.0, (2.6, 1.4))
+    common: Array = np.cumsum(rng.standard_normal(at.size)) * world.drift * math.sqrt(CELL / 5.0)
+    own = {y: _texture(rng, at, world.scatter) for y in tracks}
+    grip = blocks(rng, at, world.grip)
+    shape = len(names), at.size
+    modulus, exponent, slipped, load, rest = (np.zeros(shape) for _ in range(5))
+    found = Ground(
+        world=world, rover=rover, soil=soil, started=started, at=at, east=waves[0], north=waves[1],
+        steepens=np.zeros(at.size), twist=twist, common=common, modulus=modulus, exponent=exponent,
+        grip=slipped, floor=np.zeros(shape, dtype=bool), bumps=_bumps(world, rover, at, length, rng),
+        load=load, rest=rest,
+    )  # fmt: skip
+    found.steepens = found.value("climb", at)
+    found.common = common + found.value("modulus", at)
+    for j, wheel in enumerate(rover.wheels):
+        side = world.right if wheel.y < 0 else 0.0
+        found.modulus[j] = found.common + own[wheel.y] + side
+        found.exponent[j] = found.value("exponent", at)
+        found.grip[j] = grip + world.own_grip * tracks[wheel.y] + found.value("grip", at)
+        found.floor[j] = (world.soil == "floor") | (found.value("floor", at) > 0.5)
+    # Loads of the planned heading; what a turn or a start changes comes on top in time.
+    yaw = _heading(world, at)
+    climb, roll = tilt(found, np.arange(at.size), yaw)
+    middle = Frame(rover, world.spare).loads(climb, roll, np.zeros(at.size), twist).T
+    for j, wheel in enumerate(rover.wheels):
+        found.load[j] = np.interp(at - x[j], at, middle[j])
+        modulus = (
+            soil.pressure + found.modulus[j] - (soil.n + found.exponent[j]) * math.log(SINKAGE)
+        )
+        modulus = np.exp(modulus + soil.m * math.log(wheel.diameter / DIAMETER))
+        law = pressure_law(modulus, soil.n + found.exponent[j], world.hardpan)
+        size = np.full(at.size, wheel.diameter), np.full(at.size, wheel.width)
+        found.rest[j] = static_sinkage(law, found.load[j], *size)
+    return found
+
+
+def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[Array], Array]:
+    """Pressure (Pa) at depths (m) of each cell."""
+
+    def law(depth: Array) -> Array:
+        deep = np.maximum(depth, 0.0)
+        found: Array = modulus[:, None] * deep ** n[:, None]
+        if hardpan is not None:
+            below = np.maximum(deep - hardpan, 0.0)
+            found = found + _HARDER * modulus[:, None] * below ** n[:, None]
+        return found
+
+    return law
+
+
+def tilt(ground: Ground, cell: NDArray[np.intp] | int, yaw: Array | float) -> tuple[Array, Array]:
+    """Climb and roll (rad; positive nose up, left side up) in a cell, looking along a yaw."""
+    east, north, cosine, sine = ground.east[cell], ground.north[cell], np.cos(yaw), np.sin(yaw)
+    return east * cosine + north * sine + ground.steepens[cell], north * cosine - east * sine
+
+
+def _started(feature: Feature, length: float, rng: np.random.Generator) -> Started:
+    start = rng.uniform(*feature.start) * length
+    edge = rng.uniform(*feature.edge)
+    end = math.inf if feature.length is None else start + edge + rng.uniform(*feature.length)
+    return Started(feature.what, rng.uniform(*feature.size), start, edge, end)
+
+
+def _heading(world: World, at: Array) -> Array:
+    """Yaw at each place where the vehicle is there for the first time."""
+    found, place, yaw = np.zeros(at.size), 0.0, 0.0
+    farthest = 0.0
+    for leg in WAYS[world.way]:
+        yaw += leg.turn
+        fresh = (at >= farthest) & (at < max(place + leg.metres, farthest))
+        found[fresh] = yaw + leg.bend * (at[fresh] - place)
+        place, yaw = place + leg.metres, yaw + leg.bend * leg.metres
+        farthest = max(farthest, place)
+    found[at >= farthest] = yaw
+    return found
+
+
+def _waves(
+    rng: np.random.Generator, at: Array, size: float, lengths: tuple[float, ...] = (5.0, 11.0)
+) -> Array:
+    found = np.zeros(at.size)
+    for length in lengths:
+        phase = rng.uniform(0.0, 2.0 * np.pi)
+        found += size * rng.uniform(0.4, 1.0) * np.sin(2.0 * np.pi * at / length + phase)
+    return found
+
+
+def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
+    """Blocks of half a metre to two and a half, with edges of 0.2 m."""
+    edges = np.cumsum(rng.uniform(0.5, 2.5, at.size)) + at[0]
+    values = deviation * rng.standard_normal(at.size + 1)
+    found: Array = uniform_filter1d(values[np.searchsorted(edges, at)], round(0.2 / CELL))
+    return found
+
+
+def _texture(rng: np.random.Generator, at: Array, deviation: float) -> Array:
+    """Ln of a factor on k whose correlation falls over a quarter of a metre."""
+    keep, values = math.exp(-CELL / 0.25), deviation * rng.standard_normal(at.size)
+    for i in range(1, at.size):
+        values[i] = keep * values[i - 1] + math.sqrt(1.0 - keep * keep) * values[i]
+    return values
+
+
+def _bumps(world: World, rover: Rover, at: Array, length: float, rng: np.random.Generator) -> Array:
+    """Stones, left and right, m: `bumps` is the height of the highest over the diameter."""
+    found = np.zeros((2, at.size))
+    for side in found if world.bumps else ():
+        place = 2.0
+        while place < length:
+            size = rng.uniform(0.25, 0.4)
+            inside = (at > place) & (at < place + size)
+            lift = world.bumps * rover.wheels[0].diameter * rng.uniform(0.4, 1.0)
+            side[inside] += lift * np.sin(np.pi * (at[inside] - place) / size) ** 2
+            place += rng.uniform(0.8, 2.5)
+    return found

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives of the benchmarks' worlds as the stages of the pipeline get them: tables of readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import Any
+
+from benchmarks.drive_trial import WORLDS, turns_of, with_faults
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Readings, unknown
+from smallwheel_ros.simulate.world_drive import WorldDrive, make_drive
+
+
+def table_of(**columns: Any) -> Readings:
+    """A table of these columns; of all others nothing is known."""
+    none = unknown(len(columns["stamp"]))
+    return Readings(**({field.name: none for field in fields(Readings)} | columns))
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A drive, its vehicle, and the readings that the first stages make of its messages."""
+
+    drive: WorldDrive
+    settings: OnboardSettings
+    rows: Readings
+
+
+@lru_cache
+def driven_world(subject: str, name: str, way: str, seed: int = 1) -> Driven:
+    """A world's drive over another way."""
+    drive = make_drive(replace(WORLDS[subject][name], way=way), seed)
+    settings, raw = with_faults(drive)
+    pipeline = Pipeline(settings.onboard)
+    turns = [turn for _, turns in turns_of(pipeline, raw) for turn in turns]
+    return Driven(drive, settings.onboard, Readings.joined([turn.readings for turn in turns]))
