@@ -249,23 +249,17 @@ def is_steady(times: Array, speeds: Array, at: float) -> bool:
     return bool(about.size and np.ptp(about) < 2.0 * CHANGE * abs(about.mean()))
 
 
-def poses(bag: Path, topic: str) -> tuple[Array, Array]:
-    """Times (s) of an odometry, and the way (m) along its places up to each."""
-    rows = []
-    with BagReader(bag) as reader:
-        for message in reader.messages({topic}):
-            stamp, place = message.message.header.stamp, message.message.pose.pose.position
-            rows.append((stamp.sec + stamp.nanosec * 1e-9, place.x, place.y))
-    times, x, y = np.array(rows).T
-    return times, np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-
-
-def contradicted(truth: pd.DataFrame, times: Array, way: Array) -> NDArray[np.bool_]:
-    """Of each row of a truth, whether the poses that it was made of contradict it."""
+def contradicted(
+    truth: pd.DataFrame, odometry: tuple[NDArray[np.int64], Array]
+) -> NDArray[np.bool_]:
+    """Of each row of a truth, whether the poses that it was made of, rows of its odometry, contradict it."""
+    times, (x, y) = odometry[0] * 1e-9, odometry[1][:, 2:4].T
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     stamps = truth.iloc[:, 0].to_numpy()
     middle = truth.groupby(truth.columns[0])[truth.columns[3]].transform("mean").to_numpy()
     gone = np.interp(stamps + AROUND, times, way) - np.interp(stamps - AROUND, times, way)
-    return np.asarray(np.abs(middle) > FASTER * gone / (2.0 * AROUND) + AT_REST)
+    wrong = np.abs(middle) > FASTER * gone / (2.0 * AROUND) + AT_REST
+    return np.asarray(wrong & (stamps >= times[0]) & (stamps <= times[-1]))
 
 
 def judged(
@@ -313,11 +307,8 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
     truth, found, left_out = None, [], 0
     if truth_file is not None:
         truth = pd.read_csv(truth_file).dropna()  # at some instants one of both speeds is not there
-        times, way = poses(bag, topic)
-        there = truth.iloc[:, 0].between(times[0], times[-1]).to_numpy()
-        wrong = contradicted(truth, times, way) & there
-        left_out = int(wrong.sum())
-        truth = truth[~wrong]
+        wrong = contradicted(truth, raw.rows[ODOMETRY])
+        truth, left_out = truth[~wrong], int(wrong.sum())
         found = judged(truth, estimates, speeds, left)
     inside = np.array([a for a, _ in found], dtype=float)
     steady = np.array([a for a, b in found if b], dtype=float)
