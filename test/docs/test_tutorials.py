@@ -218,6 +218,15 @@ def test_blocks_are_no_wider_than_a_page_shows(page: Path) -> None:
     assert not wide, "\n".join(wide)
 
 
+def test_the_tutorial_on_the_robot_up_to_ros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    set_up(tmp_path)
+    without, _ = text_of("tutorial_robot").split("\n## 6. In ROS\n")
+    check(without)
+
+
 def first_hour() -> tuple[str, str, str]:
     """Its parts: at the bench, on the robot without ROS, and with it."""
     bench, rest = text_of(FIRST_HOUR).split("\n## On the robot\n")
