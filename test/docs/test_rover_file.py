@@ -34,7 +34,8 @@ def test_it_is_what_init_finds(
     monkeypatch.chdir(tmp_path)
     made = CliRunner().invoke(cli.main, ["init", str(drive), "-o", "found.yaml"])
     assert made.exit_code == 0, made.output
-    found, X
+    found = parameters(Path("found.yaml"))
+    filled = parameters(drive.with_name("pathfinder.yaml"))
     assert found.keys() == filled.keys()
     assert FILL_IN in found.values()
     assert {n: v for n, v in found.items() if v != FILL_IN} == {
