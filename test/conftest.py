@@ -8,13 +8,12 @@ same environment variables are in ``os.environ``, so processes that it starts in
 
 from __future__ import annotations
 
-import fcntl
 import os
 import random
 import shutil
+import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,11 +122,11 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]
     domains = list(range(1, 102))
     random.shuffle(domains)
     for domain in domains:
-        path = Path(tempfile.gettempdir()) / f"smallwheel_ros_domain_{domain}_{os.getuid()}.lock"
-        with path.open("w") as stream:
+        # A name that begins with 0 is in Linux's abstract namespace: no file, and gone with the process.
+        with socket.socket(socket.AF_UNIX) as taken:
             try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                taken.bind(f"\0smallwheel_ros_domain_{domain}")
+            except OSError:
                 continue
             monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
             monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -29,9 +29,9 @@ SECOND = 10**9
 
 
 def documented_reasons(repository: Path) -> set[str]:
-    """Reasons that messages are counted by, as the table in docs/diagnostics.md has them."""
-    text = (repository / "docs" / "diagnostics.md").read_text()
-    table = text.split("| reason | means | what to do |")[1].split("\n## ")[0]
+    """Reasons that messages are counted by, as the table in docs/node.md has them."""
+    text = (repository / "docs" / "node.md").read_text()
+    table = text.split("| reason | means | what to do |")[1].split("\n### ")[0]
     names = (line.split("|")[1] for line in table.splitlines() if line.startswith("|"))
     return {name.strip() for cell in names for name in cell.split(",")}
 

@@ -233,8 +233,8 @@ class Start:
     friction_angle: float | None = Parameter(None, "rad", 0.0, 1.5).means(
         f"Angle of internal friction. {_OF_SOIL}"
     )
-    friction_angle_std: float = Parameter(0.25, "rad", 0.0, 1.5).means(
-        "Standard deviation of that angle, about 0.7 of the grip: any ground, not soils of this name."
+    friction_angle_std: float = Parameter(0.05, "rad", 0.0, 1.5).means(
+        "Standard deviation of that angle."
     )
     shear_displacement: float | None = Parameter(None, "m", 1e-4, 1.0).means(
         f"Shear deformation modulus kappa of Janosi and Hanamoto. {_OF_SOIL}"

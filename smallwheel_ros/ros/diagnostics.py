@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The entries of /diagnostics; docs/diagnostics.md says what each means and what to do.
+"""The entries of /diagnostics; docs/node.md says what each means and what to do.
 
 Their names are without that of the node, which is put before them when they are published.
 """

@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from chromium import CHROMIUM, Browser
 
-from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.effects.registry import families
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,23 +73,12 @@ def test_each_drawing_is_shown_and_its_text_is_text(drawing: Path) -> None:
     assert "#ffffff" not in text_of(drawing)  # no ground of its own: it must do on a dark page
 
 
-def test_the_drawing_of_effects_has_them_all() -> None:
-    words = re.sub(r"<[^>]*>", " ", text_of(DOCS / "images" / "theory" / "effects.svg"))
-    assert set(families()) <= set(re.findall(r"\w+", words))
-
-
-def test_theory_has_the_stage_of_each_effect() -> None:
-    rows = re.findall(r"^\| `(\w+)` \|[^|]*\| (.*) \|$", text_of(DOCS / "theory.md"), re.MULTILINE)
-    shown = {stage: set(re.findall(r"`(\w+)`", names)) for stage, names in rows}
-    in_code = {
-        stage: {
-            name
-            for name, forms in families().items()
-            if any(getattr(form, stage) is not getattr(Effect, stage) for form in forms)
-        }
-        for stage in STAGES
-    }
-    assert shown == in_code
+def test_the_drawing_of_effects_names_effects_that_there_are() -> None:
+    """It shows where the effects of the library act; one that is added later need not be in it."""
+    text = text_of(DOCS / "images" / "theory" / "effects.svg")
+    named = set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", re.sub(r"<[^>]*>", " ", text)))
+    assert len(named) > 10
+    assert named <= set(families())
 
 
 def test_a_docstring_of_plain_text_is_shown_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:

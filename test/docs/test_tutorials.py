@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tutorials print what they say. Run as a program (PYTHONPATH=. and [PAGE]) this writes them anew."""
+"""README and tutorials show what their commands print.
+
+As a program (PYTHONPATH=. and [PAGE ...]) it writes them anew.
+"""
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 import shlex
@@ -10,8 +14,8 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +25,11 @@ from click.testing import CliRunner
 from smallwheel_ros import cli
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-FAST, SLOW = ("theory", "tutorial_bench", "lab_tests"), ("tutorial_robot",)
+FAST, SLOW = ("../README", "theory", "tutorial_bench", "lab_tests"), ("tutorial_robot",)
 FIRST_HOUR = "first_hour"
 LEFT_OUT = "..."  # a line for those that a page does not show
+CONTINUED = "\\\n"  # a command that goes on in the next line of a block, after `> `
+WIDTH = 76  # columns of a block: a page of 1280 pixels shows as many
 BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 # Another processor or numerical library moves the last digits; of small differences, more.
@@ -31,19 +37,36 @@ RELATIVE, DIGITS = 0.05, 2
 
 
 def commands(block: str) -> list[tuple[str, list[str]]]:
-    """Each command of a block, with the lines that are shown below it."""
+    """Each command of a block, with the lines that are shown below it; `> ` goes on with a command."""
     found: list[tuple[str, list[str]]] = []
     for line in block.splitlines():
         if line.startswith("$ "):
             found.append((line[2:], []))
+        elif line.startswith("> "):
+            found[-1] = (f"{found[-1][0]}\n{line[2:]}", [])
         else:
             found[-1][1].append(line)
     return found
 
 
+def folded(line: str) -> list[str]:
+    """A printed line as a page shows it: what is wider than a block goes on below, further in."""
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    return [
+        part.rstrip()
+        for part in textwrap.wrap(
+            line,
+            WIDTH,
+            subsequent_indent=indent,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    ] or [""]
+
+
 def subprocess_of(command: str) -> dict[str, Any]:
     """How to start a command in a process of its own: this Python, this checkout."""
-    program, *arguments = shlex.split(command)
+    program, *arguments = shlex.split(command.replace(CONTINUED, ""))
     python = {"python": [sys.executable], "smallwheel": [sys.executable, "-m", "smallwheel_ros"]}
     return {
         "args": [*python.get(program, [program]), *arguments],
@@ -56,6 +79,7 @@ def subprocess_of(command: str) -> dict[str, Any]:
 
 def output(command: str) -> list[str]:
     """What a command prints; those of this package run in this process, `play` with its threads not."""
+    command, *filters = command.replace(CONTINUED, "").split(" | ")
     program, *arguments = shlex.split(command)
     if program == "smallwheel" and arguments[0] != "play":
         result = CliRunner().invoke(cli.main, arguments)
@@ -65,7 +89,12 @@ def output(command: str) -> list[str]:
         done = subprocess.run(**subprocess_of(command), timeout=300)
         assert done.returncode == 0, f"{command}\n{done.stderr}"
         text = done.stdout
-    return [line.rstrip() for line in text.rstrip().splitlines()]
+    for program in filters:
+        cut = subprocess.run(shlex.split(program), input=text, capture_output=True, text=True)
+        assert cut.returncode == 0, f"{program}\n{cut.stderr}"
+        text = cut.stdout
+    lines = [line.rstrip() for line in text.rstrip().splitlines()]
+    return [part for line in lines for part in folded(line)]
 
 
 def played(block: str) -> Iterator[tuple[str, list[str], list[str]]]:
@@ -88,9 +117,14 @@ def played(block: str) -> Iterator[tuple[str, list[str], list[str]]]:
             process.wait(60)
 
 
+def words(text: str) -> list[str]:
+    """The words of a text, its numbers left open."""
+    return NUMBER.sub("#", text).split()
+
+
 def same(shown: str, printed: str) -> bool:
-    """Whether two lines have the same words, and the same numbers but for rounding."""
-    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+    """Whether two texts have the same words, and the same numbers but for rounding."""
+    if words(shown) != words(printed):
         return False
     for a, b in zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True):
         decimals = len(a.partition(".")[2].partition("e")[0])
@@ -100,13 +134,33 @@ def same(shown: str, printed: str) -> bool:
 
 
 def abridged(shown: list[str], printed: list[str]) -> list[str]:
-    """What is printed, with as many lines at begin and end as are shown about the line `...`."""
+    """What is printed, less what a page leaves out at each line `...`.
+
+    Between two such lines stand lines that follow each other in print; those of the first part
+    are where the print begins, those of the last where it ends.
+    """
     if LEFT_OUT not in shown:
         return printed
-    first = shown.index(LEFT_OUT)
-    last = len(shown) - first - 1
-    assert len(printed) > first + last, f"nothing is left out of: {printed}"
-    return [*printed[:first], LEFT_OUT, *printed[len(printed) - last :]]
+    parts: list[list[str]] = [[]]
+    for line in shown:
+        if line == LEFT_OUT:
+            parts.append([])
+        else:
+            parts[-1].append(line)
+    kept = printed[: len(parts[0])]
+    place = len(parts[0])
+    for part in parts[1:-1]:
+        wanted = words("\n".join(part))
+        for start in range(place + 1, len(printed) - len(part) + 1):
+            if words("\n".join(printed[start : start + len(part)])) == wanted:
+                break
+        else:
+            raise AssertionError(f"not printed: {part}")
+        kept += [LEFT_OUT, *printed[start : start + len(part)]]
+        place = start + len(part)
+    last = len(printed) - len(parts[-1])
+    assert last > place, f"nothing is left out of: {printed}"
+    return [*kept, LEFT_OUT, *printed[last:]]
 
 
 def set_up(folder: Path) -> None:
@@ -120,11 +174,14 @@ def check(text: str) -> None:
     blocks = BLOCK.findall(text)
     assert blocks
     for block in blocks:
-        for _, shown, printed in played(block):
-            for a, b in zip_longest(shown, abridged(shown, printed), fillvalue="(no line)"):
-                assert same(a, b), (
-                    f"shown: {a}\nprinted: {b}\nrun `python test/docs/test_tutorials.py`"
-                )
+        for command, shown, printed in played(block):
+            there = abridged(shown, printed)
+            # Where a line is folded depends on how many digits a number has: words are compared.
+            assert same("\n".join(shown), "\n".join(there)), (
+                f"$ {command}\n"
+                + "\n".join(difflib.unified_diff(shown, there, "shown", "printed", lineterm=""))
+                + "\nrun `python test/docs/test_tutorials.py`"
+            )
 
 
 def text_of(page: str) -> str:
@@ -148,6 +205,30 @@ def test_it_prints_what_it_says_with_ros(
     monkeypatch.chdir(tmp_path)
     set_up(tmp_path)
     check(text_of(page))
+
+
+@pytest.mark.parametrize(
+    "page", [*DOCS.glob("*.md"), DOCS.parent / "README.md"], ids=lambda p: p.stem
+)
+def test_blocks_are_no_wider_than_a_page_shows(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    tokens = pytest.importorskip("markdown_it").MarkdownIt().parse(text)
+    blocks = [
+        token.content
+        for token in tokens
+        if token.type in ("fence", "code_block") and token.info in ("", "console", "text", "none")
+    ]
+    wide = [line for block in blocks for line in block.splitlines() if len(line) > WIDTH]
+    assert not wide, "\n".join(wide)
+
+
+def test_the_tutorial_on_the_robot_up_to_ros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    set_up(tmp_path)
+    without, _ = text_of("tutorial_robot").split("\n## 6. In ROS\n")
+    check(without)
 
 
 def first_hour() -> tuple[str, str, str]:
@@ -177,6 +258,9 @@ def test_of_a_long_output_begin_and_end_are_compared() -> None:
     assert abridged(["a", "..."], printed) == ["a", "..."]
     assert abridged(["...", "x"], printed) == ["...", "d"]
     assert abridged(["a", "...", "c", "d"], printed) == ["a", "...", "c", "d"]
+    assert abridged(["...", "c", "..."], printed) == ["...", "c", "..."]
+    with pytest.raises(AssertionError, match="not printed"):
+        abridged(["a", "...", "x", "..."], printed)
     assert abridged(printed, printed[:2]) == printed[:2]
     with pytest.raises(AssertionError, match="nothing is left out"):
         abridged(["a", "b", "...", "c", "d"], printed)
@@ -190,12 +274,18 @@ def test_lines_are_compared_with_room_for_rounding_only() -> None:
     assert not same("slip 0.3", "slip -0.3")
 
 
+def test_a_wide_line_goes_on_below_further_in() -> None:
+    line = "  " + " ".join(["twelve"] * 12)
+    assert folded(line) == ["  " + " ".join(["twelve"] * 10), "      twelve twelve"]
+    assert folded("") == [""]
+
+
 def write_anew(page: Path) -> None:
     """Put what is printed now into a page."""
 
     def renewed(block: re.Match[str]) -> str:
         return "".join(
-            "\n".join([f"$ {command}", *abridged(shown, printed), ""])
+            "\n".join(["$ " + command.replace("\n", "\n> "), *abridged(shown, printed), ""])
             for command, shown, printed in played(block[0])
         )
 

@@ -49,6 +49,27 @@ def test_versions_agree(repository: Path) -> None:
     assert manifest.findtext("name") == project["name"] == "smallwheel_ros"
 
 
+def test_files_state_where_the_repository_lives(
+    repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The address that stands in tools/repository.py, or none; and what would be written of one."""
+    monkeypatch.syspath_prepend(str(repository / "tools"))
+    from repository import PLACES, REPOSITORY, stated
+
+    for name in PLACES:
+        text = (repository / name).read_text(encoding="utf-8")
+        assert stated(text, name, REPOSITORY) == text, "run `python tools/repository.py`"
+        made = stated(text, name, "https://example.org/a/b")
+        assert made.count("https://example.org/a/b") == 2
+        assert stated(made, name, "") == stated(text, name, "")
+        if name == "pyproject.toml":
+            urls = tomllib.loads(made)["project"]["urls"]
+            assert urls["Issues"] == "https://example.org/a/b/issues"
+        if name == "package.xml":
+            kinds = [url.get("type") for url in ElementTree.fromstring(made).iter("url")]
+            assert kinds == ["repository", "bugtracker"]
+
+
 def test_installed_metadata_has_the_version() -> None:
     pytest.importorskip("smallwheel_ros.msg", reason="the package is not installed here")
     assert importlib.metadata.version("smallwheel_ros") == smallwheel_ros.__version__

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the package finds agrees with what is certified, to the digits that docs/references.md states.
+"""What the package finds agrees with what is certified, to the digits that RESULTS.md states.
 
 `PYTHONPATH=. python test/references/test_references.py` writes the page anew.
 """
@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))  # run as a script
 from compared import ASKED, OFF, Compared, compared, digits
 from reference_file import HERE, names, read_reference
 
-PAGE = HERE.parents[1] / "docs" / "references.md"
+PAGE = HERE / "RESULTS.md"
 BEGIN = "<!-- made by python test/references/test_references.py -->\n\n"
 END = "<!-- end -->\n"
 KEYS = {"Name", "What", "Source", "Licence", "Law", "Certified"}
