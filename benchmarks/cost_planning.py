@@ -29,13 +29,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.traction_rates import run
 from benchmarks.traction_worlds import WORLDS, make_drive
-from smallwheel_ros.costmap.cost_map import CostRules
+from smallwheel_ros.costmap.cost_map import CLASS_SCATTER, CostRules
 
 Array = NDArray[np.float64]
 
 _DISTANCE, _SETTLE = 7.0, 2.0  # m
 _SIDE, _KINDS, _BLOBS = 24, 6, 40  # cells of a field, kinds of soil, blobs
-_SCATTER = 0.05  # of the margin within a kind, as `cost.class_scatter`
 _WEIGHT = 0.2  # of a per cent of cost, in cells of a way round
 
 
@@ -75,11 +74,11 @@ def paths_over_a_field(seed: int) -> dict[str, tuple[bool, float]]:
     believed = true_mean + deviation * rng.standard_normal(_KINDS)
     centres = rng.uniform(0, _SIDE, (_BLOBS, 2))
     kind = rng.integers(_KINDS, size=_BLOBS)
-    margin = true_mean[kind] + _SCATTER * rng.standard_normal(_BLOBS)
+    margin = true_mean[kind] + CLASS_SCATTER * rng.standard_normal(_BLOBS)
     cells = np.stack(np.meshgrid(range(_SIDE), range(_SIDE), indexing="ij"), -1).reshape(-1, 2)
     blob = np.argmin(((cells[:, None] - centres) ** 2).sum(-1), axis=1)
     rules = CostRules()
-    spread = np.hypot(deviation, _SCATTER)
+    spread = np.hypot(deviation, CLASS_SCATTER)
     maps = {
         "cost": rules.cost(believed, spread)[kind[blob]],
         "cost of what is expected": rules.cost(believed, np.full(_KINDS, 1e-6))[kind[blob]],

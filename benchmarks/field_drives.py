@@ -389,7 +389,7 @@ def _parameters(world: FieldWorld, rover: Rover, rng: np.random.Generator) -> di
     if world.zero_std is not None:
         found["sinkage_zero_std"] = world.zero_std
     if world.static:
-        found |= {"load.source": "static", "load.mass": told}
+        found |= {"load.source": "static", "vehicle.mass": told}
     return found
 
 

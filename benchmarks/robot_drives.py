@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robot_worlds import VEHICLES, World
-from smallwheel_ros.estimator.settings import SoilPrior
+from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, soil
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.motion import rut_of

@@ -14,8 +14,9 @@ import numpy as np
 
 from benchmarks.robot_drives import RobotDrive, make_drive
 from benchmarks.robot_worlds import VEHICLES, WORLDS
-from smallwheel_ros.estimator.settings import EstimatorSettings, usual_strength
+from smallwheel_ros.onboard.prior import EstimatorSettings
 from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, usual_strength
 from smallwheel_ros.pipeline.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.local_law import Reported, law_of
 from smallwheel_ros.pipeline.soils import Soils
@@ -72,7 +73,7 @@ def run(drive: RobotDrive) -> tuple[Soils, Score]:
     said = np.isfinite(expected)
     held = np.abs(expected - drive.sinkage)[said] <= 1.96 * np.sqrt(variance[said])
     score = Score(world.name, 0, held=float(held.mean()), changes=soils.changes)
-    reported = Reported(drive.prior, estimator)
+    reported = Reported(drive.prior, settings.mean_diameter)
     for place in range(1, len(drive.at)):
         over = np.flatnonzero(rows.distance >= drive.at[place])
         number = int(newest[over[0]]) if over.size else len(soils.versions) - 1
@@ -89,7 +90,9 @@ def run(drive: RobotDrive) -> tuple[Soils, Score]:
 
 def judge(estimate: SoilEstimate, drive: RobotDrive, place: int, score: Score) -> None:
     """Compare what is believed with the soils that may be believed in there."""
-    pressure, n, log_modulus = drive.soils[place]
+    pressure, n, log_modulus = drive.soils[place]  # at the soils' reference diameter
+    across = drive.m * math.log(estimate.reference_diameter / REFERENCE_DIAMETER)
+    pressure, log_modulus = pressure + across, log_modulus + across
     modulus, deviation = estimate.effective_modulus()  # at the diameter that the pressure is of
     covariance = estimate.log_covariance
     values = {

@@ -399,7 +399,7 @@ def _parameters(world: SlipWorld, rover: Rover, rng: np.random.Generator) -> dic
     """What the user tells: nothing of soil and noise."""
     mass = rover.mass * (1.0 + 0.03 * float(rng.standard_normal()))
     found: dict[str, Any] = {"wheels": [w.name for w in rover.wheels]}
-    found |= {"load.source": "static", "load.mass": mass, "vehicle.mass": mass}
+    found |= {"load.source": "static", "vehicle.mass": mass}
     if world.imu:
         found["imu_topic"] = "imu"
     for wheel in rover.wheels:
@@ -409,7 +409,7 @@ def _parameters(world: SlipWorld, rover: Rover, rng: np.random.Generator) -> dic
         found[f"{wheel.name}.lateral_position"] = wheel.lateral_position
         found[f"{wheel.name}.sinkage_topic"] = ""
         if world.torque:
-            found[f"{wheel.name}.torque_source"] = "effort"
+            found[f"{wheel.name}.torque_per_effort"] = 1.0
     return found
 
 

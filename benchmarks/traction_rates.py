@@ -29,16 +29,16 @@ from benchmarks._fed import newest_of_each
 from benchmarks._traction_table import AHEAD, KINDS, Row, draw, in_words, table
 from benchmarks.robot_worlds import VEHICLES
 from benchmarks.traction_worlds import MASS, WORLDS, TractionDrive, make_drive
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.settings import ODOMETRY, OnboardSettings
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Array, Estimates, Integers
 from smallwheel_ros.pipeline.warnings import Warned
 
 _PAUSE, _EPISODE, _WITHIN = 0.3, 0.5, 1.0  # m
-FRICTION_STD = 0.25  # rad: the node's, soil.friction_angle_std
+FRICTION_STD = 0.25  # rad: the node's
 SETTLE = 2.0  # m, before which nothing is scored
 EPOCH = 1_700_000_000_000_000_000  # ns
 

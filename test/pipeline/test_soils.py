@@ -15,10 +15,10 @@ from benchmarks.robot_drives import RobotDrive, make_drive, table_of
 from benchmarks.robot_scores import run
 from benchmarks.robot_worlds import VEHICLES, WORLDS
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.local_law import Reported, Version, law_of
 from smallwheel_ros.pipeline.saved_state import SavedState, read_state, write_state
@@ -199,7 +199,7 @@ def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
     assert saved is not None
     path, now = (
         tmp_path / "soil.json",
-        Reported(drive.prior, settings.estimator).estimate(versions[-1]),
+        Reported(drive.prior, settings.mean_diameter).estimate(versions[-1]),
     )
     write_state(path, SavedState(saved, soils.variety, soils.accepted), drive.prior, (), now)
     state = read_state(path, drive.prior, ())
