@@ -16,7 +16,7 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help env lock test test-slow coverage fuzz lint demo benchmark docs clean
+.PHONY: help env env-lint env-docs lock test test-slow coverage fuzz lint demo benchmark docs clean
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
@@ -33,18 +33,19 @@ help:
 	@echo 'Another Python:  make PYTHON=python3.12 test      (3.10 to 3.13; default: $(PYTHON))'
 	@echo 'Some tests:      make test PYTEST_ADDOPTS="-k sinkage -x"'
 
-env:
+# env-lint, env-docs: with what `make lint`, `make docs` need besides.
+env env-lint env-docs:
 	@command -v $(PYTHON) >/dev/null || { echo 'smallwheel_ros: no $(PYTHON) found: install Python 3.10 to 3.13, or name one with make PYTHON=...' >&2; exit 1; }
-	@$(PYTHON) tools/environment.py $(if $(filter file,$(origin PYTHON)),--keep-python)
+	@$(PYTHON) tools/environment.py $(if $(filter file,$(origin PYTHON)),--keep-python) $(patsubst env%,-%,$(filter-out env,$@))
 
-# The header stays; versions that still suit are kept.
+# The headers stay, and so do versions that still suit. What lint and docs have in common with the environment has the
+# same versions.
+COMPILE := uv pip compile --quiet --universal --python-version 3.10 --fork-strategy fewest --no-annotate --no-header --generate-hashes
 lock:
-	@cp tools/environment.lock tools/environment.lock.new
-	@uv pip compile --quiet --universal --python-version 3.10 --fork-strategy fewest --no-annotate --no-header \
-	    --generate-hashes --extra parquet --extra cluster --extra docs --extra dev \
-	    pyproject.toml tools/environment.in --output-file tools/environment.lock.new
-	@{ grep '^#' tools/environment.lock; cat tools/environment.lock.new; } > tools/environment.lock.whole
-	@mv tools/environment.lock.whole tools/environment.lock && rm tools/environment.lock.new
+	@set -e; pin() { name=tools/$$1.lock; shift; cp $$name $$name.new; $(COMPILE) "$$@" --output-file $$name.new; \
+	    { grep '^#' $$name; cat $$name.new; } > $$name.whole; mv $$name.whole $$name; rm $$name.new; }; \
+	pin environment --extra parquet --extra test pyproject.toml tools/environment.in; \
+	for more in lint docs; do pin $$more --constraint tools/environment.lock tools/$$more.in; done
 
 # Three workers, each with whole modules; those of the node on one of them, which mostly waits, and the
 # others give way to it (see test/conftest.py).
@@ -64,7 +65,7 @@ MINUTES ?= 2
 fuzz: env
 	@OPENBLAS_NUM_THREADS=1 $(RUN) -m fuzz --minutes $(MINUTES)
 
-lint: env
+lint: env-lint
 	@$(VENV)/bin/ruff check .
 	@$(VENV)/bin/ruff format --check .
 	@$(VENV)/bin/mypy --strict smallwheel_ros
@@ -85,7 +86,7 @@ benchmark: env
 	@set -e; for name in $(SPEED); do echo "== $$name"; PYTHONPATH=. $(RUN) benchmarks/$$name.py; done
 
 # A warning is an error. The pages need no network to be made or read.
-docs: env
+docs: env-docs
 	@$(RUN) -m sphinx -W --keep-going -q -j auto docs docs/_build/html
 	@echo 'docs/_build/html/index.html'
 

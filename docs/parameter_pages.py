@@ -9,8 +9,8 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from smallwheel_ros.common.parameter import WHEEL, Parameter, Value, written
-from smallwheel_ros.onboard.settings import GENERAL, PER_WHEEL, parameters_for
+from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value, written
+from smallwheel_ros.onboard.table import GENERAL, PER_WHEEL, parameters_for
 
 _EXAMPLE_WHEEL = "front_left"
 _EXAMPLES: dict[str, Value] = {
@@ -18,6 +18,14 @@ _EXAMPLES: dict[str, Value] = {
     f"{_EXAMPLE_WHEEL}.diameter": 0.25,
     f"{_EXAMPLE_WHEEL}.width": 0.10,
 }
+_INTRODUCTION = (
+    "Made by `python docs/parameter_pages.py` from `smallwheel_ros/onboard/table.py`, as"
+    " [config/template.yaml](../config/template.yaml) is. A `double` needs a point: `1.0`, not `1`. Unknown"
+    " names are warnings, and so are those of 0.2.0 that are gone (CHANGELOG.md), unless measurements or the"
+    " prior went by them. Where one of these, or one that is missing or wrong, is an error, the node is not"
+    " configured and a replay has exit code 2. While the node is active none can be set. *At start*: only"
+    " from a file or the command line."
+)
 
 
 def _span(parameter: Parameter) -> str:
@@ -61,14 +69,7 @@ def reference() -> str:
     lines = [
         "# Parameters of `mobility_estimator`",
         "",
-        "Made by `python docs/parameter_pages.py` from the one table in",
-        "`smallwheel_ros/onboard/settings.py`; [config/template.yaml](../config/template.yaml)",
-        "has the same as a file to start from. In ROS parameter files a number for a `double`",
-        "must have a point: `1.0`, not `1`. A parameter that nobody knows is named in a warning",
-        "and not used; one that is missing or wrong keeps the node from being configured.",
-        "They are read when the node is configured. While it is active none can be set (`ros2 param",
-        "set` is refused, and says what to do: deactivate, set, clean up, configure, activate).",
-        "Those marked *At start* only come from a file or the command line.",
+        *textwrap.wrap(_INTRODUCTION, 100, break_on_hyphens=False, break_long_words=False),
         "",
     ]
     for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):

@@ -24,7 +24,7 @@ Message = Callable[[], Any]
 
 def fed() -> Fed:
     """A new pipeline that messages are given to."""
-    return Fed(**{"vehicle.mass": 6.0, "imu_topic": "imu", "front.torque_source": "effort"})
+    return Fed(**{"vehicle.mass": 6.0, "imu_topic": "imu", "front.torque_per_effort": 1.0})
 
 
 @cache

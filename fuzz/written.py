@@ -12,13 +12,13 @@ import numpy as np
 from fuzz.target import NUMBERS, ROOT, Target
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.estimator.settings import SoilPrior, usual_strength
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
+from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.onboard.robot_description import Urdf
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.saved_state import read_state

@@ -20,7 +20,6 @@ ONE_WHEEL = """/**:
       width: 0.1
     timing:
       reorder_time: 0.05
-      silent_after: 0.1
     mobility:
       rate: 0.0
 """

@@ -35,7 +35,7 @@ def recorded_trial(repository: Path, folder: Path) -> Recorded:
     return rig.recorded(bag, zero, log, trial)
 
 
-# As in config/press_rig.yaml, and the node's prior.
+# The noise of config/press_rig.yaml, what this rig scatters by, and the node's prior.
 SINKAGE_STD, LOAD_STD, LOAD_RELATIVE = 0.0003, 0.05, 0.01
 SCATTER, SCATTER_LENGTH = 0.06, 0.005
 PRIOR = (np.log(1604e3 * AT**0.8 * DIAMETER**0.39), 0.8)

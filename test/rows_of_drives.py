@@ -37,7 +37,7 @@ def rover(**parameters: object) -> NodeSettings:
 
 def static_rover(**parameters: object) -> NodeSettings:
     """The same without load cells and sinkage sensors, as most robots are."""
-    given: dict[str, object] = {"load.source": "static", "load.mass": 24.0}
+    given: dict[str, object] = {"load.source": "static"}
     given |= {f"{name}.sinkage_topic": "" for name in PLACES}
     return rover(**(given | parameters))
 
@@ -200,7 +200,7 @@ def give(streams: Streams, rows: Sequence[Row], *, together: bool = False) -> No
 def streams_of(settings: NodeSettings) -> Streams:
     """Empty streams of a vehicle."""
     onboard = settings.onboard
-    return Streams(widths_of(onboard), rules_of(onboard), fastest=onboard.maximum_speed)
+    return Streams(widths_of(onboard), rules_of(onboard))
 
 
 def assert_same(one: Columns, two: Columns) -> None:

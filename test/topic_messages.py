@@ -23,7 +23,6 @@ ONE_WHEEL: dict[str, object] = {
     "front.diameter": 0.25,
     "front.width": 0.1,
     "timing.reorder_time": 0.05,
-    "timing.silent_after": 0.1,
     "mobility.rate": 0.0,
 }
 
@@ -49,14 +48,14 @@ def wrench(stamp: int, force: float, pull: float = 0.0) -> Any:
     return message_type("geometry_msgs/msg/WrenchStamped")(header=header(stamp), wrench=forces)
 
 
-def twist(speed: float, turn: float = 0.0, aside: float = 0.0) -> Any:
-    linear, angular = vector(x=speed, y=aside), vector(z=turn)
+def twist(speed: float, turn: float = 0.0) -> Any:
+    linear, angular = vector(x=speed), vector(z=turn)
     return message_type("geometry_msgs/msg/Twist")(linear=linear, angular=angular)
 
 
-def velocity(stamp: int, speed: float, aside: float = 0.0) -> Any:
+def velocity(stamp: int, speed: float) -> Any:
     stamped = message_type("geometry_msgs/msg/TwistStamped")
-    return stamped(header=header(stamp), twist=twist(speed, aside=aside))
+    return stamped(header=header(stamp), twist=twist(speed))
 
 
 def odometry(

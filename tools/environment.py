@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the environment that `make test` and `make demo` run in, once; quick when it is there.
 
+--lint, --docs: with the packages of `make lint`, `make docs`. --keep-python: with the Python that it has.
+
 This file checks the Python that runs it, so its syntax must stay readable by any Python.
 The work is done in environment_build.py.
 """
 
-# ruff: noqa: UP031
+# ruff: noqa: UP031, RUF005
 
 import json
 import os
@@ -62,13 +64,14 @@ def main():
         # Nobody asked for a certain Python: an environment that is there keeps its own.
         python = recorded_python()
         if python and os.path.exists(python) and python != os.path.realpath(sys.executable):
-            os.execv(python, [python, os.path.abspath(__file__)])
+            others = [option for option in sys.argv[1:] if option != "--keep-python"]
+            os.execv(python, [python, os.path.abspath(__file__)] + others)
     found = problem()
     if found:
         sys.exit("smallwheel_ros: " + found)
     import environment_build
 
-    environment_build.main()
+    environment_build.main([name for name in ("lint", "docs") if "--" + name in sys.argv])
 
 
 if __name__ == "__main__":

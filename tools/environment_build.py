@@ -20,7 +20,7 @@ import subprocess
 import sys
 import sysconfig
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from environment_checks import ROOT, CannotBuild, check_machine, interpreter, last_line
@@ -32,6 +32,8 @@ STATE = VENV / "smallwheel.json"
 BUILD = VENV / "build"
 LOG = VENV / "make.log"
 LOCK = ROOT / "tools" / "environment.lock"
+# What `make lint` and `make docs` install besides.
+MORE = {name: ROOT / "tools" / f"{name}.lock" for name in ("lint", "docs")}
 UV = ROOT / "tools" / "uv.txt"
 # Change it when the steps below change so that environments made before must be made anew.
 RECIPE = 1
@@ -66,6 +68,11 @@ def environment_key() -> str:
     return digest(
         str(RECIPE), LOCK.read_bytes(), str(VENV), str(interpreter()), platform.python_version()
     )
+
+
+def key_of_more(name: str) -> str:
+    """Return what the packages of ``make lint`` or ``make docs`` depend on."""
+    return digest(environment_key(), MORE[name].read_bytes())
 
 
 def installation_key() -> str:
@@ -206,32 +213,35 @@ def make_venv() -> None:
         [interpreter(), "-m", "venv", VENV],
         "Does this Python come whole, and is there room on the disk?",
     )
-    packages = sum("==" in line for line in LOCK.read_text().splitlines())
-    say(f"[2/3] ROS 2 Jazzy and {packages} packages in all; about a minute, once")
-    install_packages()
+    say(f"[2/3] ROS 2 Jazzy and {packages_in(LOCK)} packages in all; about a minute, once")
+    install_packages(LOCK, "--ignore-installed")  # what uv may have left half done does not count
     compile_packages()
     patch_cmake_files()
     write_state(python=str(interpreter()), environment=environment_key())
 
 
-def install_packages() -> None:
-    """Install the lock file's packages by uv, or by pip where uv is not to be had or fails.
+def packages_in(lock: Path) -> int:
+    """Return how many packages a lock file has."""
+    return sum("==" in line for line in lock.read_text().splitlines())
 
-    Both refuse a file whose hash the lock does not have, so it does not matter which did it.
+
+def install_packages(file: Path, *of_pip: str) -> None:
+    """Install a lock file's packages by uv, or by pip where uv is not to be had or fails.
+
+    Both refuse a file whose hash the lock does not have, so it does not matter which did it. of_pip: further
+    options for pip.
     """
     pip: list[str | Path] = [VENV_PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input"]
     advice = "Is the package registry within reach, and room for 1 GB on the disk? Run make again."
     # The lock file is complete, so nothing has to be resolved.
-    lock: list[str | Path] = ["--no-deps", "--require-hashes", "-r", LOCK]
+    lock: list[str | Path] = ["--no-deps", "--require-hashes", "-r", file]
     try:
         uv, variables = find_uv(pip)
         to: list[str | Path] = ["pip", "install", "--verify-hashes", "--python", VENV_PYTHON]
         run("uv", [uv, *to, *lock], advice, **variables)
     except (CannotBuild, OSError) as problem:
         say(f"      by pip, which is slower: {first_lines(problem)}")
-        # What uv may have left half done does not count.
-        anew = ["install", "--no-compile", "--ignore-installed"]
-        run("Installing the packages", [*pip, *anew, *lock], advice)
+        run("Installing the packages", [*pip, "install", "--no-compile", *of_pip, *lock], advice)
 
 
 def find_uv(pip: list[str | Path]) -> tuple[str | Path, dict[str, str]]:
@@ -280,6 +290,17 @@ def compile_packages() -> None:
     subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
 
 
+def install_more(name: str) -> None:
+    """Install what ``make lint`` or ``make docs`` needs, unless it is there."""
+    state, key = read_state(), key_of_more(name)
+    if state.get(name) == key:
+        return
+    say(f"{packages_in(MORE[name])} packages for make {name}, once")
+    install_packages(MORE[name])
+    compile_packages()
+    write_state(**{**state, name: key})
+
+
 def remove_dangling_links() -> None:
     """Remove links to files that are gone from the checkout, so that no stale module stays."""
     package = Path(f"lib/python{sys.version_info[0]}.{sys.version_info[1]}/site-packages")
@@ -295,7 +316,8 @@ def remove_dangling_links() -> None:
 def install_package(key: str) -> None:
     """Generate the messages and install this package into the environment."""
     say("[3/3] messages and package smallwheel_ros")
-    write_state(python=str(interpreter()), environment=environment_key())
+    state = {name: value for name, value in read_state().items() if name != "installation"}
+    write_state(**state)
     remove_dangling_links()
     cmake = VENV / "bin" / "cmake"
     prefix = {"AMENT_PREFIX_PATH": str(VENV), "CMAKE_PREFIX_PATH": str(VENV)}
@@ -312,7 +334,7 @@ def install_package(key: str) -> None:
     ]
     run("Configuring the package", configure, advice, **prefix)
     run("Building the package", [cmake, "--build", BUILD, "--target", "install"], advice, **prefix)
-    write_state(python=str(interpreter()), environment=environment_key(), installation=key)
+    write_state(**state, installation=key)
 
 
 @contextlib.contextmanager
@@ -332,22 +354,31 @@ def is_whole() -> bool:
     return VENV_PYTHON.exists() and (VENV / "bin" / "smallwheel").exists() and (BUILD.is_dir())
 
 
-def main() -> None:
-    """Bring the environment up to date; exit with one clear message when that fails."""
+def bring_up_to_date() -> None:
+    """Make what is missing of the environment, or is of another checkout or Python."""
+    key = installation_key()
+    if read_state().get("installation") == key and is_whole():
+        return
     start = time.monotonic()
+    if read_state().get("environment") != environment_key() or not VENV_PYTHON.exists():
+        make_venv()
+    install_package(key)
+    say(f"environment ready in {time.monotonic() - start:.0f} s")
+
+
+def main(more: Sequence[str]) -> None:
+    """Bring the environment up to date; exit with one clear message when that fails.
+
+    more: which of `MORE` to install, too.
+    """
     try:
         with only_one():
-            state = read_state()
-            key = installation_key()
-            if state.get("installation") == key and is_whole():
-                return
-            if state.get("environment") != environment_key() or not VENV_PYTHON.exists():
-                make_venv()
-            install_package(key)
+            bring_up_to_date()
+            for name in more:
+                install_more(name)
     except CannotBuild as problem:
         sys.exit(f"smallwheel_ros: {problem}")
     except KeyboardInterrupt:
         sys.exit("smallwheel_ros: interrupted; run make again, it starts where it is safe")
     except OSError as problem:
         sys.exit(f"smallwheel_ros: cannot make {VENV}: {problem}")
-    say(f"environment ready in {time.monotonic() - start:.0f} s")

@@ -24,7 +24,7 @@ been: mean of their margins, and variance
 
     of the soil's estimate, mean over the places           (all of them share that error)
   + scatter^2 (1 + 1/N)                                    N: places crossed
-    scatter^2 = (2 class_scatter^2 + sum of squared deviations from the mean) / (N + 1)
+    scatter^2 = (2 CLASS_SCATTER^2 + sum of squared deviations from the mean) / (N + 1)
 
 the posterior of a normal spread whose prior is worth two places. So a class touched once costs more
 than one that has been crossed at length, and one never crossed is unknown.
@@ -41,7 +41,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from smallwheel_ros.common.parameter import Parameter, out_of_range
 from smallwheel_ros.costmap.crossed_ground import CrossedGround, Outline, side_of
 from smallwheel_ros.costmap.grid import (
     HERE,
@@ -60,28 +59,31 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel
 _PASSABLE = HIGHEST - 1
 _EXACT = 1e-9  # standard deviation of a margin that is told as exact
 _PRIOR_PLACES = 2.0
+CLASS_SCATTER = (
+    0.05  # of the margin between places of one class until they tell: a slope of 3 degrees
+)
+_STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
+COST_PERIOD = 1.0  # s between two grids at least: planners plan anew about once a second
 NOTHING_HELD = Quantity(-1.0, 0.0)  # of a wheel that is stuck: its own load holds it back
 
 
 @dataclass(frozen=True)
 class CostRules:
-    """How a margin becomes a cost. Raises CostMapError where a number is outside its range."""
+    """How a margin becomes a cost.
 
-    required_margin: float = Parameter(0.0, "1", -1.0, 2.0, "cost.required_margin").means(
-        "Mobility margin that the vehicle needs everywhere beyond that (see cost.slope): tangent of the"
-        " slopes that it has to climb."
-        " Cost is the risk, in per cent, that the ground does not give it (docs/nav2.md)."
-    )
-    class_scatter: float = Parameter(0.05, "1", 0.0, 10.0, "cost.class_scatter").means(
-        "Standard deviation of the margin between places of one terrain class, until enough of them"
-        " have been crossed to tell."
-    )
+    required_margin: tangent of the slopes that the vehicle has to climb beyond those it has met. Raises
+    CostMapError where that is no such tangent.
+    """
+
+    required_margin: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check every number."""
-        wrong = out_of_range(self)
-        if wrong:
-            raise CostMapError(wrong)
+        """Check the number."""
+        if not abs(self.required_margin) <= _STEEPEST:
+            raise CostMapError(
+                f"required_margin is {self.required_margin!r}, expected -{_STEEPEST:g} to"
+                f" {_STEEPEST:g}"
+            )
 
     def cost(self, margin: ArrayLike, deviation: ArrayLike) -> Cells:
         """Cost of each margin (1) with its standard deviation; -1 where either is not a number."""
@@ -155,7 +157,7 @@ class TerrainClasses:
 
     def margins(self) -> dict[int, Quantity]:
         """What to expect at a new place of each class that a wheel has been on."""
-        found, prior = {}, _PRIOR_PLACES * self.rules.class_scatter**2
+        found, prior = {}, _PRIOR_PLACES * CLASS_SCATTER**2
         for terrain, known in sorted(self._classes.items()):
             scatter = (prior + known.squares) / (known.places + _PRIOR_PLACES - 1.0)
             variance = known.variance + scatter * (1.0 + 1.0 / known.places)
@@ -181,42 +183,21 @@ class TerrainClasses:
 
 @dataclass(frozen=True)
 class CostSettings:
-    """What the cost map is to be. Raises CostMapError where a number is outside its domain."""
+    """What the cost map is to be: `cost.*` of the parameters.
 
-    resolution: float = Parameter(0.1, "m", 0.01, 10.0).means("Side of a cell of ~/cost.")
-    size: float = Parameter(40.0, "m", 1.0, 2000.0).means(
-        "Side of the window of crossed ground that goes along with the robot; what it leaves behind"
-        " is forgotten. At most 4 million cells."
-    )
-    period: float = Parameter(1.0, "s", 0.1, 3600.0).means(
-        "Shortest time between two grids; none is published while nothing has changed."
-    )
-    frame: str = Parameter("").means(
-        "Frame of ~/cost. Empty: that of odom. Nothing is transformed: set it only where odom's"
-        " poses are in this frame."
-    )
-    slope: Literal["measured", "level"] = Parameter("measured").means(
-        "measured: cost is the risk on the slope that was measured at a place (imu_topic, or odom with"
-        " pitch), the steepest way; where none is measured, and on terrain classes not crossed, on the level."
-        " level: on level ground everywhere."
-    )
-    spread: float | None = Parameter(None, "m", 0.0, 10.0).means(
-        "Each cell of ~/cost costs what the dearest within this distance does. Without it: from base_link"
-        " to the outermost edge of the wheels. It serves every planner: those that know the footprint look"
-        " at the cost under base_link, too (docs/nav2.md)."
-    )
-    unknown: Literal["prior", "none"] = Parameter("prior").means(
-        "What ground costs that has a terrain class and has not been crossed, nor has any of its class."
-        " prior: what was believed of any ground before driving. none: -1. Ground that neither a wheel"
-        " nor a class tells of is -1 with both (docs/nav2.md)."
-    )
+    resolution, size: sides of a cell and of the window of crossed ground, m. spread: how far costs are
+    spread, m; None: to the outermost wheel. unknown: what ground of a class costs that has not been met.
+    Raises CostMapError where there can be no such window.
+    """
+
+    resolution: float = 0.1
+    size: float = 40.0
+    spread: float | None = None
+    unknown: Literal["prior", "none"] = "prior"
     rules: CostRules = field(default_factory=CostRules)
 
     def __post_init__(self) -> None:
-        """Check every number, and how many cells there would be."""
-        wrong = out_of_range(self)
-        if wrong:
-            raise CostMapError(wrong)
+        """Check how many cells there would be."""
         side_of(self.size, self.resolution)
 
 
@@ -252,7 +233,7 @@ class CostMap:
         self._ground = CrossedGround(settings.size, settings.resolution, self.outline.length)
         self.class_grid: Grid | None = None
         self.remembered: Grid | None = None
-        self.frame = settings.frame
+        self.frame = ""
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
         # Where it was on ground that cannot be crossed, at the last grid.
@@ -410,7 +391,6 @@ class CostMap:
 
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""
-        frame = self.settings.frame or frame
         if frame != self.frame:
             if self.frame:
                 remembered = self.remembered
@@ -432,7 +412,7 @@ class CostMap:
             found.append(
                 f"terrain_classes is in frame {self.class_grid.frame}, positions are in"
                 f" {self.frame}: it is not known on which class a wheel is, so the classes have no"
-                " cost. Feed odometry of that frame, or set cost.frame if it is the same"
+                " cost. Feed odometry of that frame, or publish the classes in it"
             )
         old = self.remembered
         if old is not None and self.frame and old.frame not in (self.frame, *self._frames):

@@ -18,7 +18,6 @@ import numpy as np
 from smallwheel_ros.bags import BagError, BagReader
 from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets, write_bytes
-from smallwheel_ros.common.parameter import Value
 from smallwheel_ros.init.recorded import (
     JointSpeeds,
     Speed,
@@ -44,6 +43,7 @@ from smallwheel_ros.init.rover import (
     wheels_named_by,
     words_of,
 )
+from smallwheel_ros.onboard.parameter import Value
 from smallwheel_ros.onboard.robot_description import (
     DESCRIPTION_TYPE,
     RobotDescriptionError,
@@ -77,6 +77,7 @@ class _Finder:
         self._reader = reader
         self._notes: list[str] = []
         self._remaps: dict[str, str] = {}
+        self._ranged: list[str] = []  # wheels with a range sensor
         self._topics: defaultdict[str, list[str]] = defaultdict(list)  # names, by type
         for topic in reader.topics:
             if topic.message_count and topic.readable:
@@ -120,6 +121,7 @@ class _Finder:
             self._notes,
             described=description is not None,
             offers={name: topics[0] for name, topics in offers.items() if topics},
+            ranged=self._ranged,
         )
 
     def _joint_states(self) -> str | None:
@@ -241,8 +243,6 @@ class _Finder:
                 values[f"{wheel}.sinkage_topic"] = ""
             elif ranges or depth != f"/{wheel}/sinkage":
                 values[f"{wheel}.sinkage_topic"] = depth
-            if ranges:
-                values[f"{wheel}.sinkage_source"] = "Range"
             joint = turned.get(wheel) or best_match(wheel, "joint", joints.names)
             if joint is not None:
                 values |= joint_values({wheel: joint})
@@ -250,6 +250,7 @@ class _Finder:
                 self._notes.append(
                     f"which joint turns {wheel} is not clear: there is {', '.join(joints.names)}"
                 )
+        self._ranged = wheels if ranges else []
         blind = [w for w in wheels if values.get(f"{w}.sinkage_topic") == ""]
         if blind:
             of = "the wheels" if len(blind) == len(wheels) else ", ".join(blind)

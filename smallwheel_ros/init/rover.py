@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.common.parameter import WHEEL, Value, written
+from smallwheel_ros.onboard.parameter import WHEEL, Value, written
 from smallwheel_ros.onboard.robot_description import (
     TURNING,
     RobotDescriptionError,
     Urdf,
     fill_silent,
 )
-from smallwheel_ros.onboard.settings import PARAMETERS, parameters_for
+from smallwheel_ros.onboard.table import PARAMETERS, parameters_for
 
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20
@@ -42,7 +42,7 @@ class Rover:
     origin: what they come from. values: by full name, those of the wheels' names first. remaps: by the
     node's name of an input, the topic that it has there. notes: what was assumed. described: whether a
     robot description was found. offers: by full name of a parameter that only people can decide on, the
-    topic that a bag has for it.
+    topic that a bag has for it. ranged: wheels whose sinkage a range sensor measures.
     """
 
     origin: str
@@ -51,6 +51,7 @@ class Rover:
     notes: Sequence[str] = ()
     described: bool = False
     offers: Mapping[str, str] = field(default_factory=dict)
+    ranged: Sequence[str] = ()
 
     @property
     def wheels(self) -> list[str]:
@@ -62,9 +63,8 @@ class Rover:
         """Full names of what must be filled in."""
         known = self.values
         needed = [f"{wheel}.{name}" for wheel in self.wheels for name in _NEEDED]
-        ranged = [w for w in self.wheels if known.get(f"{w}.sinkage_source") == "Range"]
-        needed += [f"{wheel}.range_height" for wheel in ranged]
-        needed += ["vehicle.mass", "load.mass"] if known.get("load.source") == "static" else []
+        needed += [f"{wheel}.range_height" for wheel in self.ranged]
+        needed += ["vehicle.mass"] if known.get("load.source") == "static" else []
         return [name for name in needed if name not in known]
 
     def text(self) -> str:

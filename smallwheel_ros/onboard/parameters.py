@@ -6,26 +6,27 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.parameter import Value, settings_of
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
+from smallwheel_ros.costmap.cost_map import CostRules, CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
-from smallwheel_ros.estimator.settings import SoilPrior, covariates_of
 from smallwheel_ros.model.model_file import read_model
+from smallwheel_ros.onboard import gone
+from smallwheel_ros.onboard.parameter import Value
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
 from smallwheel_ros.onboard.settings import (
-    GENERAL,
-    Given,
     NodeSettings,
     OnboardSettings,
-    VelocitySource,
+    SensorNoise,
+    Timing,
+    TwistSettings,
     WheelInputs,
-    parameters_for,
 )
+from smallwheel_ros.onboard.table import GENERAL, parameters_for
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
@@ -34,8 +35,12 @@ NODE_NAME = "mobility_estimator"
 _SECTION = "ros__parameters"
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
-# In files that 0.2.0 dumped.
-_GONE_PREFIX = "qos_overrides."
+# A load that is not measured: uneven ground and turns move it by so much of itself.
+_STATIC_STD = 0.3
+# The body of a small vehicle is above its wheels.
+_GRAVITY_HEIGHT = 1.2  # mean diameters
+# Of soils of one kind: dry sands and loams have 27 to 34 degrees.
+_COHESION_STD, _FRICTION_ANGLE_STD, _SHEAR_DISPLACEMENT_STD = 400.0, 0.05, 0.005  # Pa, rad, m
 
 
 class ParametersError(SmallwheelError):
@@ -102,7 +107,7 @@ def wheel_names(value: object) -> list[str]:
     if problem is not None:
         raise ParametersError(f"{problem}; {example}")
     assert isinstance(value, list)
-    groups = {p.name.split(".")[0] for p in GENERAL} | {_GONE_PREFIX.rstrip(".")}
+    groups = {p.name.split(".")[0] for p in GENERAL} | gone.GROUPS
     for i, name in enumerate(value):
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             reason = "expected letters, digits and _, a letter first"
@@ -119,16 +124,11 @@ def wheel_names(value: object) -> list[str]:
 
 
 def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> list[str]:
-    """Say of each parameter that nobody knows, what might have been meant."""
+    """Say of each parameter that is not used what took its place, or what might have been meant."""
     known = [p.name for p in parameters_for(wheels)]
-    found = []
-    if any(name.startswith(_GONE_PREFIX) for name in values):
-        found.append(
-            f"parameters {_GONE_PREFIX}* are not used any more: topics have the quality of service that"
-            " docs/node.md says"
-        )
+    found = gone.gone_names(values, wheels)
     for name in values:
-        if name in (*known, *_FOREIGN) or name.startswith(_GONE_PREFIX):
+        if name in (*known, *_FOREIGN) or gone.is_gone(name, wheels):
             continue
         meant, sign, _ = nearest(name, known).partition("?")
         mend = f": {meant}?" if sign else " (see docs/parameters.md)"
@@ -143,7 +143,8 @@ def problems(values: Mapping[str, object]) -> list[str]:
     except ParametersError as error:
         return [str(error)]
     found = (p.problem(values.get(p.name)) for p in parameters_for(wheels))
-    return [problem for problem in found if problem is not None]
+    wrong = [problem for problem in found if problem is not None]
+    return [*gone.gone_and_missed(values, wheels), *wrong]
 
 
 # --- From values to settings
@@ -162,82 +163,116 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
     wrong = problems(values)
     if wrong:
         raise ParametersError("; ".join(wrong))
-    wheels = wheel_names(values["wheels"])
-    v: dict[str, Any] = {p.name: p.default for p in parameters_for(wheels)}
+    names = wheel_names(values["wheels"])
+    v: dict[str, Any] = {p.name: p.default for p in parameters_for(names)}
     v.update({name: value for name, value in values.items() if value is not None})
-    inputs = {name: settings_of(WheelInputs, v, f"{name}.") for name in wheels}
     try:
-        given = settings_of(Given, v)
-        onboard = _onboard(given, inputs)
+        onboard = _onboard(v)
         covariates_of(onboard.effects)  # refuses effects of what no stream tells
+        cost = CostSettings(
+            v["cost.resolution"],
+            v["cost.size"],
+            v["cost.spread"],
+            v["cost.unknown"],
+            CostRules(v["cost.required_margin"]),
+        )
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
-    for name, wheel in inputs.items():
-        if wheel.sinkage_source == "Range" and wheel.range_height is None:
-            raise ParametersError(
-                f"parameter {name}.range_height is missing: sinkage_source Range needs what the"
-                " sensor shows on hard ground, in m"
-            )
-        inputs[name] = replace(wheel, load_sign=wheel.load_sign or given.load_sign)
-    return NodeSettings(**vars(given), onboard=onboard, inputs=inputs)
-
-
-def _onboard(given: Given, inputs: Mapping[str, WheelInputs]) -> OnboardSettings:
-    start, effects = _start(given)
-    known = given.soil
-    names = ("k", "n", "m", "cohesion", "friction_angle", "shear_displacement")
-    start = replace(start, **{n: v for n in names if (v := getattr(known, n)) is not None})
-    prior = SoilPrior.from_soil(start, known.log_reference_pressure_std, known.n_std, known.m_std)
-    strength = Strength(
-        Quantity(start.cohesion, known.cohesion_std),
-        Quantity(start.friction_angle, known.friction_angle_std),
-        Quantity(start.shear_displacement, known.shear_displacement_std),
+    return NodeSettings(
+        onboard=onboard,
+        inputs={name: _inputs(v, name) for name in names},
+        load_source=v["load.source"],
+        load_per_effort=v["load.per_effort"],
+        velocity_topic=v["velocity_topic"],
+        imu_topic=v["imu_topic"],
+        imu_yaw=v["imu_yaw"],
+        robot_description_topic=v["robot_description_topic"],
+        base_frame=v["base_frame"],
+        soil_file=v["soil.file"],
+        cost=cost,
     )
-    static = _static_loads(given, inputs)
-    estimator = replace(given.estimator, sinkage_std=given.noise.sinkage)
-    if static:
-        # What is wrong with a load that nobody measures stays wrong as long as slope and curve do:
-        # like another soil at each spot, it does not average out over measurements at one place.
-        scatter = math.hypot(estimator.soil_scatter, given.static_std)
-        estimator = replace(estimator, soil_scatter=scatter, loads_measured=False)
-    rolling = {name: wheel for name, wheel in inputs.items() if wheel.contact == ROLLING}
-    # The body of a small vehicle is above its wheels.
-    usual_height = 1.2 * sum(wheel.diameter for wheel in rolling.values()) / max(len(rolling), 1)
-    velocity: VelocitySource = "none" if given.odometry_from_wheels else "odometry"
+
+
+def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
+    """Where a wheel's measurements come from."""
+    return WheelInputs(
+        load_topic=v[f"{wheel}.load_topic"],
+        load_joint=v[f"{wheel}.load_joint"],
+        load_sign=v[f"{wheel}.load_sign"],
+        sinkage_topic=v[f"{wheel}.sinkage_topic"],
+        range_height=v[f"{wheel}.range_height"],
+        drawbar_pull_topic=v[f"{wheel}.drawbar_pull_topic"],
+        joint=v[f"{wheel}.joint"],
+        joint_sign=v[f"{wheel}.joint_sign"],
+        torque_per_effort=v[f"{wheel}.torque_per_effort"],
+    )
+
+
+def _onboard(v: Mapping[str, Any]) -> OnboardSettings:
+    """What the estimate rests on besides the measurements."""
+    start, effects = _start(v)
+    wheels = tuple(_wheel(v, name) for name in v["wheels"])
+    rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
+    mean_diameter = sum(wheel.diameter for wheel in rolling) / max(len(rolling), 1)
+    static = _static_loads(v)
+    by_topic = bool(v["velocity_topic"])
     return OnboardSettings(
-        wheels=tuple(
-            Wheel(n, w.diameter, w.width, w.contact, w.lateral_position, w.longitudinal_position)
-            for n, w in inputs.items()
+        wheels=wheels,
+        prior=SoilPrior.from_soil(start),
+        strength=Strength(
+            Quantity(start.cohesion, _COHESION_STD),
+            Quantity(start.friction_angle, _FRICTION_ANGLE_STD),
+            Quantity(start.shear_displacement, _SHEAR_DISPLACEMENT_STD),
         ),
-        prior=prior,
-        strength=strength,
-        estimator=estimator,
-        noise=given.noise,
-        timing=given.timing,
+        estimator=_estimator(v, static),
+        noise=SensorNoise(v["noise.load"], v["noise.drawbar_pull"], v["noise.speed"]),
+        timing=Timing(v["timing.reorder_time"], v["timing.maximum_age"]),
         effects=effects,
-        without_sinkage=frozenset(n for n, wheel in inputs.items() if not wheel.sinkage_topic),
-        with_drawbar_pull=frozenset(n for n, wheel in rolling.items() if wheel.drawbar_pull_topic),
-        with_torque=frozenset(n for n, w in rolling.items() if w.torque_source == "effort"),
-        with_imu=bool(given.imu_topic),
+        without_sinkage=frozenset(w.name for w in wheels if not v[f"{w.name}.sinkage_topic"]),
+        with_drawbar_pull=frozenset(w.name for w in rolling if v[f"{w.name}.drawbar_pull_topic"]),
+        with_torque=frozenset(w.name for w in rolling if v[f"{w.name}.torque_per_effort"] > 0.0),
+        with_imu=bool(v["imu_topic"]),
         static_loads=static,
-        velocity="topic" if given.velocity_topic else velocity,
-        standstill_speed=given.standstill_speed,
-        reference_slip=given.reference_slip,
-        velocity_lateral_position=given.velocity_lateral_position,
-        maximum_speed=given.maximum_speed,
-        mass=given.vehicle_mass or 0.0,
-        gravity_height=given.gravity_height or usual_height,
-        mobility_rate=given.mobility_rate,
-        twist=given.twist if given.twist_publish else None,
-        soil_told=bool(given.soil_name or given.model_file or known.k is not None),
+        velocity="topic" if by_topic else "none" if v["odometry_from_wheels"] else "odometry",
+        reference_slip=v["reference_slip"],
+        mass=v["vehicle.mass"] or 0.0,
+        gravity_height=v["vehicle.gravity_height"] or _GRAVITY_HEIGHT * mean_diameter,
+        mobility_rate=v["mobility.rate"],
+        twist=_twist(v) if v["twist.publish"] else None,
+        soil_told=bool(v["soil.name"] or v["model_file"]),
     )
 
 
-def _start(given: Given) -> tuple[Soil, tuple[Effect, ...]]:
+def _wheel(v: Mapping[str, Any], name: str) -> Wheel:
+    return Wheel(
+        name,
+        v[f"{name}.diameter"],
+        v[f"{name}.width"],
+        v[f"{name}.contact"],
+        v[f"{name}.lateral_position"],
+        v[f"{name}.longitudinal_position"],
+    )
+
+
+def _twist(v: Mapping[str, Any]) -> TwistSettings:
+    return TwistSettings(v["twist.rim_delay"], v["twist.correlation_time"])
+
+
+def _estimator(v: Mapping[str, Any], static: Mapping[str, Quantity]) -> EstimatorSettings:
+    told = EstimatorSettings(v["noise.sinkage"], v["sinkage_zero_std"])
+    if not static:
+        return told
+    # What is wrong with a load that is not measured stays wrong as long as slope and curve do: like
+    # another soil at each spot, it does not average out over measurements at one place.
+    scatter = math.hypot(told.soil_scatter, _STATIC_STD)
+    return EstimatorSettings(told.sinkage_std, told.sinkage_zero_std, scatter, loads_measured=False)
+
+
+def _start(v: Mapping[str, Any]) -> tuple[Soil, tuple[Effect, ...]]:
     """The soil that the estimate starts from, and effects: of the model file, or of the library."""
-    name = given.soil_name
-    if not given.model_file:
-        if given.effects_file:
+    name, file = v["soil.name"], v["model_file"]
+    if not file:
+        if v["effects_file"]:
             raise ParametersError(
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
@@ -245,11 +280,11 @@ def _start(given: Given) -> tuple[Soil, tuple[Effect, ...]]:
             return soil(name or "dry_sand"), ()
         except SoilError as error:
             raise ParametersError(f"parameter soil.name: {error}") from None
-    effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
-    model = read_model(Path(given.model_file).expanduser(), effects).model
+    effects = load(Path(v["effects_file"]).expanduser()) if v["effects_file"] else None
+    model = read_model(Path(file).expanduser(), effects).model
     if model.geometry != "contact_integral":
         raise ParametersError(
-            f"{given.model_file}: geometry is {model.geometry}, expected contact_integral: the estimate"
+            f"{file}: geometry is {model.geometry}, expected contact_integral: the estimate"
             " on board solves the contact exactly; fit the model again without the closed form"
         )
     found = {kind.name: kind for kind in model.soils}
@@ -258,27 +293,26 @@ def _start(given: Given) -> tuple[Soil, tuple[Effect, ...]]:
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
-            f"{given.model_file} {asked}, parameter soil.name says which."
-            f" {nearest(name or '', list(found))}"
+            f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
         )
     return found[name], tuple(model.effects)
 
 
-def _static_loads(given: Given, inputs: Mapping[str, WheelInputs]) -> dict[str, Quantity]:
-    """Loads that nobody measures, N: the weight split over the wheels."""
-    if given.load_source != "static":
+def _static_loads(v: Mapping[str, Any]) -> dict[str, Quantity]:
+    """Loads that are not measured, N: the weight split over the wheels."""
+    if v["load.source"] != "static":
         return {}
-    if given.load_mass is None:
+    if v["vehicle.mass"] is None:
         raise ParametersError(
-            "parameter load.mass is missing: load.source static needs the vehicle's mass in kg"
+            "parameter vehicle.mass is missing: load.source static needs the vehicle's mass in kg"
         )
-    shares = {name: wheel.load_share for name, wheel in inputs.items()}
+    shares = {name: v[f"{name}.load_share"] for name in v["wheels"]}
     told = [share for share in shares.values() if share is not None]
     if told and (len(told) < len(shares) or not math.isclose(sum(told), 1.0, abs_tol=0.01)):
         raise ParametersError(
             f"parameters load_share: {len(told)} of {len(shares)} wheels have one, with a sum of"
             f" {sum(told):g}: give all of them, with a sum of 1, or none"
         )
-    weight = given.load_mass * GRAVITY
+    weight = v["vehicle.mass"] * GRAVITY
     loads = {name: weight * (share or 1.0 / len(shares)) for name, share in shares.items()}
-    return {name: Quantity(load, given.static_std * load) for name, load in loads.items()}
+    return {name: Quantity(load, _STATIC_STD * load) for name, load in loads.items()}

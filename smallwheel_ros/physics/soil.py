@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.physics.wheel import Quantity, Strength
 
 Array = NDArray[np.float64]
 
@@ -112,6 +114,20 @@ def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
     kc: Pa/m^(n-1), kphi: Pa/m^n, width: b, m.
     """
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
+
+
+def usual_strength(soil: Soil) -> Strength:
+    """Strength of a soil of this kind, not of this very soil.
+
+    Deviations: cohesion 500 Pa and 30 %, friction angle 0.1 rad, shear displacement 40 %. Dry sands
+    and loams in the published tables have 0 to 1.7 kPa and 27 to 34 degrees; Wong 2008 gives 10 to
+    25 mm for sand.
+    """
+    return Strength(
+        Quantity(soil.cohesion, math.hypot(500.0, 0.3 * soil.cohesion)),
+        Quantity(soil.friction_angle, 0.1),
+        Quantity(soil.shear_displacement, 0.4 * soil.shear_displacement),
+    )
 
 
 _PAPER = "Meirion-Griffith and Spenko 2011"

@@ -37,6 +37,7 @@ _NEWEST, _FAR = (
     3.0,
 )  # sinkages among which one is far; deviations of the sensor: else the soil is another
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
+_GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 
 
@@ -174,7 +175,7 @@ def _does_not_fit(
     state: AnswerState, rows: Readings, can: Predicted, settings: OnboardSettings
 ) -> Flags:
     """A sinkage far from those just before it, and beyond what is expected of it."""
-    gate = float(chdtri(1, 1.0 - settings.estimator.gate_probability))
+    gate = float(chdtri(1, 1.0 - _GOOD))
     noise = np.where(
         np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
     )

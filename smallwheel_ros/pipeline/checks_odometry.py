@@ -160,7 +160,7 @@ class Late:
         self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
 
     def take(self, window: Window) -> list[Said]:
-        """Sums of products for each lag, where the wheels of each side agree: one that spins is ahead of all."""
+        """Sums of products for each lag, while the wheels of each side agree: one that spins leads all."""
         moves, step = window.moves, self.STEP
         if window.rims is None or len(moves.t) < 3 or window.memory.made_of_wheels:
             return []

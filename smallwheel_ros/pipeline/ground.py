@@ -18,7 +18,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.settings import (
+    IMU,
+    ODOMETRY,
+    STANDSTILL_SPEED,
+    VELOCITY,
+    OnboardSettings,
+)
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 
@@ -279,7 +285,7 @@ class Ground:
         rims = np.stack([mean, *(self.rims(middle - k * _APART)[0] for k in (1, 2))])
         with np.errstate(invalid="ignore"):
             most = np.abs(rims).max(axis=0)
-            even = (np.ptp(rims, axis=0) < _STEADY * most) & (most > self.settings.standstill_speed)
+            even = (np.ptp(rims, axis=0) < _STEADY * most) & (most > STANDSTILL_SPEED)
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
         bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]

@@ -59,10 +59,9 @@ class GroundMapper:
                 continue
             refused = found.status[i] == Status.REJECTED
             margin = None if refused else self._margin(stamp, bool(found.elsewhere[i]))
-            slope = float(found.tilt[i]) if self.map.settings.slope == "measured" else 0.0
             self.map.add(
                 self._wheels[wheel], frame, pose, float(found.distance[i]), margin,
-                stuck=bool(stuck[i]), slope=slope,
+                stuck=bool(stuck[i]), slope=float(found.tilt[i]),
             )  # fmt: skip
 
     def _margin(self, stamp: int, elsewhere: bool) -> Quantity | None:

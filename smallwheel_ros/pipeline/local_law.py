@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
+from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 
 from .identifiability import SoilEstimate, Variety, seen_as
@@ -92,12 +92,11 @@ def law_of(version: Version) -> Law:
 
 
 class Reported:
-    """Reports laws at the sinkage and the diameter of the settings, the prior's covariance too."""
+    """Reports laws at the reference sinkage and a diameter (m), the prior's covariance too."""
 
-    def __init__(self, prior: SoilPrior, settings: EstimatorSettings) -> None:
-        self._at = sinkage, diameter = settings.reference_sinkage, settings.reference_diameter
+    def __init__(self, prior: SoilPrior, diameter: float) -> None:
+        self._at = REFERENCE_SINKAGE, diameter
         self._turn = np.eye(3)  # of (ln pressure, n, m)
-        self._turn[0, 1] = math.log(sinkage / REFERENCE_SINKAGE)
         self._turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
         self._prior = seen_as(self._turn, prior.law[1])
 

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that a message may have: what nothing can be computed with is a fault, what is missing a flaw.
-
-fastest: m/s, speed of the vehicle over which a message is not believed.
-"""
+"""Numbers that a message may have: what nothing can be computed with is a fault, what is missing a flaw."""
 
 from __future__ import annotations
 
@@ -15,9 +12,10 @@ from .tables import Array
 _LARGEST = 1e9  # in SI units nothing on a vehicle is larger
 _STRONGEST = 160.0  # m/s^2: the widest range of usual accelerometers is 16 g
 _LIGHTEST = 1e-6  # N: what presses less is in the air
+_FASTEST = 10.0  # m/s: no vehicle on small wheels drives on soil at 36 km/h
 
 
-def sound(kind: str, values: Array, fastest: float) -> bool:
+def sound(kind: str, values: Array) -> bool:
     """Whether no row has a fault or a flaw: what `fault` and `flaw` say, for many at once."""
     if kind == "imu":
         alone = np.isnan(values) | (np.abs(values) < _LARGEST)
@@ -27,11 +25,11 @@ def sound(kind: str, values: Array, fastest: float) -> bool:
     if not (np.abs(values[:, :many]) < _LARGEST).all():
         return False
     if kind in ("odom", "velocity"):
-        return bool((np.abs(values[:, 0]) <= fastest).all())
+        return bool((np.abs(values[:, 0]) <= _FASTEST).all())
     return kind != "load" or bool((values[:, 0] >= _LIGHTEST).all())
 
 
-def fault(kind: str, values: tuple[float, ...], fastest: float) -> tuple[str, str] | None:
+def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
     """Key and words of values that nothing can be computed with."""
     if kind == "imu":
         known = [value for value in values if not math.isnan(value)]
@@ -51,9 +49,9 @@ def fault(kind: str, values: tuple[float, ...], fastest: float) -> tuple[str, st
         if not abs(value) < _LARGEST:
             reason = "not_plausible" if math.isfinite(value) else "not_finite"
             return reason, f"{name} is {value:g}, expected a number smaller than {_LARGEST:g}"
-    if kind in ("odom", "velocity") and abs(values[0]) > fastest:
-        text = f"speed is {values[0]:g} m/s, expected at most {fastest:g}"
-        return "not_plausible", f"{text} (parameter maximum_speed)"
+    if kind in ("odom", "velocity") and abs(values[0]) > _FASTEST:
+        text = f"speed is {values[0]:g} m/s, expected at most {_FASTEST:g}"
+        return "not_plausible", text
     return None
 
 
@@ -64,6 +62,6 @@ def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
     if kind == "load" and values[0] < _LIGHTEST:
         return "load_not_positive", (
             f"load is {values[0]:g} N, expected more than 0: the wheel is in the air, or the sensor's"
-            " sign is the other one (parameter load_sign)"
+            " sign is the other one (parameter <wheel>.load_sign)"
         )
     return None

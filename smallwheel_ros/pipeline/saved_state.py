@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.files import OutputError, json_text, read_text_file, write_bytes
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.estimator.settings import EstimatorError, SoilPrior
+from smallwheel_ros.onboard.prior import EstimatorError, SoilPrior
 
 from .identifiability import SoilEstimate, Variety
 

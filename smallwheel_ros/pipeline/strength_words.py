@@ -22,7 +22,7 @@ _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance"
 _NEEDS = {
     "balance": "vehicle.mass is not given; it would tell friction and the reserve on slopes",
     "slope": "not yet: it needs load and slip of all wheels, and a slope (imu_topic, or odom with pitch)",
-    "torque": "<wheel>.torque_source is none; it would tell what each wheel pulls at this moment",
+    "torque": "<wheel>.torque_per_effort is not given; it would tell what each wheel pulls at this moment",
 }
 
 

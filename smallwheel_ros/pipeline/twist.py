@@ -20,6 +20,7 @@ from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSett
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 
+from .align import MAXIMUM_GAP
 from .ground import SPEED_VARIANCE
 from .tables import SECOND, Array, Columns, Flags, Integers
 from .twist_filter import LONGEST, TwistFilter
@@ -81,8 +82,8 @@ class TwistState:
         self.sides = [[f"{w.name}/wheel_speed" for w in side] for side in sides]
         self.radius = {f"{w.name}/wheel_speed": w.diameter / 2.0 for w in rolling}
         self.ground = {"odometry": ODOMETRY, "topic": VELOCITY}.get(vehicle.velocity, "")
-        self.ground_std, self.ground_off = vehicle.noise.speed, vehicle.velocity_lateral_position
-        self.hold = round(vehicle.timing.maximum_gap * SECOND)
+        self.ground_std = vehicle.noise.speed
+        self.hold = round(MAXIMUM_GAP * SECOND)
         self.tail: dict[str, tuple[Integers, Array]] = {}
         self.last = -2 * LONGEST  # stamp of the last row, ns
         self.level: Array = np.zeros(
@@ -121,7 +122,7 @@ def twist(
     cuts = [delay - delay * i // max(parts, 1) for i in range(parts + 1)]
     ends += [(stamps - a, stamps - b) for a, b in pairwise(cuts)]
     felt = [_felt(streams[_GYRO], streams[_FORCE], *each, state.hold) for each in ends]
-    speed, speed_std = _ground(state, streams.get(state.ground), *ends[0], felt[0][:, 0])
+    speed, speed_std = _ground(state, streams.get(state.ground), *ends[0])
     steps = [delay / max(parts, 1) / SECOND] * parts
     found = np.empty((stamps.size, 7))
     for i, stamp in enumerate(stamps.tolist()):
@@ -234,7 +235,7 @@ def _felt(gyro: _Stream, force: _Stream, start: Integers, end: Integers, hold: i
 
 
 def _ground(
-    state: TwistState, stream: _Stream | None, start: Integers, end: Integers, yaw_rate: Array
+    state: TwistState, stream: _Stream | None, start: Integers, end: Integers
 ) -> tuple[Array, Array]:
     """Speed over ground of the vehicle's middle and its deviation, m/s, each message once; else NaN."""
     if stream is None or not stream[0].size:
@@ -243,6 +244,4 @@ def _ground(
     last = np.searchsorted(stamps, end, side="right") - 1
     new = (last >= 0) & (stamps[np.maximum(last, 0)] > start)
     speed, spread = np.where(new[:, None], values[np.maximum(last, 0)], np.nan).T
-    if state.ground == VELOCITY and state.ground_off:
-        speed = speed + yaw_rate * state.ground_off
     return speed, spread

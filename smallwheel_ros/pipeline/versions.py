@@ -7,6 +7,7 @@ from collections.abc import Collection
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
 
 class Versions(Generic[T]):

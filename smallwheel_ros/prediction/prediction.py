@@ -16,7 +16,6 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.estimator.settings import usual_strength
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
 from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS, soil_from, soil_numbers
@@ -25,7 +24,7 @@ from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil, SoilError
+from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMe
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
-from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
 from smallwheel_ros.costmap.grid import wide, write_map
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import ODOMETRY
@@ -306,7 +306,7 @@ class _Drive:
         )
         self._ground.add(rows, self._frame)
         self._last_stamp = int(rows.stamp[-1])
-        period = round(self._settings.cost.period * SECOND)
+        period = round(COST_PERIOD * SECOND)
         if self._ground.map.changed and self._bag.is_due("cost", self._time, period):
             self._write_grid(self._last_stamp)
 

@@ -31,8 +31,8 @@ from smallwheel_ros.ros.parameters import (
     NO_PUBLISHER_EVENTS,
     NodeParameters,
     RobotDescription,
-    lacking_of_velocity,
     parameter_lines,
+    velocity_elsewhere,
 )
 from smallwheel_ros.ros.session import Session
 
@@ -202,7 +202,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
     def _publish_diagnostics(self) -> None:
         unknown = [*self._table.unknown, *self.description.lacking]
         if self._session is not None:
-            unknown += lacking_of_velocity(self._table, self._session.velocity_frame)
+            base = str(self._table.values()["base_frame"])
+            unknown += velocity_elsewhere(base, self._session.velocity_frame)
         if self.problem:
             found, unknown = [status("parameters", ERROR, self.problem)], []
         elif self._session is None and self.autostart and self.description.waiting:

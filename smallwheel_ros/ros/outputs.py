@@ -26,8 +26,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
-from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings, TwistSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.pipeline.align import MAXIMUM_GAP
 from smallwheel_ros.pipeline.answers import (
     Status,
     margin_before_driving,
@@ -357,8 +358,8 @@ class Outputs:
         # Before the first estimate there is nothing to forget: a map that was restored stays.
         if turn.starts_over and len(self.newest):
             self.start_over()
-        if turn.twists is not None and "~/twist" in self._publishers:
-            self._publish_twists(turn.twists)
+        if turn.twists is not None and self._settings.onboard.twist is not None:
+            self._publish_twists(turn.twists, self._settings.onboard.twist)
         found = turn.estimates
         if not len(found):
             return
@@ -388,17 +389,16 @@ class Outputs:
 
     def _count_lonely(self, found: Estimates) -> None:
         """Count the rows for which there was no load."""
-        gap = self._settings.onboard.timing.maximum_gap
         lonely = found.status == Status.LOAD_MISSING
         kinds = np.where(np.isnan(found.sinkage_measured[lonely]), "load", "sinkage").tolist()
         wheels = found.wheel[lonely].tolist()
         for (wheel, kind), times in Counter(zip(wheels, kinds, strict=True)).items():
             stream = f"{self._settings.onboard.wheels[wheel].name}/{kind}"
-            text = f"no usable load within {gap:g} s of its stamp"
+            text = f"no usable load within {MAXIMUM_GAP:g} s of its stamp"
             self._pipeline.note(stream, "load_missing", text, times, unused=False)
 
-    def _publish_twists(self, twists: Twists) -> None:
-        parts = messages(twists, self._settings.twist)
+    def _publish_twists(self, twists: Twists, settings: TwistSettings) -> None:
+        parts = messages(twists, settings)
         for stamp, linear, angular, covariance in zip(twists.stamp.tolist(), *parts, strict=True):
             message = TwistWithCovarianceStamped(header=_header(stamp, self._settings.base_frame))
             mean = message.twist.twist
@@ -442,7 +442,7 @@ class Outputs:
 
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     """Types and QoS of what is published, by name."""
-    return OUTPUTS | (TWIST if settings.twist_publish else {})
+    return OUTPUTS | (TWIST if settings.onboard.twist else {})
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:

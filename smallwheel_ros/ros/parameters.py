@@ -25,7 +25,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.common.parameter import Parameter
+from smallwheel_ros.onboard import gone
+from smallwheel_ros.onboard.parameter import Parameter
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
@@ -39,14 +40,13 @@ from smallwheel_ros.onboard.robot_description import (
     needs_description,
     silent_parameters,
 )
-from smallwheel_ros.onboard.settings import NodeSettings, parameters_for
+from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.onboard.table import parameters_for
 
 _WHAT_TO_DO = (
     "deactivate it, set the parameter, then clean up, configure and activate it (ros2 lifecycle set"
     " /mobility_estimator deactivate, and so on), or start it again with the parameter in its file"
 )
-# Where the velocity sensor is and looks.
-VELOCITY_SENSOR = ("velocity_lateral_position", "velocity_yaw")
 _WIDTH = 148  # characters of a line of the log: of 200, less what ROS puts before it
 
 
@@ -98,7 +98,8 @@ class NodeParameters:
             if given.get(parameter.name) == "null" and parameter.default is None:
                 del given[parameter.name]
             self._declare(parameter, given.get(parameter.name))
-        self._silent = set(silent_parameters(given)) | (set(VELOCITY_SENSOR) - given.keys())
+        self._gone = {name: v for name, v in given.items() if gone.is_gone(name, wheels)}
+        self._silent = set(silent_parameters(given))
         self._filling = False
         node.add_on_set_parameters_callback(self._judge)
 
@@ -111,8 +112,9 @@ class NodeParameters:
         return {name: v for name, v in self.values().items() if v != self._table[name].default}
 
     def given(self) -> dict[str, object]:
-        """Return the value of each known parameter that somebody gave."""
-        return {name: v for name, v in self.values().items() if name not in self._silent}
+        """Return the value of each parameter that was given, those that are gone included."""
+        known = {name: v for name, v in self.values().items() if name not in self._silent}
+        return self._gone | known
 
     def fill(self, values: Mapping[str, float | int]) -> str:
         """Take values for parameters that were not given; return why that is impossible, or ""."""
@@ -139,11 +141,11 @@ class NodeParameters:
         Raises
         ------
         ParametersError
-            With one sentence for each parameter that is missing or wrong.
+            With one sentence for each parameter that is missing or wrong, or is gone and missed.
         """
         if self.problems:
             raise ParametersError("; ".join(self.problems.values()))
-        return settings_from(self.values())
+        return settings_from(self._gone | self.values())
 
     def _declare(self, parameter: Parameter, value: object) -> None:
         name = parameter.name
@@ -266,19 +268,11 @@ class RobotDescription:
             log.warning(text)
 
 
-def lacking_of_velocity(table: NodeParameters, frame: str) -> list[str]:
-    """What to say of the frame of `velocity_topic`; nothing where it is the base frame, or places are given.
-
-    frame: of its newest message; empty before the first.
-    """
-    given, base = table.given(), str(table.values()["base_frame"])
-    silent = [name for name in VELOCITY_SENSOR if name not in given]
-    if not silent or frame in ("", base):
+def velocity_elsewhere(base: str, frame: str) -> list[str]:
+    """What to say of the frame of `velocity_topic`'s newest message; nothing where it is the base frame."""
+    if frame in ("", base):
         return []
-    return [
-        f"velocity_topic is in frame {frame!r}, expected {base!r}: publish it in that frame, or give"
-        f" {' and '.join(silent)}"
-    ]
+    return [f"velocity_topic is in frame {frame!r}, expected {base!r}: publish it in that frame"]
 
 
 # --- Quality of service

@@ -17,6 +17,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
@@ -150,7 +151,7 @@ class Session:
             _Job("~/soil", _SOIL_AFTER, lambda: outputs.publish_waiting_soil(self._frame)),
             _Job("inputs", _SOIL_AFTER, inputs.say_when_all_are_here),
             _Job("inputs", _WAITING_EVERY, inputs.say_what_is_missing),
-            _Job("~/cost", self._settings.cost.period, outputs.publish_cost),
+            _Job("~/cost", COST_PERIOD, outputs.publish_cost),
             _Job("~/markers", _MARKERS_EVERY, lambda: outputs.publish_markers(self._frame)),
         ]
         for job in self._jobs:

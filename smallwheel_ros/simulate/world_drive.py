@@ -72,7 +72,7 @@ def parameters_of(world: World, rover: Rover, rng: np.random.Generator) -> dict[
         found["soil.name"] = "dry_sand"
     found["vehicle.mass"] = rover.mass * (1.0 + 0.01 * float(rng.standard_normal()))
     if not sensors.load:
-        found |= {"load.source": "static", "load.mass": found["vehicle.mass"]}
+        found["load.source"] = "static"
     if sensors.imu:
         found["imu_topic"] = "imu"
     for wheel in rover.wheels:
@@ -82,7 +82,7 @@ def parameters_of(world: World, rover: Rover, rng: np.random.Generator) -> dict[
         if not sensors.sinkage:
             found[f"{wheel.name}.sinkage_topic"] = ""
         if sensors.torque:
-            found[f"{wheel.name}.torque_source"] = "effort"
+            found[f"{wheel.name}.torque_per_effort"] = 1.0
         if sensors.pull:
             found[f"{wheel.name}.drawbar_pull_topic"] = f"{wheel.name}/load"
     return found

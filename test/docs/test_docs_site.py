@@ -111,7 +111,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site; a warning of Sphinx is an error."""
     for package in ("sphinx", "myst_parser", "furo"):
         if importlib.util.find_spec(package) is None:
-            pytest.skip(f"{package} is not installed: it is in the extra `docs`")
+            pytest.skip(f"{package} is not installed: it is in tools/docs.lock")
     folder = tmp_path_factory.mktemp("docs") / "site"
     built = subprocess.run(
         [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", DOCS, folder],

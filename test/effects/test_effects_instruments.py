@@ -10,9 +10,9 @@ import pytest
 
 from smallwheel_ros.effects.base import STAGES, Array, Effect
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.estimator.settings import SoilPrior
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.nearby_sinkage import NearbySinkage
+from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel

@@ -79,23 +79,42 @@ def test_code_under_test_is_that_of_the_checkout(repository: Path) -> None:
     assert Path(smallwheel_ros.__file__) == repository / "smallwheel_ros" / "__init__.py"
 
 
-def test_lock_file_pins_every_package_that_is_asked_for(repository: Path) -> None:
-    def names(text: str) -> set[str]:
-        found = (re.match(r"[A-Za-z0-9._-]+", line) for line in text.splitlines())
-        return {re.sub(r"[-_.]+", "-", match[0]).lower() for match in found if match}
+def names_in(text: str) -> set[str]:
+    """Names of the packages that lines begin with."""
+    found = (re.match(r"[A-Za-z0-9._-]+", line) for line in text.splitlines())
+    return {re.sub(r"[-_.]+", "-", match[0]).lower() for match in found if match}
 
-    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    asked = names(
-        "\n".join(project["dependencies"] + [p for extra in extras.values() for p in extra])
-    )
-    asked |= names((repository / "tools" / "environment.in").read_text())
-    lines = (repository / "tools" / "environment.lock").read_text().splitlines()
+
+def pinned_in(lock: Path) -> dict[str, str]:
+    """By name, the line of each package; each with its version, followed by its hashes."""
+    lines = lock.read_text().splitlines()
     pinned = [line for line in lines if line and not line.startswith(("#", "    --hash=sha256:"))]
     assert not [line for line in pinned if not re.match(r"[a-z0-9-]+==[0-9].* \\$", line)]
-    assert not asked - names("\n".join(pinned))
     followed = [after for line, after in itertools.pairwise(lines) if line in pinned]
     assert all(after.startswith("    --hash=sha256:") for after in followed)
+    return {line.partition("==")[0]: line for line in pinned}
+
+
+def test_lock_files_pin_every_package_that_is_asked_for(repository: Path) -> None:
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    asked = names_in("\n".join(project["dependencies"] + extras["parquet"] + extras["test"]))
+    asked |= names_in((repository / "tools" / "environment.in").read_text())
+    whole = pinned_in(repository / "tools" / "environment.lock")
+    assert not asked - whole.keys()
+    for name in ("lint", "docs"):
+        more = pinned_in(repository / "tools" / f"{name}.lock")
+        asked = names_in((repository / "tools" / f"{name}.in").read_text())
+        assert not asked - more.keys()
+        # They are installed into the environment: what is in both has one version.
+        assert {package: more[package] for package in more.keys() & whole.keys()} == {
+            package: whole[package] for package in more.keys() & whole.keys()
+        }
+        assert not asked & whole.keys()  # or it need not be there
+    assert (
+        names_in("\n".join(extras["cluster"]))
+        <= pinned_in(repository / "tools" / "lint.lock").keys()
+    )
 
 
 def test_definitions_come_from_the_one_copy(repository: Path) -> None:

@@ -1,23 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 import pytest
 import yaml
 
 from docs.parameter_pages import reference, template
-from smallwheel_ros.common.parameter import Parameter, out_of_range, parameters_of, settings_of
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.settings import EstimatorSettings
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.onboard.gone import GONE
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     problems,
@@ -25,9 +20,15 @@ from smallwheel_ros.onboard.parameters import (
     settings_from,
     unknown_parameters,
 )
-from smallwheel_ros.onboard.settings import GENERAL, PER_WHEEL, SensorNoise, Timing, parameters_for
+from smallwheel_ros.onboard.prior import EstimatorSettings
+from smallwheel_ros.onboard.settings import SensorNoise, Timing
+from smallwheel_ros.onboard.table import GENERAL, PER_WHEEL, TABLE, parameters_for
 from smallwheel_ros.physics.soil import soil
 
+TWO_WHEELS = {
+    "wheels": ["a", "b"],
+    **{f"{name}.{key}": 0.2 for name in "ab" for key in ("diameter", "width")},
+}
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
 
 
@@ -54,33 +55,10 @@ class TestTable:
         begins = [g for i, g in enumerate(groups) if i == 0 or groups[i - 1] != g]
         assert len(set(begins)) == len(begins)
 
-    def test_a_field_says_name_kind_and_choices(self) -> None:
-        @dataclass(frozen=True)
-        class Inner:
-            often: int = Parameter(3, "", 1, 9).means("How often.")
-
-        @dataclass(frozen=True)
-        class Outer:
-            width: float = Parameter(None, "m", 0.0, 2.0, required=True).means("How wide.")
-            names: Sequence[str] = Parameter(required=True).means("Of what.")
-            side: Literal["left", "right"] = Parameter("left").means("Which side.")
-            mass: float | None = Parameter(None, "kg", 0.0, 9.0, "body.mass").means("How heavy.")
-            inner: Inner = field(default_factory=Inner)
-            derived: float = 1.0
-
-        globals().update(Inner=Inner)  # where types of a class are looked up
-        found = {p.name: p for p in parameters_of(Outer, "rig.")}
-        assert list(found) == ["rig.width", "rig.names", "rig.side", "body.mass", "inner.often"]
-        kinds = ["double", "string_array", "string", "double", "integer"]
-        assert [p.kind for p in found.values()] == kinds
-        assert found["rig.side"].choices == ("left", "right")
-        assert [p.required for p in found.values()] == [True, True, False, False, False]
-        values = {"rig.width": 1.5, "rig.names": ["a"], "inner.often": 4}
-        made = settings_of(Outer, values, "rig.")
-        assert made == Outer(1.5, ["a"], "left", None, Inner(4))
-        assert out_of_range(made) == ""
-        wrong = out_of_range(replace(made, width=math.nan))
-        assert wrong == "width is nan, expected a double from 0 to 2 m"
+    def test_no_name_is_both_there_and_gone(self) -> None:
+        assert not GONE.keys() & {parameter.name for parameter in TABLE}
+        for gone in GONE.values():
+            assert not gone.by or gone.by in {parameter.name for parameter in TABLE}
 
 
 class TestSettings:
@@ -94,7 +72,6 @@ class TestSettings:
         assert made.inputs["front"].load_topic == "front/load"
         assert made.inputs["front"].sinkage_topic == "front/sinkage"
         assert made.inputs["front"].joint == "front_joint"
-        assert made.autostart
         assert made.onboard.prior.soil.name == "dry_sand"
         assert made.onboard.effects == ()
         assert made.onboard.static_loads == {}
@@ -107,71 +84,47 @@ class TestSettings:
             {
                 **ONE_WHEEL,
                 "soil.name": "moist_earth",
-                "soil.n": 1.1,
-                "soil.cohesion": 1234.0,
-                "soil.cohesion_std": 56.0,
                 "noise.sinkage": 0.002,
+                "sinkage_zero_std": 3e-4,
                 "noise.load": 3.0,
-                "timing.maximum_gap": 0.5,
-                "estimator.process_noise": 0.07,
+                "timing.reorder_time": 0.5,
                 "front.contact": "pressed",
                 "front.sinkage_topic": "",
-                "load_sign": -1,
+                "front.load_sign": -1,
             }
         )
         onboard = made.onboard
-        assert onboard.prior.n == 1.1
         assert onboard.prior.m == -0.49  # of that soil
-        assert onboard.strength.cohesion.value == 1234.0
-        assert onboard.strength.cohesion.standard_deviation == 56.0
+        assert onboard.strength.cohesion.value == soil("moist_earth").cohesion
         assert onboard.estimator.sinkage_std == 0.002
-        assert onboard.estimator.process_noise == 0.07
+        assert onboard.estimator.sinkage_zero_std == 3e-4
         assert onboard.noise.load == 3.0
-        assert onboard.timing.maximum_gap == 0.5
+        assert onboard.timing.reorder_time == 0.5
         assert onboard.wheels[0].contact == "pressed"
         assert onboard.without_sinkage == {"front"}
         assert made.inputs["front"].load_sign == -1
 
     def test_signs_are_of_each_wheel(self) -> None:
-        two = {
-            "wheels": ["a", "b"],
-            **{f"{name}.{key}": 0.2 for name in "ab" for key in ("diameter", "width")},
-            "load_sign": -1,
-            "b.load_sign": 1,
-            "b.joint_sign": -1,
-        }
-        inputs = settings_from(two).inputs
-        assert (inputs["a"].load_sign, inputs["a"].joint_sign) == (-1, 1)
-        assert (inputs["b"].load_sign, inputs["b"].joint_sign) == (1, -1)
+        inputs = settings_from({**TWO_WHEELS, "b.load_sign": -1, "b.joint_sign": -1}).inputs
+        assert (inputs["a"].load_sign, inputs["a"].joint_sign) == (1, 1)
+        assert (inputs["b"].load_sign, inputs["b"].joint_sign) == (-1, -1)
 
-    def test_what_is_known_of_the_sensors_arrives(self) -> None:
-        values = {
-            "sinkage_zero_std": 3e-4,
-            "pass_std": 0.1,
-            "load_scale_std": 0.02,
-            "delay_std": 0.01,
-            "maximum_speed": 2.0,
-            "velocity_lateral_position": -0.3,
-        }
-        onboard = settings_from({**ONE_WHEEL, **values}).onboard
-        for name, value in values.items():
-            place = onboard.estimator if name.endswith("_std") else onboard
-            assert getattr(place, name) == value
+    def test_the_soil_is_reported_at_the_mean_diameter(self) -> None:
+        assert settings_from({**TWO_WHEELS, "b.diameter": 0.4}).onboard.mean_diameter == 0.3
+
+    def test_torque_is_measured_where_an_effort_has_one(self) -> None:
+        made = settings_from({**TWO_WHEELS, "b.torque_per_effort": 24.0})
+        assert made.onboard.with_torque == {"b"}
 
     def test_static_loads_are_the_weight_split_over_the_wheels(self) -> None:
-        two = {
-            "wheels": ["a", "b"],
-            **{f"{name}.{key}": 0.2 for name in "ab" for key in ("diameter", "width")},
-            "load.source": "static",
-            "load.mass": 20.0,
-        }
+        two = {**TWO_WHEELS, "load.source": "static", "vehicle.mass": 20.0}
         loads = settings_from(two).onboard.static_loads
         assert loads["a"].value == loads["b"].value == pytest.approx(98.0665)
         assert loads["a"].standard_deviation == pytest.approx(0.3 * 98.0665)
-        shared = {**two, "a.load_share": 0.6, "b.load_share": 0.4, "load.static_std": 0.1}
+        shared = {**two, "a.load_share": 0.6, "b.load_share": 0.4}
         loads = settings_from(shared).onboard.static_loads
         assert loads["b"].value == pytest.approx(0.4 * 196.133)
-        assert loads["b"].standard_deviation == pytest.approx(0.04 * 196.133)
+        assert loads["b"].standard_deviation == pytest.approx(0.12 * 196.133)
 
     @pytest.mark.parametrize("name", ["load", "/a/b_1", "~/load", "A/b/c"])
     def test_names_of_topics(self, name: str) -> None:
@@ -187,10 +140,7 @@ class TestSettings:
         assert source(odometry_from_wheels=True, velocity_topic="r") == "topic"
 
     def test_a_range_sensor_has_its_height(self) -> None:
-        made = settings_from(
-            {**ONE_WHEEL, "front.sinkage_source": "Range", "front.range_height": 0.31}
-        )
-        assert made.inputs["front"].sinkage_source == "Range"
+        made = settings_from({**ONE_WHEEL, "front.range_height": 0.31})
         assert made.inputs["front"].range_height == 0.31
 
     @pytest.mark.parametrize(
@@ -210,21 +160,20 @@ class TestSettings:
                 {"front.joint": 5},
                 "front.joint is integer 5, expected a string: write '5' in quotes",
             ),
-            ({"load_sign": 0}, "load_sign is 0, expected 1 or -1"),
-            ({"estimator.surprises_to_reopen": 10**400}, "expected an integer from 1 to 1000"),
-            ({"load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
+            ({"front.load_sign": 0}, "load_sign is 0, expected 1 or -1"),
+            ({"front.load_sign": 10**400}, "load_sign is 1000000000.*, expected 1 or -1"),
+            ({"front.load_sign": 1.0}, r"load_sign is double 1\.0, .*: write 1"),
             ({"front.joint_sign": 0}, "front.joint_sign is 0, expected 1 or -1"),
-            ({"maximum_speed": 0.0}, r"maximum_speed is 0\.0, expected a double from 0\.01"),
+            ({"vehicle.mass": 0.0}, r"vehicle.mass is 0\.0, expected a double from 0\.01"),
             ({"sinkage_zero_std": -0.001}, r"sinkage_zero_std is -0\.001"),
             ({"autostart": 1}, "autostart is integer 1, expected a bool"),
             ({"soil.name": "dry_snad"}, "soil.name: no soil 'dry_snad': did you mean 'dry_sand'"),
-            ({"load.source": "static"}, "load.mass is missing: load.source static needs"),
+            ({"load.source": "static"}, "vehicle.mass is missing: load.source static needs"),
             ({"load.source": "scale"}, "load.source is 'scale', expected 'wrench' or 'joint_st"),
             (
-                {"load.source": "static", "load.mass": 9.0, "front.load_share": 0.5},
+                {"load.source": "static", "vehicle.mass": 9.0, "front.load_share": 0.5},
                 "1 of 1 wheels have one, with a sum of 0.5",
             ),
-            ({"front.sinkage_source": "Range"}, "front.range_height is missing: sinkage_source R"),
             ({"cost.size": 400.0, "cost.resolution": 0.01}, "cells, expected at most 4000000"),
             ({"effects_file": "mine.py"}, "effects_file is given without model_file"),
             ({"model_file": "none.yaml"}, "none.yaml: cannot be read"),
@@ -238,11 +187,15 @@ class TestSettings:
             ({"front.load_topic": "a~"}, "'a~', expected the name of a topic"),
             ({"front.load_topic": "läst"}, "expected the name of a topic"),
             ({"velocity_topic": "v" * 201}, "expected the name of a topic, at most 200 letters"),
-            ({"soil.n": 3.5}, r"soil.n is 3\.5, expected a double from 0.04 to 2.9"),
+            (
+                {"reference_slip": 1.5},
+                r"reference_slip is 1\.5, expected a double from 0\.02 to 0\.9",
+            ),
             ({"wheels": []}, r"wheels is missing: name the wheels, for example wheels: \["),
             ({"wheels": "front"}, r"wheels is string 'front', .*: write \[front\]"),
             ({"wheels": ["front", "front"]}, "'front': it is there twice"),
             ({"wheels": ["soil"]}, "'soil': there is a group of parameters of that name"),
+            ({"wheels": ["estimator"]}, "'estimator': there is a group of parameters of that name"),
             ({"wheels": ["front left"]}, "'front left': expected letters, digits and _"),
         ],
     )
@@ -264,15 +217,69 @@ class TestSettings:
             "timing.reorder": 1.0,
             "bananas": True,
             "use_sim_time": True,
-            "qos_overrides./odom.subscription.depth": 5,
-            "qos_overrides./odom.subscription.history": "keep_last",
         }
-        gone, *found = unknown_parameters(values, ["front"])
-        assert "qos_overrides.* are not used any more" in gone
+        found = unknown_parameters(values, ["front"])
         assert len(found) == 3
         assert "front.widht is unknown and not used: did you mean 'front.width'?" in found[0]
         assert "did you mean 'timing.reorder_time'?" in found[1]
         assert "bananas is unknown and not used" in found[2]
+
+
+class TestGone:
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            (
+                {"load_sign": -1},
+                r"load_sign \(-1\) is gone, and measurements .*: <wheel>.load_sign of each wheel",
+            ),
+            ({"load.mass": 9.0}, r"load.mass \(9.0\) is gone, .*: vehicle.mass"),
+            ({"velocity_yaw": 0.3}, "velocity_yaw .*: publish velocity_topic in base_frame"),
+            ({"soil.k": 2e6}, "soil.k .*: soil.name or model_file says"),
+            ({"soil.cohesion_std": 9.0}, "soil.cohesion_std .*: the prior is always as wide"),
+            (
+                {"front.sinkage_source": "Range"},
+                "went by it: a Range where front.range_height is given",
+            ),
+            ({"front.torque_source": "effort"}, "went by it: front.torque_per_effort: gear ratio"),
+            ({"front.gear_ratio": 20.0}, "front.gear_ratio .*: front.torque_per_effort"),
+        ],
+    )
+    def test_a_name_that_would_be_missed_is_refused_with_the_new_one(
+        self, changes: dict[str, object], words: str
+    ) -> None:
+        values = {**ONE_WHEEL, **changes}
+        with pytest.raises(ParametersError, match=words):
+            settings_from(values)
+        assert unknown_parameters(values, ["front"]) == []
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"load.mass": 9.0, "vehicle.mass": 9.0},
+            {"front.sinkage_source": "Range", "front.range_height": 0.3},
+            {"front.gear_ratio": 20.0, "front.torque_per_effort": 20.0},
+            {"load_sign": 1},  # its default: nothing is lost
+            {"front.torque_source": "none"},
+            {"estimator.scatter_length": 0.1},
+            {"cost.frame": "map"},
+            {"digging_in.slip": 0.6},
+            {"qos_overrides./odom.subscription.depth": 5},
+        ],
+    )
+    def test_another_is_a_warning(self, changes: dict[str, object]) -> None:
+        values = {**ONE_WHEEL, **changes}
+        settings_from(values)
+        (text,) = unknown_parameters(values, ["front"])
+        assert "gone" in text
+        assert next(iter(changes)).partition("/")[0] in text
+
+    def test_what_was_dumped_with_its_defaults_is_taken(self) -> None:
+        before = {
+            name.replace("<wheel>", "front"): "null" if gone.default is None else gone.default
+            for name, gone in GONE.items()
+        }
+        settings_from({**ONE_WHEEL, **before})
 
 
 @pytest.mark.parametrize(
@@ -317,8 +324,6 @@ class TestModelFile:
         made = settings_from(values).onboard
         assert made.effects == (Exponential(a=1.3),)
         assert made.prior.m == -0.49
-        # What is given beside it counts.
-        assert settings_from({**values, "soil.m": 0.1}).onboard.prior.m == 0.1
 
     def test_several_soils_need_a_name(self, model: Path) -> None:
         with pytest.raises(ParametersError, match=r"model.yaml has several soils, parameter soil"):
@@ -368,35 +373,21 @@ class TestFiles:
         path = tmp_path / "template.yaml"
         path.write_text(template())
         assert settings_from(read_parameters(path)).onboard.timing == Timing()
-        # With every comment sign taken off, the defaults are all spelled out.
+        # With every comment sign before a default taken off, the defaults are all spelled out.
+        table = parameters_for(["front_left"])
+        names = {part for p in table for part in p.name.split(".")}
         lines = []
         for line in template().splitlines():
-            bare = line.strip().lstrip("# ")
-            default = line.strip().startswith("# ") and bare.split(":")[0] in {
-                p.name.split(".")[-1] for p in (*GENERAL, *PER_WHEEL)
-            } | {p.name.split(".")[0] for p in GENERAL}
-            empty_optional = bare.endswith(":") and not bare.startswith(
-                (
-                    "soil:",
-                    "noise:",
-                    "timing:",
-                    "estimator:",
-                    "load:",
-                    "digging_in:",
-                    "cost:",
-                    "mobility:",
-                    "twist:",
-                )
-            )
-            if default and not empty_optional:
+            bare = line.strip().removeprefix("# ")
+            name, sign, value = bare.partition(":")
+            group = not value and any(p.name.startswith(f"{name}.") for p in table)
+            if line.strip().startswith("# ") and sign and name in names and (value or group):
                 line = line.replace("# ", "", 1)
             lines.append(line)
         path.write_text("\n".join(lines))
         values = read_parameters(path)
-        table = {p.name: p.default for p in parameters_for(["front_left"])}
-        given = {name: value for name, value in values.items() if table[name] is not None}
-        expected = {name: value for name, value in table.items() if value is not None}
-        assert given == expected
+        expected = {p.name: p.default for p in table if p.default is not None}
+        assert {name: values.get(name) for name in expected} == expected
 
     def test_shipped_files_are_good(self, repository: Path) -> None:
         paths = sorted((repository / "config").glob("*.yaml"))
@@ -413,11 +404,11 @@ class TestFiles:
     def test_sections(self, tmp_path: Path) -> None:
         path = tmp_path / "rover.yaml"
         path.write_text(
-            "/**:\n  ros__parameters:\n    standstill_speed: 2e-2\n    noise: {load: 1.5}\n"
-            "other_node:\n  ros__parameters:\n    load_sign: -1\n"
+            "/**:\n  ros__parameters:\n    reference_slip: 2e-1\n    noise: {load: 1.5}\n"
+            "other_node:\n  ros__parameters:\n    imu_yaw: 1.0\n"
             "/ns/mobility_estimator:\n  ros__parameters:\n    noise:\n      load: 2.5\n"
         )
-        assert read_parameters(path) == {"standstill_speed": 0.02, "noise.load": 2.5}
+        assert read_parameters(path) == {"reference_slip": 0.2, "noise.load": 2.5}
 
     @pytest.mark.parametrize(
         ("text", "words"),

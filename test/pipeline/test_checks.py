@@ -186,7 +186,7 @@ def test_memory_does_not_grow_with_the_drive() -> None:
 
 def test_loads_that_are_given_are_not_weighed(good: Rows) -> None:
     rows = {name: rows for name, rows in good.items() if not name.endswith("/load")}
-    checks = Checks(settings(**{"load.source": "static", "load.mass": MASS}))
+    checks = Checks(settings(**{"load.source": "static", "vehicle.mass": MASS}))
     assert heard(rows, checks) == []
 
 

@@ -12,8 +12,8 @@ import pytest
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior
 from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, soil
 from smallwheel_ros.physics.wheel import Wheel

@@ -181,7 +181,7 @@ def test_the_speed_of_each_side_goes_by_the_gyro() -> None:
 
 
 def _with_torque(torque: np.ndarray) -> tuple[Readings, Pipeline]:
-    vehicle = rover(**{f"{name}.torque_source": "effort" for name in PLACES})
+    vehicle = rover(**{f"{name}.torque_per_effort": 1.0 for name in PLACES})
     rows = drive(8.0)
     for name in PLACES:
         for k in range(400):
@@ -206,11 +206,9 @@ def test_a_driver_that_leaves_the_effort_empty_has_no_torque() -> None:
 
 
 def test_a_velocity_topic_takes_the_place_of_odometry() -> None:
-    vehicle = static_rover(velocity_topic="radar", velocity_lateral_position=0.2)
+    vehicle = static_rover(velocity_topic="radar")
     rows = drive(soil=False, turn=lambda t: 0.3 * np.sin(t))
-    radar = [
-        ("velocity", s, (v[0] - 0.2 * v[1], v[1], 0.0), now) for n, s, v, now in rows if n == "odom"
-    ]
+    radar = [("velocity", s, (v[0], v[1], 0.0), now) for n, s, v, now in rows if n == "odom"]
     rows = [(n, s, (9.0, *v[1:]) if n == "odom" else v, now) for n, s, v, now in rows]
     found, _ = run(vehicle, sorted([*rows, *radar], key=lambda row: row[1]))
     assert np.nanmedian(_while(found, 3.0, 11.0).vehicle_speed) == pytest.approx(0.3, abs=0.01)

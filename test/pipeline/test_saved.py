@@ -14,7 +14,7 @@ import pytest
 from rows_of_drives import drive, rover, run
 
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.settings import EstimatorError
+from smallwheel_ros.onboard.prior import EstimatorError
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.saved_state import check_may_replace

@@ -12,10 +12,10 @@ import pytest
 from world_drives import Driven, driven_world, table_of
 
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.local_law import Reported, Version, law_of
 from smallwheel_ros.pipeline.saved_state import SavedState, read_state, write_state
@@ -195,7 +195,7 @@ def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
     assert saved is not None
     path, now = (
         tmp_path / "soil.json",
-        Reported(settings.prior, settings.estimator).estimate(versions[-1]),
+        Reported(settings.prior, settings.mean_diameter).estimate(versions[-1]),
     )
     write_state(path, SavedState(saved, soils.variety, soils.accepted), settings.prior, (), now)
     state = read_state(path, settings.prior, ())

@@ -31,7 +31,7 @@ def _heard() -> Streams:
         ("odom", 0.1, (1e300, *ODOM[1:]), 0.1, "not_plausible", "speed is 1e"),
         ("odom", 0.1, (0.3, math.nan, *ODOM[2:]), 0.1, "not_finite", "yaw rate"),
         ("odom", 0.1, (0.3, 0.0, 1e300, *ODOM[3:]), 0.1, "not_plausible", "x is"),
-        ("odom", 0.1, (11.0, *ODOM[1:]), 0.1, "not_plausible", "maximum_speed"),
+        ("odom", 0.1, (11.0, *ODOM[1:]), 0.1, "not_plausible", "expected at most 10"),
         ("imu", 0.1, (0.0, 1e300, *IMU[2:]), 0.1, "not_plausible", "feels"),
         ("imu", 0.1, (0.0, *[math.nan] * 6), 0.1, "not_finite", "feels nan"),
         ("imu", 0.1, (math.inf, *IMU[1:]), 0.1, "not_finite", "feels inf"),

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from random_examples import examples
 from world_drives import table_of
 
-from smallwheel_ros.estimator.settings import SoilPrior, usual_strength
+from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.steps import Steps, StepState, steps

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from world_drives import table_of
 
-from smallwheel_ros.estimator.settings import EstimatorSettings, SoilPrior, usual_strength
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.stretches import Stretches, StretchState, stretches
 from smallwheel_ros.pipeline.tables import Array, Readings, unknown

@@ -34,7 +34,7 @@ OUTPUTS = {
 }
 INPUTS = {"/odom", "/terrain_classes"}
 COSTMAPS = ["nav2_costmaps.yaml", "nav2_costmaps_without_map.yaml"]
-LAUNCH_FILES = ["mobility_estimator", "nav2_cost", "replay", "without_soil_sensors"]
+LAUNCH_FILES = ["mobility_estimator", "nav2_cost", "replay"]
 
 
 def load(path: Path) -> Any:

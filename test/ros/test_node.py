@@ -190,13 +190,13 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
         # Inactive, a change counts from the next configuration on, which judges all together.
-        assert set_parameter("front.sinkage_source", "Range").successful
+        assert set_parameter("load.source", "static").successful
         assert change(Transition.TRANSITION_CLEANUP)
         assert not change(Transition.TRANSITION_CONFIGURE)
         peer.spin_until(
-            lambda: "front.range_height is missing" in peer.diagnostics[name].message, "the reason"
+            lambda: "vehicle.mass is missing" in peer.diagnostics[name].message, "the reason"
         )
-        assert set_parameter("front.sinkage_source", "WheelSinkage").successful
+        assert set_parameter("load.source", "wrench").successful
         assert set_parameter("front.width", 0.13).successful
         assert change(Transition.TRANSITION_CONFIGURE)
 
@@ -241,7 +241,7 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
             r"cannot be configured: parameter front\.diameter is 0\.0, expected a double from"
             r" 0\.005 to 5 m; parameter front\.width is integer 1, .*: write 1\.0",
         ),
-        ("/**:\n  ros__parameters:\n    standstill_speed: 0.1\n", "parameter wheels is missing"),
+        ("/**:\n  ros__parameters:\n    reference_slip: 0.3\n", "parameter wheels is missing"),
         ("/**:\n  ros__parameters: [\n", "mobility_estimator: cannot start: .*rover.yaml"),
     ],
 )

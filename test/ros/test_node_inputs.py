@@ -23,7 +23,7 @@ OTHER_WAYS = (
 """
 ).replace(
     "      width: 0.1\n",
-    "      width: 0.1\n      sinkage_source: Range\n      range_height: 0.3\n      load_joint: leg\n",
+    "      width: 0.1\n      range_height: 0.3\n      load_joint: leg\n",
 )
 
 
@@ -78,7 +78,7 @@ def test_range_efforts_and_a_velocity_of_its_own(peer: Peer, tmp_path: Path) -> 
 
 
 def test_a_load_that_nobody_measures_is_said(peer: Peer, tmp_path: Path) -> None:
-    text = ONE_WHEEL + "    load:\n      source: static\n      mass: 6.0\n"
+    text = ONE_WHEEL + "    load:\n      source: static\n    vehicle:\n      mass: 6.0\n"
     log = tmp_path / "node.log"
     with NodeProcess([written(tmp_path, text)], log) as node:
         peer.wait_for_node()

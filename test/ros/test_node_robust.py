@@ -56,7 +56,7 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
             answer = peer.set_parameter(name, value)
             assert not answer.successful, name
             assert words in answer.reason, answer.reason
-        for name in ("front.width", "soil.k"):
+        for name in ("front.width", "soil.name"):
             answer = delete_parameter(peer, name)
             assert not answer.successful
             assert "cannot be deleted" in answer.reason
@@ -87,7 +87,7 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
                 lambda w=words: w in getattr(peer.entry("parameters"), "message", ""), "the reason"
             )
             assert peer.set_parameter(name, before).successful
-        assert peer.set_parameter("soil.k", 2e6).successful
+        assert peer.set_parameter("soil.name", "moist_earth").successful
         assert peer.transition(label="configure")
         assert peer.transition(label="activate")
         assert node.death() is None
@@ -113,6 +113,7 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
             "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
         ),
         ("model_file", "/dev/zero", "/dev/zero: cannot be read: it is a device or a pipe"),
+        ("load_sign", -1, "load_sign (-1) is gone, and measurements or the prior went by it"),
     ],
 )
 def test_the_same_at_the_start_is_one_message(

@@ -102,7 +102,7 @@ def test_digging_in_is_an_alarm_and_lethal_on_the_map(
 
     grids = peer.latched(OccupancyGrid, "cost")
     log = tmp_path / "node.log"
-    with NodeProcess([one_wheel], log, {"cost.period": "0.2", "cost.size": "8.0"}) as node:
+    with NodeProcess([one_wheel], log, {"cost.size": "8.0"}) as node:
         peer.wait_for_node()
         peer.drive(0.0, 1.5, slip=0.1, step=0.01, period=0.025)
         assert not any(message.digging_in for message in peer.mobility)

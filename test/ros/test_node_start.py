@@ -58,13 +58,13 @@ def test_parameters_come_in_short_lines_and_none_is_lost(changed: dict[str, Any]
     ("changes", "groups"),
     [
         ({}, {"load": 2, "sinkage": 2, "wheel speed": 1, "odometry": 1}),
-        ({"load__source": "static", "load__mass": 20.0}, {"sinkage": 2, "wheel speed": 1, "odometry": 1}),
+        ({"load__source": "static", "vehicle__mass": 20.0}, {"sinkage": 2, "wheel speed": 1, "odometry": 1}),
         (
             {"load__source": "joint_states", "velocity_topic": "/radar", "imu_topic": "/imu"},
             {"sinkage": 2, "wheel speed and load": 1, "odometry": 1, "velocity over ground": 1, "slope": 1},
         ),
         (
-            {"a__drawbar_pull_topic": "a/load", "b__sinkage_source": "Range", "b__range_height": 0.3},
+            {"a__drawbar_pull_topic": "a/load", "b__range_height": 0.3},
             {"load and drawbar pull": 1, "load": 1, "sinkage": 2, "wheel speed": 1, "odometry": 1},
         ),
         ({"a__contact": "pressed", "b__contact": "pressed"}, {"load": 2, "sinkage": 2}),
@@ -95,7 +95,7 @@ def test_each_topic_is_waited_for_in_the_line_of_its_group(
         ({"a": 0.25}, {}, "estimates n and k D^m of the soil; its strength stays as configured; sin"),
         ({"a": 0.25, "b": 0.4}, {}, "k, n and m of the soil; its strength stays as configured;"),
         ({"a": 0.25}, {"vehicle__mass": 9.0}, "soil and its strength by the balance of the vehicle's"),
-        ({"a": 0.25}, {"a__torque_source": "effort"}, "soil and its strength by torque;"),
+        ({"a": 0.25}, {"a__torque_per_effort": 1.0}, "soil and its strength by torque;"),
         (
             {"a": 0.25, "b": 0.4},
             {"a__drawbar_pull_topic": "pull", "vehicle__mass": 9.0},

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the soil's estimate is told before the first measurement: prior, sensors and ground."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
+
+Array = NDArray[np.float64]
+
+# Of every wheel, or told by streams.
+_COVARIATES = ("load", "diameter", "width", "contact", "slip", "speed")
+
+
+class EstimatorError(SmallwheelError):
+    """A prior or a setting outside its domain."""
+
+
+def _require(what: str, name: str, value: float, good: bool, expected: str) -> None:
+    if not (math.isfinite(value) and good):
+        raise EstimatorError(f"{what}: {name} is {value!r}, expected {expected}")
+
+
+def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Columns beside the load that effects read: a row without them has no sinkage in the model.
+
+    Raises EstimatorError for an effect that reads what no stream tells.
+    """
+    read = {name: effect.id for effect in effects for name in effect.needs}
+    for name, effect in read.items():
+        if name not in _COVARIATES:
+            raise EstimatorError(
+                f"effect '{effect}' needs '{name}', which the robot is not given. There is:"
+                f" {', '.join(_COVARIATES)}"
+            )
+    return tuple(name for name in ("slip", "speed") if name in read)
+
+
+@dataclass(frozen=True)
+class SoilPrior:
+    """What is known of the soil before any measurement.
+
+    Attributes
+    ----------
+    soil
+        Lends its name.
+    log_reference_pressure, log_reference_pressure_std
+        ln of the pressure (Pa) at `soil.REFERENCE_SINKAGE` under `soil.REFERENCE_DIAMETER`.
+    n, n_std
+        Exponent of sinkage, in (0, 3); 1.
+    m, m_std
+        Exponent of the wheel's diameter, in -3 .. 3; 1.
+
+    Raises EstimatorError where a number is outside its domain.
+    """
+
+    soil: Soil
+    log_reference_pressure: float
+    n: float
+    m: float
+    log_reference_pressure_std: float
+    n_std: float
+    m_std: float
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        what = f"prior from soil '{self.soil.name}'"
+        pressure = self.log_reference_pressure
+        _require(what, "log_reference_pressure", pressure, abs(pressure) < 30, "-30 to 30")
+        # Nearer to the ends the exponent's logit leaves what the filter holds for possible.
+        _require(what, "n", self.n, 0.03 < self.n < 2.97, "a number from 0.03 to 2.97")
+        _require(what, "m", self.m, abs(self.m) < 3, "a number between -3 and 3")
+        for name in ("log_reference_pressure_std", "n_std", "m_std"):
+            value = getattr(self, name)
+            _require(what, name, value, 0 < value <= 3, "a number over 0, 3 at most")
+
+    @cached_property
+    def law(self) -> tuple[Array, Array]:
+        """Ln pressure (Pa) at the soil's reference, n and m, and their covariance, (3,) and (3, 3)."""
+        deviations = [self.log_reference_pressure_std, self.n_std, self.m_std]
+        mean = np.array([self.log_reference_pressure, self.n, self.m])
+        return mean, np.diag(np.square(deviations))
+
+    def log_modulus(self, diameter: float) -> float:
+        """Ln of K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""
+        across = math.log(diameter / REFERENCE_DIAMETER)
+        return self.log_reference_pressure - self.n * math.log(REFERENCE_SINKAGE) + self.m * across
+
+    @classmethod
+    def from_soil(cls, soil: Soil) -> SoilPrior:
+        """Take the vehicle to be on a soil of this kind, not on this very soil.
+
+        The deviations are the spread within one kind in the published tables: the three dry sands of
+        `soil.SOILS` differ by 0.9 in ln pressure (one standard deviation; a factor of 2 is 0.7) and
+        by 0.2 in n, all soils by 0.4 in n; the three published m (0.39, 0, -0.49) by 0.4. That of n is
+        0.3 or, near the ends of n's range, half the way to the nearer end.
+        """
+        n_std = min(0.3, 0.5 * soil.n, 0.5 * (3.0 - soil.n))
+        return cls(soil, soil.log_reference_pressure, soil.n, soil.m, 0.7, n_std, 0.4)
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """What the soil's estimate is told of sensors and ground.
+
+    Attributes
+    ----------
+    sinkage_std
+        m, noise of one reading of sinkage until it is learnt.
+    sinkage_zero_std
+        m, of the zero that all sinkage sensors have in common.
+    soil_scatter
+        Standard deviation of ln k from place to place of one soil until it is learnt; 6 % from run to run
+        is usual.
+    loads_measured
+        Whether each wheel's load is; else ground that is not plane loads wheels by what is not known.
+
+    Raises EstimatorError where a number is outside its range.
+    """
+
+    sinkage_std: float = 0.001
+    sinkage_zero_std: float = 0.002
+    soil_scatter: float = 0.06
+    loads_measured: bool = True
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        for name, low, high in (
+            ("sinkage_std", 1e-5, 1.0),
+            ("sinkage_zero_std", 0.0, 1.0),
+            ("soil_scatter", 1e-3, 3.0),
+        ):
+            value = getattr(self, name)
+            good = low <= value <= high
+            _require("estimator settings", name, value, good, f"{low:g} to {high:g}")
