@@ -78,7 +78,8 @@ def trial(world: str, seed: int) -> Line:
             "bad_runs": [one["run"] for one in answer.get("bad_runs", [])],
         }
         steps = answer["steps"]
-        if not steps or expected.truth_fresh is None or not hasattr(diagnosis, "fitted"):
+        few = answer["verdict"] == "insufficient_data"  # a verdict without a model
+        if few or not steps or expected.truth_fresh is None:
             return result
         model = diagnosis.fitted(len(steps) - 1).model
         fresh = fresh_errors(model, read(expected.truth_fresh(), folder))

@@ -137,6 +137,8 @@ def _wrong(line: Line) -> int:
 
 
 def _wrong_at_the_end(line: Line) -> int:
+    if "error" not in line:  # of ground that is no power of depth nothing is judged
+        return 0
     return sum(
         line["determined"][n] and abs(line["error"][n]) > SIGMAS * line["stated"][n] for n in NAMES
     )
