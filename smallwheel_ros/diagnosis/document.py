@@ -285,7 +285,7 @@ def _row(
 
 def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
     """The row of the fault that pull and torque name, the first of the steps."""
-    name, fit = told.part.id, problem.with_all_channels(steps[-1].model)
+    name, fit = told.part.id, problem.refitted(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
     parameters = _parameters(fit, fit.covariance, name, None)
     return _entry(law, parameters, steps[0].errors, steps[1].errors) | {

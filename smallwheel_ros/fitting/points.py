@@ -84,6 +84,11 @@ class Points:
         return tuple(name for name in self.channels if name in FORCES)
 
     @property
+    def share_errors(self) -> bool:
+        """Whether many values share errors that a fit is not to weigh by: of pull, torque or a curve."""
+        return bool(self.forces) or bool(self.swept.any())
+
+    @property
     def run_count(self) -> int:
         """How many runs have values."""
         return int(np.unique(self.run).size)
