@@ -197,8 +197,8 @@ def _laws(measurements: Measurements, problem: Problem) -> tuple[tuple[PlateLaws
         here = plates & (measurements.soil == name)
         try:
             whole = here.all() and problem.base == Base()
-            judged = (problem if whole else Problem.of(measurements.take(here))).judged
-            found.append(plate_laws(judged.fitter, judged.fit, name or "soil"))
+            alone = problem if whole else Problem.of(measurements.take(here))
+            found.append(plate_laws(alone.fitter, alone.fit, name or "soil"))
         except FittingError as error:
             notes.append(str(error))
     return tuple(found), list(dict.fromkeys(notes))
