@@ -176,7 +176,10 @@ class Fit:
     @property
     def stiffness(self) -> Array:
         """df / d ln k of each value: each row has one soil."""
-        return stiffness(self.vector, self.slopes)
+        mine = [
+            j for j, p in enumerate(self.vector.of_soils) if p.field == "log_reference_pressure"
+        ]
+        return np.asarray(self.slopes[:, mine].sum(axis=1))
 
     @property
     def taken_up(self) -> Array:
@@ -187,12 +190,6 @@ class Fit:
     def away(self, observed: Array) -> Array:
         """Errors of what the priors' centres predict, to first order: y - f(centre), shape (values,)."""
         return observed - self.predicted + self.slopes @ (self.theta - self.vector.centre)
-
-
-def stiffness(vector: ParameterVector, slopes: Array) -> Array:
-    """df / d ln k of each value: each row has one soil."""
-    mine = [j for j, p in enumerate(vector.of_soils) if p.field == "log_reference_pressure"]
-    return np.asarray(slopes[:, mine].sum(axis=1))
 
 
 def inverse(matrix: Array) -> Array:

@@ -270,13 +270,14 @@ class Problem:
     """The points of a table, and the model on them.
 
     outliers: rows that were left out. judging: values are weighed as evidence, with the errors that many of
-    them share, and not as in a fit (`Fitter.working`).
+    them share, and not as in a fit (`Fitter.working`). folds: fits of the base without a fold, by its runs.
     """
 
     points: Points
     outliers: NDArray[np.intp]
     base: Base
     judging: bool = False
+    folds: dict[bytes, Fit] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
@@ -320,18 +321,14 @@ class Problem:
         """The base, fitted."""
         return self._made[1]
 
-    @cached_property
-    def _folds(self) -> dict[bytes, Fit]:
-        return {}
-
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
         """A fitter of a fold's training points, and the base fitted to them from where it was."""
         key, fitter = np.unique(training.run).tobytes(), self.fitter.of_runs(training)
-        if key not in self._folds:
+        if key not in self.folds:
             vector = self.base.vector(training)
             start = vector.begun_at(self.vector, self.fit.theta)
-            self._folds[key] = fitter.fit(vector, start, self.fit.scatter, turns=2)
-        return fitter, self._folds[key]
+            self.folds[key] = fitter.fit(vector, start, self.fit.scatter, turns=2)
+        return fitter, self.folds[key]
 
     def held_out(self, done: Callable[[], object] = lambda: None) -> CvErrors | None:
         """Held-out errors of the base; None with one run only. done: called after each fold's fit."""

@@ -91,7 +91,8 @@ class Scatter:
 class VarianceModel:
     """The components of one set of points.
 
-    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`.
+    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`. start: the
+    components at their priors' medians.
     """
 
     def __init__(
@@ -118,6 +119,7 @@ class VarianceModel:
             found["along"] = constants.CURVE_CORRELATED, curve * run * sizes
         self.names = tuple(found)
         self.log_median = np.log([median for median, _ in found.values()])
+        self.start = Scatter(self.names, self.log_median, float(_LENGTHS[1]))
         self._unit = np.array([kernel for _, kernel in found.values()])
         self._gap = _apart(points.path)
         self._given = np.diag(pure + (_RESOLUTION * level) ** 2)
@@ -128,11 +130,6 @@ class VarianceModel:
         self._given += sizes * _force_law(points)
         if self.swept:
             self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
-
-    @property
-    def start(self) -> Scatter:
-        """The priors' medians."""
-        return Scatter(self.names, self.log_median, float(_LENGTHS[1]))
 
     def suited(self, scatter: Scatter) -> Scatter:
         """The components that these points have, where a scatter of other points knows them.

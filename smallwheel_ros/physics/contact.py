@@ -193,7 +193,8 @@ def _solve_block(
             break
     sunk = log_ratio == _LOG_AXLE
     if sunk.any():
-        excess = level[sunk] - (half[sunk] * _LOG_AXLE + _log_axle_shape(exponent[sunk]))
+        of_axle = shape_integral(exponent[sunk], AXLE_RATIO).value
+        excess = level[sunk] - (half[sunk] * _LOG_AXLE + np.log(of_axle))
         log_ratio[sunk] += np.maximum(excess, 0.0) / half[sunk]
         sunk[sunk] = excess > 0.0
     log_z, slope_exponent = log_ratio + log_d, np.nan
@@ -201,12 +202,6 @@ def _solve_block(
         by_exponent = _slope_exponent(exponent, coefficients, ratio, value)
         slope_exponent = -(np.minimum(log_ratio, _LOG_AXLE) + log_d + by_exponent) / rise
     return log_z, sunk, 1.0 / rise, slope_exponent
-
-
-def _log_axle_shape(exponent: Array) -> Array:
-    """ln I(n, 1/2), of the wheel sunk to its axle."""
-    coefficients = _coefficients(exponent, _OUTLINES[-1])
-    return np.asarray(np.log(_value_and_slope(coefficients, np.full_like(exponent, AXLE_RATIO))[0]))
 
 
 def contact_sinkage(
