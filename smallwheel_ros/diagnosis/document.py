@@ -346,7 +346,7 @@ def _reason(
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
     if status == "not_significant" and probability > 0.5:
-        said += ": more likely than not, and under what a name needs"
+        said += ": probable, but below the 95 % needed to name it"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]
     if outside and status != "not_significant":
         said += f"; {', '.join(outside)} outside the published range"

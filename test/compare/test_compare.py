@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -699,5 +700,6 @@ def test_on_real_plates_the_law_is_no_worse_than_a_line_in_logarithms(
 def test_a_soil_of_one_run_has_no_say_in_what_is_said_of_the_law() -> None:
     found = compare(read_measurements(EXAMPLES / "cullinan_sand" / "plates.csv"))
     said = found.useless("sinkage")
-    assert "nothing is known of it: the errors elsewhere are the law 8.8" in said
-    assert "the constant 22.9 mm and the regression 11.8 mm" in said
+    elsewhere = said.partition("nothing is known of it: the errors elsewhere are ")[2]
+    law, constant, regression = (float(v) for v in re.findall(r"([\d.]+) mm", elsewhere))
+    assert law < regression < constant
