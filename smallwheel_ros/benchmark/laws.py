@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from smallwheel_ros.benchmark.own import LawError, OwnLaw
 from smallwheel_ros.diagnosis.pipeline import diagnose
-from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, stiffness
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem, fit_points
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
@@ -152,9 +152,7 @@ def _own(law: OwnLaw, fold: Fold) -> Predicted:
     known = points.take(keep)
     known = known.only([points.channels[c] for c in np.unique(known.channel)])
     variance = fitter.of_values(known, keep).variance
-    noise = variance.covariance(
-        variance.suited(fit.scatter), stiffness(fit.vector, fit.slopes)[keep]
-    )
+    noise = variance.covariance(variance.suited(fit.scatter), fit.stiffness[keep])
 
     def errors(shares: Array) -> Array:
         return noise.whiten(known.value - np.nan_to_num(said(shares, known)))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.compare.contenders import REGRESSION, Contender, standard_contenders
+from smallwheel_ros.compare.contenders import REGRESSION, STANDARD, Contender, standard_contenders
 from smallwheel_ros.compare.reasons import (
     MISSING,
     Reasons,
@@ -184,12 +184,22 @@ class Comparison(Result, shown="views.comparison"):
         lone = lone_soils(self.measurements) if law.held_out is not None else []
         if lone:
             met = ~np.isin(self.measurements.soil, lone)
-            known = [self.score(m, channel, held_out=True, rows=met) for m in (best, law)]
-            said = [shown_value(channel, e.rmse) for e in known if e is not None]
+            names = {
+                law.contender.name: "the law",
+                STANDARD[0]: "the constant",
+                REGRESSION: "the regression",
+            }
+            known = {
+                said: self.score(m, channel, held_out=True, rows=met)
+                for name, said in names.items()
+                for m in self.models
+                if m.contender.name == name
+            }
+            there = [f"{said} {shown_value(channel, e.rmse)}" for said, e in known.items() if e]
             found += (
                 f"; where the one run of soil {listed(lone)} is held out, nothing is known of it: "
+                f"the errors elsewhere are {listed(there)}"
             )
-            found += f"elsewhere the law has {said[-1]}, {by} {said[0]}"
         if best.contender.name == REGRESSION and change is not None:
             if channel in change.worse:
                 return f"{found}; {law.why.get(channel, MISSING)}"

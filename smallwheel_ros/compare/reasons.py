@@ -35,10 +35,10 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
     What its fit had to lay to scatter that soils and rigs hardly have, over `HIDE` prior deviations of the
     usual (95 % of tables have less), else that both have the same settings to go by.
     """
-    variance, points, said = fitter.variance, fitter.points, {}
-    far = fit.scatter.log_deviation > variance.log_median + HIDE * SPREAD
-    found = fit.scatter.deviations
-    large = {name: found[name] for name, is_far in zip(variance.names, far, strict=True) if is_far}
+    scatter, points, said = fitter.true_scatter(fit), fitter.points, {}
+    far = scatter.log_deviation > fitter.true_variance.log_median + HIDE * SPREAD
+    found = scatter.deviations
+    large = {name: found[name] for name, is_far in zip(scatter.names, far, strict=True) if is_far}
     for name in points.channels:
         use = points.of_channel(name) & (points.value > 0)
         if not use.any() or points.conditions.rolling[points.row[use]].any():

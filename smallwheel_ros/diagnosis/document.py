@@ -285,7 +285,7 @@ def _row(
 
 def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
     """The row of the fault that pull and torque name, the first of the steps."""
-    name, fit = told.part.id, problem.with_all_channels(steps[-1].model)
+    name, fit = told.part.id, problem.refitted(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
     parameters = _parameters(fit, fit.covariance, name, None)
     return _entry(law, parameters, steps[0].errors, steps[1].errors) | {
@@ -346,7 +346,7 @@ def _reason(
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
     if status == "not_significant" and probability > 0.5:
-        said += ": more likely than not, and under what a name needs"
+        said += ": probable, but below the 95 % needed to name it"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]
     if outside and status != "not_significant":
         said += f"; {', '.join(outside)} outside the published range"

@@ -73,7 +73,7 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     while True:
         models = _staircase(found, best, names)
         choose = _chosen_anew(judged, found, [m.families for m in models])
-        errors = errors_of(judged, choose, len(models))
+        errors = errors_of(problem.deciding, choose, len(models))
         added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
         changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
         blind, no_help = [], [name for name in names if name not in added]
@@ -89,7 +89,7 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
         best = by_library(found, best, [*names]) if names else found.ordered[0]
         useless.insert(0, tuple(no_help))
     rivals = {*itertools.chain(*useless), *posterior.rivals}
-    helps = names or len(rivals) < 2 or _any_helps(judged, found, rivals)
+    helps = names or len(rivals) < 2 or _any_helps(problem.deciding, found, rivals)
     worse = compare_cv(errors[0], errors[-1]).worse
     forces: tuple[str, ...] = ()
     if problem.forces_apart:
@@ -143,16 +143,14 @@ def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[C
 def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
     """Held-out errors of a model after each step: one number, whatever command asks for it.
 
-    choose: the models of the judged channels, fitted without a fold. Beside pull and torque each is fitted
-    on to all channels, as the model is that a command writes.
+    choose: judged models, fitted without a fold. Each is fitted on to all channels of the problem, as a fit
+    weighs them: as the model is that a command writes.
     """
     judged = problem.judged.points
 
     def models(training: Points) -> list[Model]:
         fits = choose(judged.take(np.isin(judged.run, training.run)))
-        if problem.forces_apart:
-            fits = [problem.with_all_channels(fit, training) for fit in fits]
-        return [fit.model for fit in fits]
+        return [problem.refitted(fit, training).model for fit in fits]
 
     return cross_validate(problem.points, models, steps, known=problem.base.priors)
 
@@ -211,11 +209,12 @@ def _as_they_are(judged: Problem, models: Sequence[Fit]) -> Choose:
     return choose
 
 
-def _any_helps(judged: Problem, found: Search, rivals: Collection[str]) -> bool:
+def _any_helps(problem: Problem, found: Search, rivals: Collection[str]) -> bool:
     """Whether with one of the rivals a held-out error falls, be it within its standard error."""
     best = {f: next((m for m in found.ordered if f in m.families), found.none) for f in rivals}
     models = [found.none, *best.values()]
-    base, *errors = errors_of(judged, _as_they_are(judged, models), len(models))
+    choose = _as_they_are(problem.judged, models)
+    base, *errors = errors_of(problem, choose, len(models))
     falls = [fall for e in errors for fall in compare_cv(base, e).reduction.values()]
     return max(falls, default=0.0) >= USEFUL
 

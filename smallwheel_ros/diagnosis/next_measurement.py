@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from smallwheel_ros.diagnosis.search import Candidate, Search
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
-from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, Predictor, stiffness
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, Predictor
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import effect_words, setting_words, words
 from smallwheel_ros.model.model import predict
@@ -129,7 +129,7 @@ def propose(
     a = predictor(first.vector, first.theta).reshape(channels, count)
     predicted, slopes = predictor.with_slopes(second.vector, second.theta)
     b = predicted.reshape(channels, count)
-    stiff = stiffness(second.vector, slopes).reshape(channels, count)
+    stiff = replace(second, slopes=slopes).stiffness.reshape(channels, count)
     slopes = slopes.reshape(channels, count, -1)
     spread = np.einsum("cip,pq,diq->icd", slopes, second.covariance, slopes)
     variance = spread + _scatter(fitter, second, b, stiff) / RUNS

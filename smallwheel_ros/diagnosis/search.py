@@ -237,9 +237,17 @@ def _extend(found: Search, size: int) -> bool:
     parents = [m for m in parents if m.weight > parents[0].weight - WINDOW][:PARENTS]
     best, reached = found.ordered[0].weight, -np.inf
     most, forms = (FIRST_REFITS, _FORMS + 1) if size == 1 else (REFITS, _FORMS)
+    base, points, columns = found.none.predicted, found.fitter.points, found.screen.columns
     for parent in parents:
-        here = found.screen if size == 1 else _screen_at(found, parent)
-        gain = here.gains((found.fitter.points.value - parent.predicted)[:, None])[:, 0]
+        here = found.screen
+        if size > 1:  # the columns of the other families, as the same shares of its predictions
+            ratio = parent.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
+            ratio[np.isin(points.channel, [points.channels.index(n) for n in points.forces])] = 1.0
+            ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, 1.0)[:, None]
+            others = [c for c in columns if c.competitor.family not in parent.families]
+            others = [replace(c, shift=c.shift * ratio) for c in others]
+            here = Screen(found.fitter, parent, others)
+        gain = here.gains((points.value - parent.predicted)[:, None])[:, 0]
         gain = gain + np.log([c.competitor.share for c in here.columns])
         promising: dict[tuple[str, str], Column] = {}
         for column in (here.columns[i] for i in np.argsort(-gain)):
@@ -252,16 +260,3 @@ def _extend(found: Search, size: int) -> bool:
             made = found.made(parent, column.competitor, column.start)
             reached = reached if made is None else max(reached, made.weight)
     return bool(reached > best - _REST)
-
-
-def _screen_at(found: Search, parent: Candidate) -> Screen:
-    """The columns of the other families at a larger model: as the same shares of its predictions."""
-    base, points = found.none.predicted, found.fitter.points
-    ratio = parent.predicted / np.where(np.abs(base) > 1e-12, base, np.inf)
-    for name in points.forces:
-        ratio[points.of_channel(name)] = 1.0
-    ratio = np.where(np.isfinite(ratio) & (ratio > 0), ratio, 1.0)
-    others = [c for c in found.screen.columns if c.competitor.family not in parent.families]
-    return Screen(
-        found.fitter, parent, [replace(c, shift=c.shift * ratio[:, None]) for c in others]
-    )

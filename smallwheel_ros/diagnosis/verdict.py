@@ -105,8 +105,7 @@ def decide(evidence: Evidence) -> Verdict:
         word = "indistinguishable" if len(rivals) > 1 else "unknown_effect"
     if not held.rivals_help:
         word = "unknown_effect"
-    stray, flat = _of_lack_of_fit(evidence.misfit), _of_plateaus(evidence.misfit)
-    scatter = dict(_of_scatter(evidence.misfit))
+    stray, flat, scatter = _of_misfit(evidence.misfit)
     if word in ("adequate", "missing_effect"):
         reasons += stray
     else:
@@ -197,36 +196,33 @@ def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
         yield f"the held-out error of {forces} rises with what is named"
 
 
-def _of_lack_of_fit(misfit: Misfit) -> list[str]:
-    """The channel whose settings stray most from what their own repeats allow, where one does."""
-    found = misfit.lack_of_fit
-    rejected = {name: one for name, one in found.items() if one.p * len(found) <= ALARM}
-    if not rejected:
-        return []
-    name, worst = max(rejected.items(), key=lambda item: item[1].ratio)
-    return [
+def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], dict[str, bool]]:
+    """What chance does not leave: of the settings, of sensors, and of the scatter.
+
+    The channel whose settings stray most from what their own repeats allow, where one does; sensors that seem
+    to be at the end of their range; scatter of over twice the usual size, with whether it is over four times:
+    nothing is calm then.
+    """
+    fits = misfit.lack_of_fit
+    rejected = {name: one for name, one in fits.items() if one.p * len(fits) <= ALARM}
+    stray = [
         f"runs of one setting repeat each other, and their means stray from the model: {words(name)} "
         f"by {percent(worst.misfit)}, {number(worst.ratio, 2)} times what the repeats allow (F test, "
         f"p {p_text(worst.p)}), most at {worst.at}"
+        for name, worst in sorted(rejected.items(), key=lambda item: -item[1].ratio)[:1]
     ]
-
-
-def _of_plateaus(misfit: Misfit) -> list[str]:
-    """Sensors that seem to be at the end of their range."""
-    return [
-        f"the {flat.count} largest values of {words(name)} lie within {percent(flat.span)} of each "
-        f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
-        f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
-        for name, flat in misfit.plateaus.items()
-        if flat.p <= _SURE
+    flat = [
+        f"the {top.count} largest values of {words(name)} lie within {percent(top.span)} of each "
+        f"other, at settings where they should not (p {p_text(top.p)}): its sensor seems to show "
+        f"no more than {shown_value(name, top.value)}. Leave these out, or measure within its range"
+        for name, top in misfit.plateaus.items()
+        if top.p <= _SURE
     ]
-
-
-def _of_scatter(misfit: Misfit) -> Iterator[tuple[str, bool]]:
-    """Scatter of over twice the usual size, and whether it is over four times: nothing is calm then."""
+    scatter = {}
     for name, size in misfit.scatter.items():
         component, _, channel = name.partition(":")
         usual, said = _UNUSUAL.get(component, (np.inf, ""))
         if size > usual * np.exp(constants.SPREAD):
-            beyond = size > usual * np.exp(2.0 * constants.SPREAD)
-            yield said.format(channel=words(channel), size=percent(size)), bool(beyond)
+            text = said.format(channel=words(channel), size=percent(size))
+            scatter[text] = bool(size > usual * np.exp(2.0 * constants.SPREAD))
+    return stray, flat, scatter

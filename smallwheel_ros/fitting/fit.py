@@ -176,7 +176,10 @@ class Fit:
     @property
     def stiffness(self) -> Array:
         """df / d ln k of each value: each row has one soil."""
-        return stiffness(self.vector, self.slopes)
+        mine = [
+            j for j, p in enumerate(self.vector.of_soils) if p.field == "log_reference_pressure"
+        ]
+        return np.asarray(self.slopes[:, mine].sum(axis=1))
 
     @property
     def taken_up(self) -> Array:
@@ -187,12 +190,6 @@ class Fit:
     def away(self, observed: Array) -> Array:
         """Errors of what the priors' centres predict, to first order: y - f(centre), shape (values,)."""
         return observed - self.predicted + self.slopes @ (self.theta - self.vector.centre)
-
-
-def stiffness(vector: ParameterVector, slopes: Array) -> Array:
-    """df / d ln k of each value: each row has one soil."""
-    mine = [j for j, p in enumerate(vector.of_soils) if p.field == "log_reference_pressure"]
-    return np.asarray(slopes[:, mine].sum(axis=1))
 
 
 def inverse(matrix: Array) -> Array:
@@ -219,10 +216,9 @@ class Fitter:
     """Fits models to one set of points under one variance model.
 
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
-    compared. law: what predicts points, the model if not another. working: pull and torque are
-    weighed by their scatter alone, not by what their law is off by. With that in the weights a constant or a
-    tilt over slip costs next to nothing, and a fit would leave both to it (Peelle's puzzle); what it does to
-    the parameters is in the posterior (`result.posterior_covariance`).
+    compared. law: what predicts points, the model if not another. working: values are weighed without the
+    errors that many of them share, to which a fit would leave what its numbers can describe (`variance`);
+    what those do to the parameters is in the posterior (`result.posterior_covariance`).
     """
 
     points: Points
@@ -246,6 +242,13 @@ class Fitter:
     def true_variance(self) -> VarianceModel:
         """The variance as it is believed to be."""
         return replace(self, working=False).variance if self.working else self.variance
+
+    def true_scatter(self, fit: Fit) -> Scatter:
+        """The components of the variance as it is believed to be, that suit the errors of a fit best."""
+        if not self.working:
+            return fit.scatter
+        away = fit.away(self.points.value)
+        return self.true_variance.fit(away, fit.taken_up, fit.stiffness, fit.scatter)
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""

@@ -65,15 +65,10 @@ def levels_of(points: Points) -> Array:
             line = Line.through(value, points.row[use], points.conditions)
             found = line.at(points.conditions)[points.row[mine]]
             level[mine] = np.clip(found, value.min(), value.max())
-    return _floored(points, level)
-
-
-def _floored(points: Points, level: Array) -> Array:
-    for channel in range(len(points.channels)):
-        mine = points.channel == channel
-        least = _SMALLEST * float(np.median(level[mine]))
-        level[mine] = np.maximum(level[mine], max(least, 1e-9))
-    return level
+        if mine.any():
+            least = _SMALLEST * float(np.median(level[mine]))
+            level[mine] = np.maximum(level[mine], max(least, 1e-9))
+    return np.asarray(level)
 
 
 @dataclass(frozen=True)

@@ -207,11 +207,19 @@ class ParameterVector:
     centre: Array = field(init=False)
     scale: Array = field(init=False)
     base_size: int = field(init=False)
+    log_density: float = field(init=False)
+    soil_table: tuple[tuple[str, ...], Array, Index] = field(init=False)
 
     def __post_init__(self) -> None:
         """Put down what is known of the free parameters, those of the soils and then of each effect."""
         free = (*self.of_soils, *(p for part in self.parts for p in part.parameters))
         limits = np.array([(p.prior.low, p.prior.high) for p in free]).reshape(-1, 2)
+        known = {soil.name: soil_numbers(soil) for soil in self.soils}
+        soils, numbers = [*known], [*next(iter(known.values()), {})]
+        held = np.array([[one[n] for one in known.values()] for n in numbers])
+        of_soils = [p for p in self.of_soils if p.owner in known and p.field in numbers]
+        places = [(numbers.index(p.field), soils.index(p.owner)) for p in of_soils]
+        at_centre = np.linalg.slogdet(self.soil_precision / (2.0 * np.pi))[1]
         self.__dict__.update(
             free=free,
             names=tuple(p.name for p in free),
@@ -220,6 +228,8 @@ class ParameterVector:
             centre=np.array([p.prior.centre for p in free]),
             scale=np.array([p.prior.deviation for p in free]),
             base_size=len(self.of_soils),
+            log_density=0.5 * float(at_centre),
+            soil_table=(tuple(numbers), held, np.array(places, dtype=np.intp).reshape(-1, 2)),
         )
 
     def places(self, effect: str) -> Index:
@@ -251,8 +261,7 @@ class ParameterVector:
         """Logarithm of the prior's density at theta."""
         base = self.base_size
         away = theta[:base] - self.centre[:base]
-        value = -0.5 * float(away @ self.soil_precision @ away)
-        value += 0.5 * float(np.linalg.slogdet(self.soil_precision / (2.0 * np.pi))[1])
+        value = self.log_density - 0.5 * float(away @ self.soil_precision @ away)
         others = zip(self.free[base:], theta[base:], strict=True)
         return value + sum(p.prior.log_density(float(v)) for p, v in others)
 
@@ -270,12 +279,11 @@ class ParameterVector:
 
         thetas: shape (copies, parameters). codes: index of each row's soil, shape (rows,).
         """
-        numbers = [soil_numbers(soil) for soil in self.soils]
-        of_soil = {name: i for i, name in enumerate(soil.name for soil in self.soils)}
-        known = {n: np.tile([one[n] for one in numbers], (len(thetas), 1)) for n in numbers[0]}
-        for j, p in enumerate(self.of_soils):
-            known[p.field][:, of_soil[p.owner]] = thetas[:, j]
-        return {n: v[:, codes].reshape(-1) for n, v in numbers_of_soil(known).items()}
+        names, held, places = self.soil_table
+        known = np.repeat(held[:, None], len(thetas), axis=1)
+        known[places[:, 0], :, places[:, 1]] = thetas[:, : self.base_size].T
+        found = numbers_of_soil(dict(zip(names, known, strict=True)))
+        return {n: v[:, codes].reshape(-1) for n, v in found.items()}
 
     def effects(self, numbers: Array) -> list[Effect]:
         """Its effects. numbers: of all parameters, shape (parameters,) or (parameters, rows)."""

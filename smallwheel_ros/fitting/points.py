@@ -84,6 +84,11 @@ class Points:
         return tuple(name for name in self.channels if name in FORCES)
 
     @property
+    def share_errors(self) -> bool:
+        """Whether many values share errors that a fit is not to weigh by: of pull, torque or a curve."""
+        return bool(self.forces) or bool(self.swept.any())
+
+    @property
     def run_count(self) -> int:
         """How many runs have values."""
         return int(np.unique(self.run).size)
@@ -162,9 +167,13 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
     row = np.array([g for _, g, _ in values], dtype=np.intp)
     swept = np.array([group.swept for group in groups])
     first = np.array([group.rows[0] for group in groups], dtype=np.intp)
-    mean = _mean_conditions(conditions, groups)
+    depth = measurements.channels.get("sinkage", np.ones(len(measurements)))
+    depth = np.where(conditions.rolling, 1.0, depth)  # a wheel's sinkage goes with its slip
+    mean = _mean_conditions(conditions, groups, depth)
     measured = [
-        _mean(measurements.channels[name][rows], swept[g] and name == "sinkage")
+        _along_curve(measurements.channels[name][rows], depth[rows])
+        if swept[g] and name == "sinkage"
+        else float(np.mean(measurements.channels[name][rows]))
         for name, g, rows in values
     ]
     return Points(
@@ -319,21 +328,30 @@ def _declared(measurements: Measurements, channel: str, rows: Index) -> float:
     return float(np.sqrt(np.mean(stated[rows] ** 2)))
 
 
-def _mean(values: Array, log: bool) -> float:
-    """Mean, geometric along a curve: between its points pressure is a power of depth."""
-    if log and np.all(values > 0):
-        return float(np.exp(np.mean(np.log(values))))
-    return float(np.mean(values))
+def _along_curve(values: Array, depth: Array) -> float:
+    """Geometric mean, since between points of a curve pressure is a power of depth.
+
+    Each row has the weight of its ln depth: the error of a zero is of one size at all depths, of ln depth it
+    is that over the depth. So rows at touch-down have little weight, and whichever weights there are, load
+    and depth of the mean lie on the same power as those of the rows.
+    """
+    if not np.all(values > 0):
+        return float(np.mean(values))
+    weights = depth**2 if np.all(depth > 0) else None
+    return float(np.exp(np.average(np.log(values), weights=weights)))
 
 
-def _mean_conditions(conditions: Conditions, groups: list[_Group]) -> Conditions:
+def _mean_conditions(conditions: Conditions, groups: list[_Group], depth: Array) -> Conditions:
     first = np.array([group.rows[0] for group in groups])
 
     def mean(column: Array) -> Array:
-        return np.array([_mean(column[group.rows], False) for group in groups])
+        return np.array([column[group.rows].mean() for group in groups])
 
+    load = mean(conditions.load)
+    for i, rows in ((i, group.rows) for i, group in enumerate(groups) if group.swept):
+        load[i] = _along_curve(conditions.load[rows], depth[rows])
     return Conditions(
-        np.array([_mean(conditions.load[group.rows], group.swept) for group in groups]),
+        load,
         mean(conditions.diameter),
         mean(conditions.width),
         conditions.contact[first],

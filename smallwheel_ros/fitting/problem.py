@@ -249,6 +249,7 @@ def fit_points(
     if len(points) < 2:
         raise FittingError("one measurement cannot be fitted: measure at least a few loads")
     level = levels_of(points)
+    working = working and points.share_errors
     fitter = Fitter(points, level, repeats_of(points, level), working=working)
     fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
     return fitter, settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
@@ -268,14 +269,15 @@ def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
 class Problem:
     """The points of a table, and the model on them.
 
-    outliers: rows that were left out. judging: pull and torque are weighed as evidence, by what their
-    law is off by too, and not by their scatter alone as in a fit (`Fitter.working`).
+    outliers: rows that were left out. judging: values are weighed as evidence, with the errors that many of
+    them share, and not as in a fit (`Fitter.working`). folds: fits of the base without a fold, by its runs.
     """
 
     points: Points
     outliers: NDArray[np.intp]
     base: Base
     judging: bool = False
+    folds: dict[bytes, Fit] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
@@ -319,18 +321,14 @@ class Problem:
         """The base, fitted."""
         return self._made[1]
 
-    @cached_property
-    def _folds(self) -> dict[bytes, Fit]:
-        return {}
-
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
         """A fitter of a fold's training points, and the base fitted to them from where it was."""
         key, fitter = np.unique(training.run).tobytes(), self.fitter.of_runs(training)
-        if key not in self._folds:
+        if key not in self.folds:
             vector = self.base.vector(training)
             start = vector.begun_at(self.vector, self.fit.theta)
-            self._folds[key] = fitter.fit(vector, start, self.fit.scatter, turns=2)
-        return fitter, self._folds[key]
+            self.folds[key] = fitter.fit(vector, start, self.fit.scatter, turns=2)
+        return fitter, self.folds[key]
 
     def held_out(self, done: Callable[[], object] = lambda: None) -> CvErrors | None:
         """Held-out errors of the base; None with one run only. done: called after each fold's fit."""
@@ -345,23 +343,31 @@ class Problem:
         return cross_validate(self.points, choose, 1, known=self.base.priors)[0]
 
     @cached_property
-    def judged(self) -> Problem:
+    def deciding(self) -> Problem:
         """The channels that decide about effects: all, but pull and torque only where they are alone."""
-        if self.judging or not self.points.forces:
-            return self
         if not self.forces_apart:
-            return replace(self, judging=True)
+            return self
         points = self.points.only([n for n in self.points.channels if n not in FORCES])
         parts = tuple(self.base.told.get(part.id, part) for part in self.base.parts)
-        return replace(self, points=points, base=replace(self.base, parts=parts), judging=True)
+        return replace(self, points=points, base=replace(self.base, parts=parts))
+
+    @cached_property
+    def judged(self) -> Problem:
+        """Those, weighed as evidence."""
+        found = self.deciding
+        if found.judging or not found.points.share_errors:
+            return found
+        return replace(found, judging=True)
 
     @property
     def forces_apart(self) -> bool:
         """Whether there are pull and torque that do not decide about effects."""
         return len(self.points.forces) not in (0, len(self.points.channels))
 
-    def with_all_channels(self, fit: Fit, training: Points | None = None) -> Fit:
-        """A model of the judged channels fitted to all, of a fold's training runs where they are given."""
+    def refitted(self, fit: Fit, training: Points | None = None) -> Fit:
+        """A judged model fitted to all channels as a fit weighs them, to a fold's training runs if given."""
+        if self.judged is self:
+            return fit
         fitter, base = (self.fitter, self.fit) if training is None else self.fold(training)
         own = {part.id: part for part in self.base.parts}
         parts = tuple(own.get(part.id, part) for part in fit.vector.parts)
@@ -374,9 +380,6 @@ class Problem:
         return fitter.fit(vector, start, base.scatter)
 
     def result(self, fit: Fit | None = None) -> FitResult:
-        """A model of the judged channels, the base where None, fitted to all, for people and files."""
-        if fit is None:
-            fit = self.fit
-        elif self.points.forces:
-            fit = self.with_all_channels(fit)
+        """A judged model, the base where None, fitted to all channels, for people and files."""
+        fit = self.fit if fit is None else self.refitted(fit)
         return result_of(self.fitter, fit, self.outliers)

@@ -206,20 +206,22 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     bound has zero rows and columns. Where the fit worked with another covariance V_0 than the true V
     (`Fitter`), C = (J' V_0^-1 J + P)^-1 (J' V_0^-1 V V_0^-1 J + P) (J' V_0^-1 J + P)^-1.
     """
-    model, stiff = fitter.variance, fit.stiffness
+    model, stiff, scatter = fitter.true_variance, fit.stiffness, fitter.true_scatter(fit)
     free = np.flatnonzero(~fit.at_bound)
     slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
     away = fit.away(fitter.points.value)
-    root = np.linalg.cholesky(model.uncertainty(away, fit.taken_up, stiff, fit.scatter))
+    root = np.linalg.cholesky(model.uncertainty(away, fit.taken_up, stiff, scatter))
     size = len(root)
     total = np.zeros((free.size, free.size))
     for column in np.sqrt(size) * np.hstack([root, -root]).T:
-        at = replace(fit.scatter, log_deviation=fit.scatter.log_deviation + column)
-        weighted = model.covariance(at, stiff).solve(slopes)
+        true = model.covariance(
+            replace(scatter, log_deviation=scatter.log_deviation + column), stiff
+        )
+        weights = fitter.covariance(fit) if fitter.working else true
+        weighted = weights.solve(slopes)
         one = inverse(slopes.T @ weighted + precision)
         if fitter.working:
-            true = fitter.true_variance.covariance(at, stiff).matrix
-            one = one @ (weighted.T @ true @ weighted + precision) @ one
+            one = one @ (weighted.T @ true.matrix @ weighted + precision) @ one
             # Nothing is less known after the data than before, whatever the weights were.
             least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(one)))
             one = one * np.outer(least, least)
@@ -265,7 +267,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         for soil in fit.vector.soils
         if f"{soil.name}.m" not in names
     ]
-    deviations = fit.scatter.deviations
+    deviations = fitter.true_scatter(fit).deviations
     scatter = {"ln k": deviations["tau"]}
     scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
     found = FitResult(

@@ -18,12 +18,11 @@ from scipy.linalg import block_diag
 
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.named import FittedParameter, WithParameters
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem, base_of
-from smallwheel_ros.fitting.result import FitResult, result_of
+from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.lab.agreement import Agreement, agreements
 from smallwheel_ros.lab.plates import PlateLaws, laws_document, laws_text, plate_laws
 from smallwheel_ros.lab.shear import ShearFit, fit_shear
@@ -171,12 +170,11 @@ def fit_lab(
         progress("load and sinkage")
         start = base or (Base() if known is None else base_of(known, measurements))
         problem = Problem.of(measurements, start)
-        fitter, own = problem.fitter, problem.fit
         errors = problem.held_out()
         held_out = {} if errors is None else errors.rmse()
-        fit = replace(result_of(fitter, own, problem.outliers), held_out=held_out)
+        fit = replace(problem.result(), held_out=held_out)
         progress("laws of plates")
-        laws, notes = _laws(measurements, problem, fitter, own)
+        laws, notes = _laws(measurements, problem)
         progress("plates against wheels")
         agree = agreements(measurements, start)
         model: CalibratedModel | None = _keep_strength(fit.model, known)
@@ -190,21 +188,17 @@ def fit_lab(
     return LabFit(model, fit, laws, agree, shear, strengths, tuple(notes), source)
 
 
-def _laws(
-    measurements: Measurements, problem: Problem, fitter: Fitter, fit: Fit
-) -> tuple[tuple[PlateLaws, ...], list[str]]:
+def _laws(measurements: Measurements, problem: Problem) -> tuple[tuple[PlateLaws, ...], list[str]]:
     """The laws of size in each soil that plates were pressed into; else why there are none."""
     plates = measurements.conditions.plate
     found: list[PlateLaws] = []
     notes: list[str] = []
     for name in dict.fromkeys(measurements.soil[plates].tolist()):
         here = plates & (measurements.soil == name)
-        own_fitter, own = fitter, fit
         try:
-            if not here.all() or problem.base != Base():
-                alone = Problem.of(measurements.take(here))
-                own_fitter, own = alone.fitter, alone.fit
-            found.append(plate_laws(own_fitter, own, name or "soil"))
+            whole = here.all() and problem.base == Base()
+            alone = problem if whole else Problem.of(measurements.take(here))
+            found.append(plate_laws(alone.fitter, alone.fit, name or "soil"))
         except FittingError as error:
             notes.append(str(error))
     return tuple(found), list(dict.fromkeys(notes))

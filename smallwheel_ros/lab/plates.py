@@ -165,7 +165,8 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     edges = np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1))
     where = np.searchsorted(edges[1:-1], points.value, side="right")
     # What a value of a new run is off the right law, relative: the root of V.
-    variance = np.diag(fitter.covariance(fit).matrix)
+    believed = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness)
+    variance = np.diag(believed.matrix)
     expected = _rms(np.sqrt(variance) / fitter.level, where)
     laws = []
     for law in LAWS:

@@ -271,7 +271,7 @@ def _static_sinkage(model: Model, stages: Stages, wheel: Loaded) -> tuple[Array,
         z = closed_form_sinkage(carried, diameter, width, modulus, n)
         sunk = sunk_to_axle(z, diameter)
     else:
-        solved = contact_sinkage(carried, diameter, width, modulus, n)
+        solved = contact_sinkage(carried, diameter, width, modulus, n, with_exponent=False)
         z, sunk = solved.sinkage, solved.sunk_to_axle
     if plate.any() and not stages.layered:
         z = np.where(plate, plate_sinkage(load, diameter, modulus, n), z)

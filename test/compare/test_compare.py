@@ -3,8 +3,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +32,7 @@ from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[3] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"
+EXAMPLES = Path(__file__).parents[2] / "examples" / "data"
 
 SAND = Soil("sand", 1.6e6, 0.8, 0.4)
 
@@ -655,6 +658,48 @@ def test_the_error_that_is_shown_is_that_of_the_fit(
     assert held_out is not None
     for name, rmse in own.items():
         assert compared[name] == pytest.approx(rmse, rel=1e-9)
-    if channels == ("sinkage", "resistance"):  # beside those pull does not affect a diagnosis
-        step = diagnose(data).steps[0].errors.rmse()
-        assert step == pytest.approx(held_out.rmse(), rel=1e-9)
+    step = diagnose(data).steps[0].errors.rmse()
+    assert step == pytest.approx(held_out.rmse(), rel=1e-9)
+
+
+def of_plates(size: float | None = None, soil: str = "") -> Measurements:
+    """Curves of the real plates in examples/data: of one size, or of one soil of the other sand."""
+    if soil:
+        data = read_measurements(EXAMPLES / "cullinan_sand" / "plates.csv")
+        return data.take(data.soil == soil)
+    data = read_measurements(EXAMPLES / "cmu_wheel_rig" / "indentation.csv")
+    plates = data.take(data.conditions.plate)
+    return plates if size is None else plates.take(np.isclose(plates.conditions.diameter, size))
+
+
+def test_the_error_of_curves_is_that_of_the_fit() -> None:
+    """A diagnosis weighs errors that a whole curve shares, a fit does not: what is shown is the fit's."""
+    data = of_plates()
+    (model,) = compare(data, [Contender("plain", "", Base())], standard=False).models
+    assert model.held_out is not None
+    assert model.in_sample.rmse() == pytest.approx(
+        Problem.of(data).result().errors.rmse(), rel=1e-9
+    )
+    assert diagnose(data).steps[0].errors.rmse() == pytest.approx(model.held_out.rmse(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{}, {"size": 0.06}, {"size": 0.08}, {"size": 0.1}]
+    + [{"soil": f"preparation {i}"} for i in (1, 2)],
+)
+def test_on_real_plates_the_law_is_no_worse_than_a_line_in_logarithms(
+    how: dict[str, Any],
+) -> None:
+    """Curves bend, and the first rows are as shallow as their zero is uncertain."""
+    found = compare(of_plates(**how), [Contender("ours", "", Base())])
+    error = {m.contender.name: m.held_out.rmse()["sinkage"] for m in found.models if m.held_out}
+    assert error["ours"] < 1.1 * error["log_log_regression"]
+
+
+def test_a_soil_of_one_run_has_no_say_in_what_is_said_of_the_law() -> None:
+    found = compare(read_measurements(EXAMPLES / "cullinan_sand" / "plates.csv"))
+    said = found.useless("sinkage")
+    elsewhere = said.partition("nothing is known of it: the errors elsewhere are ")[2]
+    law, constant, regression = (float(v) for v in re.findall(r"([\d.]+) mm", elsewhere))
+    assert law < regression < constant

@@ -209,6 +209,24 @@ def test_a_fold_that_can_only_extrapolate_has_no_say(
     )
 
 
+@pytest.mark.parametrize(
+    ("skids", "alone"), [((0.15, 0.45, 0.9), True), ((0.15, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9), False)]
+)
+def test_three_skids_far_apart_are_named_by_evidence_and_what_settles_it_is_said(
+    skids: tuple[float, ...], alone: bool
+) -> None:
+    """Sinkage that rises steeply: from two of three skids the third cannot be predicted."""
+    runs = [{"load": load, "slip": 0.0} for load in (20.0, 30.0, 45.0, 65.0, 90.0, 120.0)]
+    runs += [{"load": 40.0 + 20.0 * (i % 3), "slip": -skid} for i, skid in enumerate(skids)]
+    rig = PlainRig().measure(runs, 1)
+    depth = rig.channels["sinkage"] * np.exp(1.2 * np.abs(rig.conditions["slip"]) ** 4)
+    found = diagnose(Measurements(rig.conditions, {"sinkage": depth}, rig.run, rig.wheel, rig.line))
+    assert found.missing_effects == ["skid_sinkage"]
+    reason = found.document["reason"]
+    assert ("skid sinkage is named by evidence alone" in reason) is alone
+    assert ("measure at further values of slip between these" in reason) is alone
+
+
 # One verdict for diagnose and add
 
 

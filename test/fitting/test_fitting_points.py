@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fitted import fit_model
@@ -116,6 +118,21 @@ def test_a_curve_has_nearly_the_same_points_at_each_density(rows: int) -> None:
             np.log(dense.column("load")[line]),
         )
         np.testing.assert_allclose(np.log(thin.column("load")[mine]), expected, atol=0.08)
+
+
+@pytest.mark.parametrize(("zero", "off"), [(0.0, 1e-9), (0.3e-3, 0.125)])
+def test_rows_at_touch_down_have_little_weight(zero: float, off: float) -> None:
+    """A curve p = c z^0.9 whose zero is off by a third of the first depth; equal weights: 0.15."""
+    exact = curves(60)
+    shown = exact.channels["sinkage"] + zero
+    c = exact.conditions.load / exact.channels["sinkage"] ** 0.9
+    load = c.mean() * exact.channels["sinkage"] ** 0.9
+    data = replace(
+        exact, conditions=replace(exact.conditions, load=load), channels={"sinkage": shown}
+    )
+    points = points_of(data)
+    law = (points.conditions.load[points.row] / c.mean()) ** (1.0 / 0.9)
+    assert np.max(np.abs(np.log(points.value / law))) < off
 
 
 def test_ten_runs_of_correlated_rows_count_as_ten() -> None:

@@ -185,6 +185,9 @@ def test_plates_of_a_real_rig(shared_data: Path) -> None:
     m = next(c for c in laws.laws[0].constants if c.name == "m")
     assert m.std is not None
     assert abs(m.value - 1.0) < 1.5 * m.std
-    assert all(law.held_out is not None and law.held_out < 0.2 for law in laws.laws)
+    error = [law.held_out for law in laws.laws if law.held_out is not None]
+    assert error[0] < 0.14
+    assert max(error) < 0.25  # an m over 1 is beyond what Bekker's and Reece's laws can have
+    assert len(error) == 3
     (wheel,) = found.agreements
     assert wheel.high < 1.0
