@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._rates_table import document
 from benchmarks.worlds import WORLDS, matching
-from smallwheel_ros.diagnosis import diagnose
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict

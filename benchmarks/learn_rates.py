@@ -22,8 +22,8 @@ import numpy as np
 from scipy.stats import binomtest
 
 from benchmarks.learn_worlds import LAWS, OUTSIDE, SIGNED, hidden, table
-from smallwheel_ros.learn import learn
 from smallwheel_ros.learn.law import Law
+from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.learn.verdict import VAULT_FROM
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements

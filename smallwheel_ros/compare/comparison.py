@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models against measurements: error held out and in sample, by channel, soil, wheel and condition.
 
-comparison = compare(read_measurements("rig.csv"))
+comparison = comparison_of(read("rig.csv"))
 comparison.score(comparison.models[0], "sinkage", held_out=True)
 
 Points, folds and errors are those of `fitting`, as in every other command.
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.arguments import unheard
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.compare.contenders import REGRESSION, Contender, standard_contenders
 from smallwheel_ros.compare.reasons import (
@@ -240,17 +241,16 @@ class Comparison(Result, shown="views.comparison"):
         return unseen or [(m, m.in_sample) for m in self.models]
 
 
-def compare(
+def comparison_of(
     measurements: Measurements,
     contenders: Sequence[Contender] = (),
     *,
     standard: bool = True,
-    progress: Progress = lambda done, needed: None,
+    progress: Progress = unheard,
 ) -> Comparison:
-    """Compare models with measurements.
+    """Models against measurements: the standard ones, and further ones.
 
-    contenders: further models beside the standard ones. progress: told how many of how many fits
-    are done.
+    progress: told how many of how many fits are done.
     Raises FittingError where nothing usable was measured, or too little for a fit.
     """
     problem = Problem.of(measurements)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +15,13 @@ from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
 from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnosis_of
 from smallwheel_ros.diagnosis.search import Candidate, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
+from smallwheel_ros.diagnosis.start import Start
 from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.fitting import Base, FitResult, Problem
+from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
@@ -124,23 +125,15 @@ class Added(Result, shown="views.added"):
         return super()._writers() | self.model._writers()
 
 
-def add_effect(
-    effect: str,
-    base: Base,
-    measurements: Measurements,
-    *,
-    registry: Registry | None = None,
-    without: Collection[str] = (),
-    seed: int = 0,
-) -> Added:
+def added(effect: str, start: Start) -> Added:
     """Add one effect, in the form that fits best, and fit everything anew.
 
     Raises EffectError where there is no such effect or the data does not have what it needs.
     """
-    known = registry or default_registry()
+    measurements, known = start.measurements, start.registry
     _check_column(effect, measurements, known)
-    wanted = _forms_of(effect, Problem.of(measurements, base), known)
-    judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
+    wanted = _forms_of(effect, Problem.of(measurements, start.base), known)
+    judged = diagnosis_of(start)
     problem = judged.problem
     model, before, after = _step(effect, judged, wanted)
     change = compare_cv(before, after)

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.common.files import OutputError
-from smallwheel_ros.compare.comparison import Comparison, compare
+from smallwheel_ros.compare.comparison import Comparison, comparison_of
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
@@ -106,7 +106,7 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     write_table(table, path)
     data = read_measurements(path)
     soft = Contender("soft" + EVIL, "a model file" + EVIL, Model(Soil("mud", 3e3, 0.8, 0.4)))
-    return compare(data, [soft])
+    return comparison_of(data, [soft])
 
 
 @pytest.fixture(scope="module")
@@ -401,7 +401,7 @@ def test_a_page_says_line_of_a_text_file_and_row_of_a_sheet(
     table.to_excel(path, index=False) if suffix == ".xlsx" else table.to_csv(path, index=False)
     read = read_measurements(path)
     assert read.place == read.take([0]).place == place
-    html = html_of(compared_view.page(compare(read)))
+    html = html_of(compared_view.page(comparison_of(read)))
     other = {"line": "row", "row": "line"}[place]
     assert re.search(rf"\b{place}s? 6\b", html)
     assert not re.search(rf"\b{other}s? \d", html)
@@ -462,7 +462,7 @@ def test_measured_over_predicted_has_every_model_with_every_row(comparison: Comp
     assert len(axes.get_legend().get_texts()) == len(comparison.models) == 6
     measured = 1e3 * comparison.measurements.channels["sinkage"]
     low, high = axes.get_xlim()
-    for points, model in zip(axes.collections[1:], comparison.models, strict=True):
+    for points, model in zip(axes.collections, comparison.models, strict=True):
         errors = (model.held_out or model.in_sample).error["sinkage"]
         known = np.isfinite(errors)
         shown = np.asarray(points.get_offsets())

@@ -14,8 +14,9 @@ from lab_truth import plate_rows, write
 
 from smallwheel_ros import cli
 from smallwheel_ros.benchmark.benchmark import benchmark
-from smallwheel_ros.compare.comparison import compare
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.compare.compare import compare
+from smallwheel_ros.diagnosis.diagnose import diagnose
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.measurements.display import shown_value
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
