@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The moving picture of README.md: errors on the real rig as one effect after the other is added.
 
-    python docs/drawings/staircase.py FOLDER     # with indentation.csv and rolling_smooth_wheel.csv
-
-FOLDER is a copy of the data of robomechanics/3d-terramechanics as docs/benchmark.md names it.
+python docs/drawings/staircase.py examples/data/cmu_wheel_rig docs/images/rig_staircase.gif
 """
 
 from __future__ import annotations
@@ -20,12 +18,11 @@ from matplotlib.figure import Figure
 
 import smallwheel_ros as sw
 
-TARGET = Path(__file__).resolve().parent.parent / "images" / "rig_staircase.gif"
 STILL, MOVING = 20, 8  # frames of each step at rest, and on the way to the next; 10 a second
 BLUE, GREY = "#0072b2", "#999999"
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, target: Path) -> None:
     """Diagnose, and draw the held-out errors step by step."""
     calibrated = sw.fit(folder / "indentation.csv").model
     rolling = sw.read(folder / "rolling_smooth_wheel.csv")
@@ -60,9 +57,9 @@ def main(folder: Path) -> None:
             word.set_visible(seen)
 
     frames = len(errors) * (STILL + MOVING)
-    FuncAnimation(figure, draw, frames=frames).save(TARGET, writer=PillowWriter(fps=10), dpi=90)
-    print(f"{TARGET}: {', '.join(f'{n} {r:.3g} mm' for n, r in zip(names, rms, strict=True))}")
+    FuncAnimation(figure, draw, frames=frames).save(target, writer=PillowWriter(fps=10), dpi=90)
+    print(f"{target}: {', '.join(f'{n} {r:.3g} mm' for n, r in zip(names, rms, strict=True))}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

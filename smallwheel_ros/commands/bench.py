@@ -66,7 +66,7 @@ diagnose = command(
     JSON,
     HTML,
     PLOTS,
-    click.option("--full", is_flag=True, help="Print all that the page has, not the answer alone."),
+    click.option("--full", is_flag=True, help="Print everything on the page, not only the answer."),
     click.option("--apply", is_flag=True, help="Add what the verdict names; needs -o."),
     output("With --apply: model file to write.", "model_file"),
     words="With --apply what the verdict names is added to the model, step by step, and -o is the result.",

@@ -48,9 +48,9 @@ _MANY = "replays.json"
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True,
               help="Bags at a time.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
-              help="Of a Dask cluster to do it on, one bag a task: tcp://host:8786.")  # fmt: skip
+              help="Dask cluster to run on, one bag per task: tcp://host:8786.")  # fmt: skip
 @click.option("--map", "one_map", is_flag=True,
-              help="Lay the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
+              help="Merge the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
 @JSON
 def replay(
     bags: tuple[Path, ...],

@@ -32,7 +32,7 @@ def compare(
     data
         The measurements.
     models : one, several, or several by name
-        A model to compare too, which stands as it is.
+        A further model to compare, used as it is.
     effects : or what `sw.effects.load` made of it
         A Python file with effects of your own. It is run: name only files that you trust.
     progress

@@ -56,7 +56,7 @@ Progress = Callable[[int, int], object]  # fits done, fits needed
 
 _ROUNDING = 1e-9  # of the error: less of a mean of errors is no bias but its rounding
 _ASK_DIAGNOSE = (
-    "how low the error could get is not known before what is missing is: "
+    "how low the error could get is unknown until it is known what is missing: "
     "`smallwheel diagnose` works it out"
 )
 _REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_std"
@@ -176,7 +176,7 @@ class Comparison(Result, shown="views.comparison"):
         by = "the constant"
         what = "a constant, the mean of the other runs"
         if best.contender.name == REGRESSION:
-            by, what = "the regression", "a log-log regression, which holds no physics"
+            by, what = "the regression", "a log-log regression, which contains no physics"
         found = (
             f"no law has less error than {what}: {law.contender.name}, the best of them, has {said[-1]}, "
             f"{by} {said[0]}"
@@ -358,7 +358,7 @@ def _standing(contender: Contender, model: Model, points: Points) -> ModelResult
         sunk = int(predict(model, filled(data.conditions).take(used)).immobilised.sum())
         if sunk:
             notes.append(
-                f"sinks to the axle in {sunk} rows: there it has no prediction but a continuation, "
+                f"sinks to the axle in {sunk} rows: there its prediction is only a continuation, "
                 "whose error counts"
             )
     other = bool(contender.fitted_to) and contender.fitted_to != data.sha256
@@ -371,8 +371,8 @@ def _origin(contender: Contender, data: Measurements) -> str:
     if contender.fitted_to and contender.fitted_to == data.sha256:
         return "was fitted to this very file: its error is in sample, nothing was held out"
     if contender.fitted_to:
-        return "was fitted to another file and stands as it is: nothing had to be held out"
-    return "stands as it is; what it was fitted to is not known, so nothing is called held out"
+        return "was fitted to another file and is used as it is: nothing had to be held out"
+    return "is used as it is; what it was fitted to is unknown, so no error is called held out"
 
 
 def _known_soil(model: Model, data: Measurements) -> tuple[Mask, list[tuple[str, Index]]]:

@@ -67,8 +67,8 @@ def standard_contenders(points: Points) -> list[Contender]:
         same = ", and the law is that of bekker" if widths == 1 else ""
     stresses = Contender(
         STANDARD[3],
-        "Wong and Reece 1967, stresses along the arc whose peak moves with slip: P = k z^n D^m decides "
-        "about pressure, and pressure and shear carry the load together" + exponent,
+        "Wong and Reece 1967, stresses along the arc whose peak moves with slip: P = k z^n D^m sets the "
+        "pressure, and pressure and shear carry the load together" + exponent,
         Base(thrust_form="wong_reece"),
     )
     regression = Contender(
@@ -80,7 +80,7 @@ def standard_contenders(points: Points) -> list[Contender]:
     return [
         Contender(
             STANDARD[0],
-            "the mean of the other runs, whatever load and slip: a law that is worse says nothing",
+            "the mean of the other runs, whatever load and slip: a law with a larger error explains nothing",
             None,
         ),
         *([regression] if set(points.channels) - set(points.forces) else []),

@@ -34,7 +34,7 @@ def add(
     without
         Effects that do not compete, by id; `unknown` for curves without a name.
     seed
-        Of the simulations behind the p-values: the same seed gives the same result.
+        Seed of the simulations behind the p-values: the same seed gives the same result.
 
     Examples
     --------

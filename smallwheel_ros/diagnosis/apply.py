@@ -27,7 +27,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
-from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
+from smallwheel_ros.measurements.display import probability_text, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 
 if TYPE_CHECKING:
@@ -66,27 +66,6 @@ class Added(Result, shown="views.added"):
             for name, before in self.before.rmse().items()
         )
         return f"{words(self.effect)} ({self.form}), held-out error {errors}"
-
-    def text(self) -> str:
-        """As `smallwheel add` prints it."""
-        lines = [f"{words(self.effect)} ({self.form}), held-out error before and after"]
-        for row in self.rows():
-            name = row["channel"]
-            sides = [
-                shown_value(name, row[when])
-                + (
-                    ""
-                    if row[f"{when}_std"] is None
-                    else f" +- {shown_value(name, row[f'{when}_std'])}"
-                )
-                for when in ("before", "after")
-            ]
-            lines.append(f"  {words(name)}: {' -> '.join(sides)}")
-        lines.append(self.reason or "recommended: the diagnosis of this data names it")
-        for p in (p for p in self.fit.parameters if p.owner == self.effect):
-            std = "" if p.std is None else f" +- {number(p.std)}"
-            lines.append(f"  {p.full_name} = {number(p.value)}{std}")
-        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel add --json` writes it."""
@@ -287,12 +266,15 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
         return True, why if learnt else ""
     if effect in document["candidates"]:
         others = ", ".join(c for c in document["candidates"] if c != effect)
-        return False, f"this data cannot tell it from {others}; not recommended before it can"
+        return (
+            False,
+            f"this data cannot tell it from {others}; not recommended until other data can",
+        )
     row: dict[str, Any] = next((r for r in document["ranking"] if r["effect"] == effect), {})
     chance = probability_text(row.get("probability") or 0.0)
     if document["missing_effects"]:
         named = ", ".join(document["missing_effects"])
-        return False, f"the data speaks for {named} (this one {chance}); not recommended"
+        return False, f"the data favours {named} (this one {chance}); not recommended"
     p = document["lack_of_fit"]["p_value"]
     tested = "" if p is None else f", p {p:.2g}"
     return False, f"probability {chance}{tested}; not recommended"

@@ -39,7 +39,7 @@ def diagnose(
     can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
         What you can set, for the measurements to make next (SI units, angles in rad).
     seed
-        Of the simulations behind the p-values: the same seed gives the same result.
+        Seed of the simulations behind the p-values: the same seed gives the same result.
     progress
         Told each step in words.
 

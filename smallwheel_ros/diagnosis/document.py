@@ -292,7 +292,7 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
         "effect": name,
         "kind": "instrument",
         "status": "significant",
-        "reason": f"{words(name)}: pull and torque speak of it, {number(told.evidence, 2)} nats",
+        "reason": f"{words(name)}: pull and torque favour it by {number(told.evidence, 2)} nats",
         "probability": told.probability,
         "p_value": None,
         "form": law.form,
@@ -346,7 +346,7 @@ def _reason(
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
     if status == "not_significant" and probability > 0.5:
-        said += ": more likely than not, and under what a name needs"
+        said += ": probable, but below the 95 % needed to name it"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]
     if outside and status != "not_significant":
         said += f"; {', '.join(outside)} outside the published range"

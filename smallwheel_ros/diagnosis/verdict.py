@@ -125,8 +125,8 @@ def decide(evidence: Evidence) -> Verdict:
         steps = (Step(None, told.base, told.errors), with_it, *steps[1:])
         forces = listed([words(n) for n in evidence.problem.points.forces])
         reasons.append(
-            f"{words(name)} is told by {forces}: their law holds at the sinkage as it is shown "
-            f"{number(told.evidence, 2)} nats worse than at one that is corrected"
+            f"{words(name)} is indicated by {forces}: their law fits the sinkage as shown "
+            f"{number(told.evidence, 2)} nats worse than the corrected one"
         )
     return Verdict(
         word, named, rivals, said.unknown, closest, probabilities, held.best, steps, tuple(reasons)
@@ -215,8 +215,8 @@ def _of_plateaus(misfit: Misfit) -> list[str]:
     """Sensors that seem to be at the end of their range."""
     return [
         f"the {flat.count} largest values of {words(name)} lie within {percent(flat.span)} of each "
-        f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to show "
-        f"no more than {shown_value(name, flat.value)}. Leave these out, or measure within its range"
+        f"other, at settings where they should not (p {p_text(flat.p)}): its sensor seems to "
+        f"saturate at {shown_value(name, flat.value)}. Leave these out, or measure within its range"
         for name, flat in misfit.plateaus.items()
         if flat.p <= _SURE
     ]

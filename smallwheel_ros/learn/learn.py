@@ -56,7 +56,7 @@ def learn(
     can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
         What you can set, for the measurements to make next (SI units, angles in rad).
     seed
-        Of permutations and folds: the same seed gives the same result, to the byte.
+        Seed of permutations and folds: the same seed gives the same result, to the byte.
     progress
         Told each step in words, how many are done, and of how many (0: not known).
 

@@ -193,7 +193,7 @@ def _frame_panel(
     how = shown_channel(channel)
     left = [how.scale * e.error[channel] for e in models.values() if channel in e.error]
     measured = how.scale * data.channels[channel]
-    title = f"{words(channel)}: what is left over {words(name)}"
+    title = f"{words(channel)}: residual over {words(name)}"
     if name == _PREDICTED:
         reach = np.nanquantile(np.concatenate([measured - e for e in left]), [0.002, 0.998])
         across = _range(np.concatenate([reach, measured[np.isfinite(left[0])]]))

@@ -208,8 +208,8 @@ def _draw_bars(axes: Axes, panel: Panel) -> None:
         axes.barh(at - off, bar.value, height, color=colour, xerr=bar.std,
                   error_kw={"elinewidth": 0.9, "ecolor": PALETTE["ink"]})  # fmt: skip
         axes.annotate(number(bar.value), (bar.value + (bar.std or 0.0), at - off), (3, 0),
-                      va="center", textcoords="offset points", fontsize=7.5,
-                      color=PALETTE["ink"])  # fmt: skip
+                      va="center", textcoords="offset points", fontsize=7.5, color=PALETTE["ink"],
+                      bbox={"facecolor": PALETTE["paper"], "edgecolor": "none", "pad": 0.5})  # fmt: skip
     if panel.level is not None:
         axes.axvline(panel.level, color=PALETTE["ink"], linewidth=1.0, linestyle="--")
         axes.annotate(f"{panel.level_name} {number(panel.level)}", (panel.level, 1.0), (2, 1),

@@ -9,9 +9,13 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import replace
-from typing import Any
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal
 
 from smallwheel_ros.views.plots import PALETTE, WIDTH, Panel, draw, height_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MARGINS = 0.62, 0.46, 0.08  # inch: left, below, right and above the axes of a plot in a page
 
@@ -48,27 +52,52 @@ def frame(panel: Panel) -> tuple[str, list[float]]:
     x of the element is ax + bx * value.
     """
     from matplotlib import rc_context
-    from matplotlib.figure import Figure
 
     width, height = WIDTH * (2 if panel.wide else 1), height_of(panel)
-    # A layout takes as long as all else: fixed margins do where nothing but numbers stand beside the axes.
-    fixed = not panel.bars and not panel.equal
-    made = Figure(figsize=(width, height), dpi=72, layout=None if fixed else "constrained")
-    left, below, around = _MARGINS
-    if fixed:
-        made.subplots_adjust(left / width, below / height, 1 - around / width, 1 - around / height)
-    made.patch.set_visible(False)
-    axes = made.subplots()
-    axes.patch.set_visible(False)
+    # More than numbers beside the axes: a layout finds room for it.
+    more = panel.bars or panel.equal or any(layer.kind == "way" for layer in panel.layers)
+    axes = _axes(width, height, "constrained") if more else _emptied(_plain_axes(width, height))
     draw(axes, replace(panel, title=""))
     out = io.StringIO()
     with rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "plot", "path.simplify_threshold": 0.5}
     ):
-        made.savefig(out, format="svg", metadata={"Date": None})
+        axes.figure.savefig(out, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
     scale: list[Any] = [x0, x1 - x0, 72.0 * height - y0, y0 - y1]
     return _shorter(out.getvalue()), [float(f"{value:.6g}") for value in scale]
+
+
+def _axes(width: float, height: float, layout: Literal["constrained"] | None = None) -> Axes:
+    """The axes of a new figure; inch."""
+    from matplotlib.figure import Figure
+
+    made = Figure(figsize=(width, height), dpi=72, layout=layout)
+    if layout is None:
+        left, below, around = _MARGINS
+        made.subplots_adjust(left / width, below / height, 1 - around / width, 1 - around / height)
+    made.patch.set_visible(False)
+    axes = made.subplots()
+    axes.patch.set_visible(False)
+    return axes
+
+
+@lru_cache
+def _plain_axes(width: float, height: float) -> Axes:
+    """Axes with fixed margins, which serve plot after plot: new ones take as long as all else."""
+    return _axes(width, height)
+
+
+def _emptied(axes: Axes) -> Axes:
+    """The axes without what was drawn on them; ticks and grid stay, and are moved."""
+    for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.texts):
+        artist.remove()
+    if (key := axes.get_legend()) is not None:
+        key.remove()
+    axes.set_yscale("linear")
+    axes.relim()
+    axes.autoscale()
+    return axes
 
 
 def _shorter(text: str) -> str:

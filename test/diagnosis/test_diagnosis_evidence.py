@@ -219,7 +219,7 @@ def test_what_is_recommended_is_what_is_named() -> None:
     right, wrong = (add(name, Base(), measured) for name in ("slip_sinkage", "bulldozing"))
     assert right.recommended
     assert not wrong.recommended
-    assert "speaks for slip_sinkage" in wrong.reason
+    assert "favours slip_sinkage" in wrong.reason
 
 
 def test_one_step_has_one_error_whatever_command_asks() -> None:

@@ -97,7 +97,7 @@ def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.Monkey
     flat = Plateau(6, 0.012, 0.001, 0.001)
     stuck = decide(replace(evidence, misfit=replace(evidence.misfit, plateaus={"sinkage": flat})))
     assert (stuck.word, stuck.named, stuck.closest) == ("unknown_effect", (), ("slip_sinkage",))
-    assert "no more than 12" in stuck.reasons[0]
+    assert "saturate at 12" in stuck.reasons[0]
     assert len(stuck.steps) == 1
     none = {"steps": made.steps[:1], "named": ()}
     held = replace(evidence.held_out, **none, useless=(("slip_sinkage",),))

@@ -173,11 +173,11 @@ def test_residuals_follow_the_setting_beside_measured_over_predicted(
     )
     assert "slip [%]" in options
     titles = f"[...{SHOWN}.querySelectorAll('.plot:not([hidden]) .title')].map(e => e.textContent)"
-    assert "sinkage: what is left over slip" in browser.run(titles)
+    assert "sinkage: residual over slip" in browser.run(titles)
     assert "sinkage: measured against predicted" in browser.run(titles)
     browser.run("const s = document.querySelector('.models select'); s.value = 'load';"
                 "s.dispatchEvent(new Event('change', {bubbles: true}))")  # fmt: skip
-    assert "sinkage: what is left over load" in browser.run(titles)
+    assert "sinkage: residual over load" in browser.run(titles)
     assert "sinkage: measured against predicted" in browser.run(titles)
     assert browser.run(f"{SHOWN}.querySelectorAll('.plot:not([hidden]) circle').length") > 100
 

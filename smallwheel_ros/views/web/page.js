@@ -49,7 +49,7 @@ for (const box of document.querySelectorAll('[data-models]')) {
     const view = key in data.left ? key : 'absent';
     for (const part of box.querySelectorAll('[data-view]')) part.hidden = part.dataset.view !== view;
     for (const frame of box.querySelectorAll('[data-over]')) {
-      // measured over predicted stands beside what is left over the setting
+      // measured over predicted stands beside residual over the setting
       frame.hidden = ![form.elements.over.value, ''].includes(frame.dataset.over);
       if (frame.hidden) continue;
       const svg = frame.querySelector('svg'), name = frame.dataset.channel + frame.dataset.over;
