@@ -161,7 +161,7 @@ def _panel(found: Learnt) -> Panel:
     middle, inside = len(x) // 2, [*shape["low"], *shape["high"]]
     layers = [
         Layer("line", x, curve + y[middle] - curve[middle], colour="base", width=1.0,
-              name="" if i else f"{len(tied)} tied")
+              name="" if i else f"fits as well ({len(tied)})")
         for i, curve in enumerate(map(np.asarray, tied))
     ]  # fmt: skip
     for channel, (deviation, colour) in _ASKED.items():
@@ -169,7 +169,7 @@ def _panel(found: Learnt) -> Panel:
         value, spread = (np.array([e[name] for e in mine]) for name in (channel, deviation))
         if mine:
             layers.append(Layer("points", [e["x"] * shown.scale for e in mine], value, value - spread,
-                                value + spread, colour, f"{words(channel)} asks for"))  # fmt: skip
+                                value + spread, colour, f"{words(channel)} requires"))  # fmt: skip
         inside += value.tolist()
     layers.append(Layer("line", x, y, shape["low"], shape["high"], "ink",
                         "drafted law" if law else "best formula"))  # fmt: skip
