@@ -335,7 +335,7 @@ def test_each_of_several_soils_is_fitted_and_one_with_a_single_run_is_told_of() 
     [
         ("abc", "this very file", False),
         ("def", "another file", True),
-        ("", "is not known", False),
+        ("", "is unknown", False),
     ],
 )
 def test_a_standing_model_says_whether_it_saw_the_data(
