@@ -16,7 +16,7 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help env env-lint env-docs lock test test-slow coverage fuzz lint demo benchmark docs clean
+.PHONY: help env env-lint env-docs lock test test-slow coverage fuzz lint demo benchmark docs images clean
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
@@ -27,6 +27,7 @@ help:
 	@echo 'make lint        ruff and mypy'
 	@echo 'make benchmark   rates over worlds, real drives (DRIVES=FOLDERS), and speed against peers; both pages'
 	@echo 'make docs        the documentation as a site, docs/_build/html'
+	@echo 'make images      drawings and pictures of docs/images anew (some: make images IMAGES="learnt.png")'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
 	@echo 'make lock        pin the packages of the environment anew, with hashes (needs uv)'
 	@echo 'make clean       remove everything that make has made'
@@ -89,6 +90,12 @@ benchmark: env
 docs: env-docs
 	@$(RUN) -m sphinx -W --keep-going -q -j auto docs docs/_build/html
 	@echo 'docs/_build/html/index.html'
+
+# Drawings, and pictures of results, each by the command that its page names.
+IMAGES ?=
+images: env
+	@PYTHONPATH=. $(RUN) docs/drawings/draw.py
+	@PYTHONPATH=. $(RUN) docs/drawings/pictures.py $(IMAGES)
 
 clean:
 	rm -rf docs/_build docs/_api .coverage* $(VENV) build install log out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -26,8 +26,9 @@ import pandas as pd
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._world_curves import curves
-from smallwheel_ros.diagnosis import Base, base_of, diagnose
-from smallwheel_ros.fitting import Problem
+from smallwheel_ros.diagnosis.diagnose import diagnose
+from smallwheel_ros.fitting import Base, Problem
+from smallwheel_ros.fitting.problem import base_of
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table

@@ -15,7 +15,7 @@ import pandas as pd
 
 from benchmarks.rates import Judge, Line, Rate, Subject, middle, share
 from benchmarks.worlds import INSTRUMENTS, WORLDS, World
-from smallwheel_ros.diagnosis import diagnose
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict

@@ -10,8 +10,7 @@ import inspect
 from pathlib import Path
 
 import smallwheel_ros
-from smallwheel_ros import api
-from smallwheel_ros.commands.from_signature import described
+from smallwheel_ros.commands.command import described
 
 PAGE = Path(__file__).with_name("python.md")
 BEGIN, END = "<!-- made by python docs/function_table.py -->\n\n", "\n<!-- end -->\n"
@@ -23,7 +22,7 @@ def table() -> str:
     lines = ["| function | gives | what it does |", "| --- | --- | --- |"]
     for name in FUNCTIONS:
         assert name in smallwheel_ros.__all__
-        function = getattr(api, name)
+        function = getattr(smallwheel_ros, name)
         signature = inspect.signature(function)
         named = [p.name for p in signature.parameters.values() if p.kind == p.KEYWORD_ONLY]
         taken = []

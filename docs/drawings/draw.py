@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make the drawings of docs, as SVG: `PYTHONPATH=. python docs/drawings/draw.py`.
+"""Make the drawings of docs, of theory and of effects, as SVG: `PYTHONPATH=. python docs/drawings/draw.py`.
 
 The same bytes each time; text stays text; the background is transparent and the ink half-dark, so that
 they can be read on a dark page as well (which inverts them, see _static/site.css).
@@ -12,13 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import curves
+import effects
 import lab
 import matplotlib as mpl
 import scenes
 from matplotlib.figure import Figure
 from style import STYLE
 
-FOLDER = Path(__file__).parent.parent / "images" / "theory"
+FOLDER = Path(__file__).parent.parent / "images"
 
 DRAWINGS: dict[str, Callable[[], Figure]] = {
     "wheel": scenes.draw_wheel,
@@ -38,11 +39,15 @@ DRAWINGS: dict[str, Callable[[], Figure]] = {
 
 
 def draw_all(folder: Path) -> None:
-    """Write each drawing as FOLDER/NAME.svg."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write the drawings of theory and of effects, each as FOLDER/KIND/NAME.svg."""
+    theory, small = folder / "theory", folder / "effects"
+    for kind in (theory, small):
+        kind.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(STYLE):
         for name, draw in DRAWINGS.items():
-            draw().savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
+            draw().savefig(theory / f"{name}.svg", metadata={"Date": None, "Creator": None})
+    for name in effects.EFFECTS:
+        (small / f"{name}.svg").write_text(effects.drawing(name), encoding="utf-8")
 
 
 def main() -> None:

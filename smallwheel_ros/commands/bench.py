@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands on a table of measurements: outputs, progress, and the functions of those names."""
+"""The commands on a table of measurements: the functions of those names, and what they write."""
 
 from __future__ import annotations
 
@@ -8,149 +8,113 @@ from typing import Any
 
 import click
 
-from smallwheel_ros import api
-from smallwheel_ros.commands.from_signature import PATH, BenchError, command
-from smallwheel_ros.commands.inputs import (
+from smallwheel_ros.commands.command import CommandError, command, options_of, taken, with_table
+from smallwheel_ros.commands.outputs import (
     HTML,
+    JSON,
+    PATH,
     PLOTS,
+    Options,
     check_outputs,
     finish,
-    levels_of,
+    output,
     progress_bar,
-    read_table,
-    read_test,
 )
-from smallwheel_ros.common.console import JSON, show, tell
+from smallwheel_ros.common.console import show, tell
 from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.compare.compare import compare as compare_models
+from smallwheel_ros.diagnosis.add import add as add_effect
+from smallwheel_ros.diagnosis.diagnose import diagnose as diagnose_data
+from smallwheel_ros.lab.fit_tests import fit as fit_tests
+from smallwheel_ros.learn.learn import learn as learn_law
 
-Given = dict[str, Any]  # arguments of the function, by its names
-How = dict[str, Any]  # arguments of `read`
-_STEPS = 5  # that a diagnosis tells of
+_FITTING: Options = {"what": "fitting", "unit": "fit"}
+_DIAGNOSING: Options = {"what": "diagnosing", "total": 5}  # steps that a diagnosis tells of
 
+fit = command(
+    fit_tests,
+    output("Model file to write.", "model_file"),
+    JSON,
+    words="What was found is printed. With -o it is a model file too, for the other commands and the node.",
+)
 
-@command(api.fit)
-@click.option("-o", "--output", type=PATH, metavar="FILE", help="Model file to write.")
-@JSON
-def fit(given: Given, how: How, output: Path | None, json_file: str | None) -> None:
-    """What was found is printed. With -o it is a model file too, for the other commands and the node."""
-    check_outputs(given, [json_file], output)
-    given["data"] = [read_test(path, how) for path in given["data"]]
-    result = api.fit(**given)
-    show(result, json_file, [] if output is None else [result.model.save(output)])
-
-
-@command(api.compare, models={"names": ("--model",)})
-@JSON
-@PLOTS
-@HTML
-def compare(
-    given: Given, how: How, json_file: str | None, plots: Path | None, html: Path | None
-) -> None:
-    """A model file is compared beside these."""
-    check_outputs(given, [html, json_file], plots=plots)
-    given["data"] = read_table(given["data"], how)
-    with progress_bar("fitting", unit="fit") as progress:
-        result = api.compare(**given, progress=progress)
-    finish(result, json_file, [], html, plots)
+compare = command(
+    compare_models, JSON, PLOTS, HTML, words="A model file is compared beside these.", bar=_FITTING
+)
 
 
-@command(api.diagnose)
-@JSON
-@HTML
-@PLOTS
-@click.option("--full", is_flag=True, help="Print all that the page has, not the answer alone.")
-@click.option("--apply", is_flag=True, help="Add what the verdict names; needs -o.")
-@click.option("-o", "--output", type=PATH, help="With --apply: model file to write.")
-def diagnose(
-    given: Given,
-    how: How,
-    json_file: str | None,
-    html: Path | None,
-    plots: Path | None,
-    full: bool,
-    apply: bool,
-    output: Path | None,
-) -> None:
-    """With --apply what the verdict names is added to the model, step by step, and -o is the result."""
-    if apply != (output is not None):
-        raise BenchError("--apply and -o FILE go together: one without the other does nothing")
-    check_outputs(given, [json_file, html], output, plots)
-    measurements = read_table(given["data"], how)
-    given |= {"data": measurements, "can": levels_of(given["can"], measurements)}
-    with progress_bar("diagnosing", _STEPS) as progress:
-        result = api.diagnose(**given, progress=progress)
-    written: list[Path] = []
-    if output is not None:
-        if len(result.steps) < 2:
-            gone = "" if result.steps else f"; {output} was not written"
-            click.echo(f"nothing was named, so nothing was added{gone}", err=True)
-        if result.steps:
-            written.append(result.model.save(output))
+def _check_apply(asked: Options) -> None:
+    if asked["apply"] != (asked["model_file"] is not None):
+        raise CommandError("--apply and -o FILE go together: one without the other does nothing")
+
+
+def _diagnosed(result: Any, asked: Options) -> None:
+    if asked["model_file"] is not None and len(result.steps) < 2:
+        gone = "" if result.steps else f"; {asked['model_file']} was not written"
+        click.echo(f"nothing was named, so nothing was added{gone}", err=True)
+        asked["model_file"] = asked["model_file"] if result.steps else None
     text = None
-    if full:
+    if asked["full"]:
         from smallwheel_ros.views.diagnosis import page
 
         text = page(result, pictures=False).text()
-    finish(result, json_file, written, html, plots, text)
+    finish(result, asked, text)
 
 
-@command(
-    api.learn,
-    name={"metavar": "ID"},
-    most={"type": click.IntRange(1, 5)},
+diagnose = command(
+    diagnose_data,
+    JSON,
+    HTML,
+    PLOTS,
+    click.option("--full", is_flag=True, help="Print everything on the page, not only the answer."),
+    click.option("--apply", is_flag=True, help="Add what the verdict names; needs -o."),
+    output("With --apply: model file to write.", "model_file"),
+    words="With --apply what the verdict names is added to the model, step by step, and -o is the result.",
+    begin=_check_apply,
+    finish=_diagnosed,
+    bar=_DIAGNOSING,
 )
-@click.option("-o", "--output", type=PATH, metavar="FILE",
-              help="Effect file (*.py) to write, for the verdict `law` only.")  # fmt: skip
-@JSON
-@PLOTS
-@HTML
-def learn(
-    given: Given,
-    how: How,
-    output: Path | None,
-    json_file: str | None,
-    plots: Path | None,
-    html: Path | None,
-) -> None:
-    """With -o the law is a file that --effects of the other commands takes."""
-    if output is not None and output.suffix != ".py":
-        raise BenchError(f"-o {output}: expected a Python file, *.py")
-    check_outputs(given, [json_file, html, output], plots=plots)
-    measurements = read_table(given["data"], how)
-    given |= {"data": measurements, "can": levels_of(given["can"], measurements)}
-    with progress_bar("learning") as progress:
-        result = api.learn(**given, progress=progress)
-    written: list[Path] = []
-    if output is not None and result.source is not None:
-        result.document["file"] = str(output)
-        written.append(result.save(output))
-    elif output is not None:
-        click.echo(f"no law was drafted: {output} was not written", err=True)
-    finish(result, json_file, written, html, plots)
 
 
-@command(
-    api.add,
-    model={"required": True},
-    data={"required": True},
-    seed=None,
+def _check_law_file(asked: Options) -> None:
+    if asked["output"] is not None and asked["output"].suffix != ".py":
+        raise CommandError(f"-o {asked['output']}: expected a Python file, *.py")
+
+
+def _learnt(result: Any, asked: Options) -> None:
+    if asked["output"] is not None and result.source is None:
+        click.echo(f"no law was drafted: {asked['output']} was not written", err=True)
+        asked["output"] = None
+    elif asked["output"] is not None:
+        result.document["file"] = str(asked["output"])
+    finish(result, asked)
+
+
+learn = command(
+    learn_law,
+    output("Effect file (*.py) to write, for the verdict `law` only."),
+    JSON,
+    PLOTS,
+    HTML,
+    words="With -o the law is a file that --effects of the other commands takes.",
+    begin=_check_law_file,
+    finish=_learnt,
+    bar={"what": "learning"},
 )
-@click.option("-o", "--output", required=True, type=PATH, help="Model file to write.")
-@JSON
-def add(given: Given, how: How, output: Path, json_file: str | None) -> None:
-    """-o may name the model file itself."""
-    check_outputs(given, [json_file], output)
-    given["data"] = read_table(given["data"], how)
-    result = api.add(**given)
-    result.model.save(output)
-    show(result, json_file, [output])
+
+add = command(
+    add_effect,
+    output("Model file to write.", "model_file", required=True),
+    JSON,
+    words="-o may name the model file itself.",
+)
 
 
-@command(api.diagnose, "data", "model", "effects")
-@click.option("-o", "--output", required=True, type=PATH, metavar="FILE",
-              help="HTML file to write.")  # fmt: skip
+@click.command()
+@options_of(diagnose_data, "data", "model", "effects")
+@output("HTML file to write.", required=True)
 @JSON
-def report(given: Given, how: How, output: Path, json_file: str | None) -> None:
+def report(**options: Any) -> None:
     """Write one self-contained HTML page on the measurements in DATA.
 
     Effects to set and unset, the data, models side by side, where the model fails, which effect is
@@ -160,18 +124,20 @@ def report(given: Given, how: How, output: Path, json_file: str | None) -> None:
     from smallwheel_ros.views.page import write_page
     from smallwheel_ros.views.report import page
 
-    check_outputs(given, [output, json_file])
-    given["data"] = read_table(given["data"], how)
-    models = [] if given["model"] is None else [given["model"]]
-    with progress_bar("fitting", unit="fit") as progress:
-        comparison = api.compare(given["data"], models, effects=given["effects"], progress=progress)
-    with progress_bar("diagnosing", _STEPS) as progress:
-        diagnosis = api.diagnose(**given, progress=progress)
-    with progress_bar("fitting", unit="fit") as progress:
+    given = taken(diagnose_data, options)
+    check_outputs(given, options)
+    given = with_table(diagnose_data, given)
+    own = {name: value for name, value in given.items() if name == "effects"}
+    models = [given["model"]] if "model" in given else []
+    with progress_bar(**_FITTING) as progress:
+        comparison = compare_models(given["data"], models, **own, progress=progress)
+    with progress_bar(**_DIAGNOSING) as progress:
+        diagnosis = diagnose_data(**given, progress=progress)
+    with progress_bar(**_FITTING) as progress:
         choices = models_block(diagnosis, every=True, progress=progress)
-    write_page(page(diagnosis, comparison, choices), output)
+    write_page(page(diagnosis, comparison, choices), options["output"])
     found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
-    tell({"schema": 1, **found}, f"written: {output}", json_file)
+    tell({"schema": 1, **found}, f"written: {options['output']}", options["json_file"])
 
 
 @click.command()

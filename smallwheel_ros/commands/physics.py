@@ -8,65 +8,40 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from smallwheel_ros import api
-from smallwheel_ros.commands.from_signature import PATH, command, option_of
-from smallwheel_ros.commands.inputs import check_outputs
-from smallwheel_ros.common.console import JSON, show, tell
+from smallwheel_ros.commands.command import command, options_of
+from smallwheel_ros.commands.outputs import JSON, PATH, Options, finish
+from smallwheel_ros.common.console import tell
 from smallwheel_ros.common.files import check_targets
-from smallwheel_ros.physics.soil import SOILS
+from smallwheel_ros.prediction.predict import predict as predict_wheel
 
 # `--help` of a command needs none of what the command computes and draws with.
 if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
 
 
-@command(
-    api.predict,
-    model={"required": False, "help": "A model file, or a soil of the library."},
-    soil={"help": f"A soil of the library: {', '.join(SOILS)}; with --model, one of the file's."},
-    effects={"metavar": None},
-    others={"names": ("--set",), "required": False, "multiple": True, "metavar": "NAME=VALUE",
-            "say": "--set speed=0.1, --set 'slope=10 deg'."},
-)  # fmt: skip
-@click.option(
-    "--closed-form", is_flag=True, help="The paper's closed form (eq. 10) for the contact integral."
-)
-@JSON
-@click.option("--plot", type=PATH, help="Draw into this file (PNG, SVG, PDF).")
-def predict(
-    given: dict[str, Any], closed_form: bool, json_file: str | None, plot: Path | None
-) -> None:
-    """For example a table of seven loads.
-
-    smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand
-    """
-    from smallwheel_ros.model.model import Model
-
-    if given["soil"] is None and given["model"] is None:
-        raise click.UsageError("give --soil or --model")
-    if given["model"] is not None and closed_form:
-        raise click.UsageError("--closed-form goes with --soil: a model file says its geometry")
-    check_outputs(given, [plot, json_file])
-    for other in given.pop("others"):
-        name, equals, value = other.partition("=")
-        if not equals or not name or name in given:
-            raise click.UsageError(f"--set {other}: expected NAME=VALUE with a new NAME")
-        given[name] = value
-    if given["model"] is None:
-        model = Model(given["soil"], "closed_form" if closed_form else "contact_integral")
-        given |= {"model": model, "soil": None}
-    table = api.predict(**given)
-    if plot is not None:
+def _drawn(result: Any, asked: Options) -> None:
+    path = asked["plot"]
+    if path is not None:
         from smallwheel_ros.views.plots import write_picture
         from smallwheel_ros.views.prediction import panels
 
-        write_picture(panels(table), plot)
-    show(table, json_file, [] if plot is None else [plot])
+        write_picture(panels(result), path)
+    finish(result, asked, written=[] if path is None else [path])
+
+
+predict = command(
+    predict_wheel,
+    JSON,
+    click.option("--plot", type=PATH, help="Draw into this file (PNG, SVG, PDF)."),
+    words="For example a table of seven loads.\n\n"
+    "smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand",
+    finish=_drawn,
+)
 
 
 @click.command()
 @click.argument("effect", required=False)
-@option_of(api.predict, "effects", metavar=None)
+@options_of(predict_wheel, "effects")
 @JSON
 def effects(effect: str | None, effects: Path | None, json_file: str | None) -> None:
     """List the effects that a model may lack, or explain one: its forms, sources and parameters."""

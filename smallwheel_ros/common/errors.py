@@ -15,6 +15,10 @@ class SmallwheelError(Exception):
     """
 
 
+class ArgumentError(SmallwheelError):
+    """An argument of a public function that is of another kind than it takes."""
+
+
 def reason(error: Exception) -> str:
     """Text of another library's error on one line, or its kind where it has none."""
     text = " ".join(str(getattr(error, "strerror", None) or error).split())
@@ -26,3 +30,8 @@ def nearest(name: str, known: list[str]) -> str:
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean '{close[0]}'? " if close else ""
     return f"{hint}There is: {', '.join(sorted(known))}"
+
+
+def kind_of(value: object) -> str:
+    """What was given, by the name of its type."""
+    return "nothing" if value is None else type(value).__name__

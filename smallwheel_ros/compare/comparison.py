@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models against measurements: error held out and in sample, by channel, soil, wheel and condition.
 
-comparison = compare(read_measurements("rig.csv"))
+comparison = comparison_of(read("rig.csv"))
 comparison.score(comparison.models[0], "sinkage", held_out=True)
 
 Points, folds and errors are those of `fitting`, as in every other command.
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.arguments import unheard
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.compare.contenders import REGRESSION, STANDARD, Contender, standard_contenders
 from smallwheel_ros.compare.reasons import (
@@ -55,7 +56,7 @@ Progress = Callable[[int, int], object]  # fits done, fits needed
 
 _ROUNDING = 1e-9  # of the error: less of a mean of errors is no bias but its rounding
 _ASK_DIAGNOSE = (
-    "how low the error could get is not known before what is missing is: "
+    "how low the error could get is unknown until it is known what is missing: "
     "`smallwheel diagnose` works it out"
 )
 _REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_std"
@@ -175,7 +176,7 @@ class Comparison(Result, shown="views.comparison"):
         by = "the constant"
         what = "a constant, the mean of the other runs"
         if best.contender.name == REGRESSION:
-            by, what = "the regression", "a log-log regression, which holds no physics"
+            by, what = "the regression", "a log-log regression, which contains no physics"
         found = (
             f"no law has less error than {what}: {law.contender.name}, the best of them, has {said[-1]}, "
             f"{by} {said[0]}"
@@ -250,17 +251,16 @@ class Comparison(Result, shown="views.comparison"):
         return unseen or [(m, m.in_sample) for m in self.models]
 
 
-def compare(
+def comparison_of(
     measurements: Measurements,
     contenders: Sequence[Contender] = (),
     *,
     standard: bool = True,
-    progress: Progress = lambda done, needed: None,
+    progress: Progress = unheard,
 ) -> Comparison:
-    """Compare models with measurements.
+    """Models against measurements: the standard ones, and further ones.
 
-    contenders: further models beside the standard ones. progress: told how many of how many fits
-    are done.
+    progress: told how many of how many fits are done.
     Raises FittingError where nothing usable was measured, or too little for a fit.
     """
     problem = Problem.of(measurements)
@@ -368,7 +368,7 @@ def _standing(contender: Contender, model: Model, points: Points) -> ModelResult
         sunk = int(predict(model, filled(data.conditions).take(used)).immobilised.sum())
         if sunk:
             notes.append(
-                f"sinks to the axle in {sunk} rows: there it has no prediction but a continuation, "
+                f"sinks to the axle in {sunk} rows: there its prediction is only a continuation, "
                 "whose error counts"
             )
     other = bool(contender.fitted_to) and contender.fitted_to != data.sha256
@@ -381,8 +381,8 @@ def _origin(contender: Contender, data: Measurements) -> str:
     if contender.fitted_to and contender.fitted_to == data.sha256:
         return "was fitted to this very file: its error is in sample, nothing was held out"
     if contender.fitted_to:
-        return "was fitted to another file and stands as it is: nothing had to be held out"
-    return "stands as it is; what it was fitted to is not known, so nothing is called held out"
+        return "was fitted to another file and is used as it is: nothing had to be held out"
+    return "is used as it is; what it was fitted to is unknown, so no error is called held out"
 
 
 def _known_soil(model: Model, data: Measurements) -> tuple[Mask, list[tuple[str, Index]]]:

@@ -3,17 +3,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 
-from smallwheel_ros.effects.registry import effect
+from smallwheel_ros.arguments import Models
+from smallwheel_ros.effects.registry import Registry, effect
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import one_diameter, soil_names
+from smallwheel_ros.model.given import list_of, model_of
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.conditions import PLATE
+from smallwheel_ros.physics.soil import Soil, soil
 
 # Names of the standard contenders; the fit of the last tells what a true model would leave.
 STANDARD = ("constant", "bekker", "meirion_griffith_spenko", "wong_reece", "contact_integral")
@@ -61,8 +67,8 @@ def standard_contenders(points: Points) -> list[Contender]:
         same = ", and the law is that of bekker" if widths == 1 else ""
     stresses = Contender(
         STANDARD[3],
-        "Wong and Reece 1967, stresses along the arc whose peak moves with slip: P = k z^n D^m decides "
-        "about pressure, and pressure and shear carry the load together" + exponent,
+        "Wong and Reece 1967, stresses along the arc whose peak moves with slip: P = k z^n D^m sets the "
+        "pressure, and pressure and shear carry the load together" + exponent,
         Base(thrust_form="wong_reece"),
     )
     regression = Contender(
@@ -74,7 +80,7 @@ def standard_contenders(points: Points) -> list[Contender]:
     return [
         Contender(
             STANDARD[0],
-            "the mean of the other runs, whatever load and slip: a law that is worse says nothing",
+            "the mean of the other runs, whatever load and slip: a law with a larger error explains nothing",
             None,
         ),
         *([regression] if set(points.channels) - set(points.forces) else []),
@@ -95,3 +101,27 @@ def standard_contenders(points: Points) -> list[Contender]:
             Base(),
         ),
     ]
+
+
+def contenders_of(models: Models, known: Registry) -> list[Contender]:
+    """One contender for each model, each under a name of its own. Raises ArgumentError, ModelFileError."""
+    if isinstance(models, Mapping):
+        named = [(str(name), model) for name, model in models.items()]
+    else:
+        single = isinstance(models, (str, PathLike, Model, Soil)) or hasattr(models, "model")
+        listed = [models] if single else list_of("models", models)
+        named = [("", model) for model in listed]
+    found: list[Contender] = []
+    for name, given in named:
+        read_one, taken = model_of(given, known), [*STANDARD, *(c.name for c in found)]
+        of_library = isinstance(given, str) and given in soil
+        file = str(given) if isinstance(given, (str, PathLike)) and not of_library else ""
+        name = name or (str(given) if of_library else Path(file).stem) or "model"
+        if name in taken:
+            name = file if file and file not in taken else f"{name}_{len(taken) + 1}"
+        effects = ", ".join(effect.id for effect in read_one.effects) or "no effects"
+        source = f"model file {file}" if file else "soil of the library" if of_library else "model"
+        about = f"{source}: {read_one.geometry}, {effects}"
+        digest = str(read_one.provenance.get("sha256", ""))
+        found.append(Contender(name, about, read_one.model, file, digest))
+    return found

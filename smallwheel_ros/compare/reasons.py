@@ -63,7 +63,7 @@ def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> str:
         middle = float(np.median(fitter.level[fitter.points.of_channel(channel)]))
         size = shown_value(channel, large[f"zero:{channel}"] * middle)
         texts.append(
-            f"its fit lays {size} of each run to a zero: look at where the touch-down was read"
+            f"its fit lays {size} of each run to a zero offset: check where the touch-down was read"
         )
     if "along" in large:
         texts.append(f"its curves stray by {percent(large['along'])} from a power of depth")

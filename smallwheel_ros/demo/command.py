@@ -16,11 +16,13 @@ _FILE = click.Path(path_type=Path)
 @click.command()
 @click.option("-o", "--output", type=_FILE, metavar="FOLDER", default=Path("out") / "demo",
               show_default=True, help="For what is made.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the drive.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the drive."
+)
 @click.option("--distance", type=click.FloatRange(2, 500), default=24.0, show_default=True,
-              help="Way before the slope that ends it, m.")  # fmt: skip
+              help="Distance before the slope at the end, m.")  # fmt: skip
 @click.option("--rate", type=click.FloatRange(0.1, 100), default=4.0, show_default=True,
-              help="Times as fast as real time, at most: the player waits for the node.")  # fmt: skip
+              help="At most so many times as fast as real time: the player waits for the node.")  # fmt: skip
 @JSON
 def demo(output: Path, seed: int, distance: float, rate: float, json_file: str | None) -> None:
     """Play a simulated drive into the node over DDS, draw what it finds.
@@ -43,7 +45,7 @@ def demo(output: Path, seed: int, distance: float, rate: float, json_file: str |
 @click.option("--rate", type=click.FloatRange(0.001, 1000), default=1.0, show_default=True,
               help="Times as fast as recorded.")  # fmt: skip
 @click.option("--wait", type=click.FloatRange(0, 86400), default=10.0, show_default=True,
-              help="For listeners, at most so many s; 0: begin at once.")  # fmt: skip
+              help="Wait for listeners, at most this many seconds; 0: begin at once.")  # fmt: skip
 def play(bag: Path, rate: float, wait: float) -> None:
     """Publish the messages of BAG over DDS, with /clock; bags of ROS 1 are converted on the way.
 

@@ -251,7 +251,7 @@ def _pull(full: Clip, answer: dict[str, Any]) -> str:
     inside = (abs(off) < _BAND * deviation).mean()
     rms = np.sqrt((off**2).mean())
     return (
-        f"drawbar pull: error {rms:.2f} N rms, stated {deviation.mean():.2f} N (1 sd); true one in its"
+        f"drawbar pull: error {rms:.2f} N rms, stated {deviation.mean():.2f} N (1 sd); truth inside the"
         f" 95 % band: {inside:.0%} of {len(off)}"
     )
 

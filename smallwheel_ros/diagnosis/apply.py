@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,18 +15,19 @@ from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
 from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnosis_of
 from smallwheel_ros.diagnosis.search import Candidate, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
+from smallwheel_ros.diagnosis.start import Start
 from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.fitting import Base, FitResult, Problem
+from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
-from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
+from smallwheel_ros.measurements.display import probability_text, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 
 if TYPE_CHECKING:
@@ -66,27 +67,6 @@ class Added(Result, shown="views.added"):
         )
         return f"{words(self.effect)} ({self.form}), held-out error {errors}"
 
-    def text(self) -> str:
-        """As `smallwheel add` prints it."""
-        lines = [f"{words(self.effect)} ({self.form}), held-out error before and after"]
-        for row in self.rows():
-            name = row["channel"]
-            sides = [
-                shown_value(name, row[when])
-                + (
-                    ""
-                    if row[f"{when}_std"] is None
-                    else f" +- {shown_value(name, row[f'{when}_std'])}"
-                )
-                for when in ("before", "after")
-            ]
-            lines.append(f"  {words(name)}: {' -> '.join(sides)}")
-        lines.append(self.reason or "recommended: the diagnosis of this data names it")
-        for p in (p for p in self.fit.parameters if p.owner == self.effect):
-            std = "" if p.std is None else f" +- {number(p.std)}"
-            lines.append(f"  {p.full_name} = {number(p.value)}{std}")
-        return "\n".join(lines)
-
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel add --json` writes it."""
         document = {
@@ -124,23 +104,15 @@ class Added(Result, shown="views.added"):
         return super()._writers() | self.model._writers()
 
 
-def add_effect(
-    effect: str,
-    base: Base,
-    measurements: Measurements,
-    *,
-    registry: Registry | None = None,
-    without: Collection[str] = (),
-    seed: int = 0,
-) -> Added:
+def added(effect: str, start: Start) -> Added:
     """Add one effect, in the form that fits best, and fit everything anew.
 
     Raises EffectError where there is no such effect or the data does not have what it needs.
     """
-    known = registry or default_registry()
+    measurements, known = start.measurements, start.registry
     _check_column(effect, measurements, known)
-    wanted = _forms_of(effect, Problem.of(measurements, base), known)
-    judged = diagnose(measurements, base, registry=known, without=without, seed=seed)
+    wanted = _forms_of(effect, Problem.of(measurements, start.base), known)
+    judged = diagnosis_of(start)
     problem = judged.problem
     model, before, after = _step(effect, judged, wanted)
     change = compare_cv(before, after)
@@ -294,12 +266,15 @@ def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bo
         return True, why if learnt else ""
     if effect in document["candidates"]:
         others = ", ".join(c for c in document["candidates"] if c != effect)
-        return False, f"this data cannot tell it from {others}; not recommended before it can"
+        return (
+            False,
+            f"this data cannot tell it from {others}; not recommended until other data can",
+        )
     row: dict[str, Any] = next((r for r in document["ranking"] if r["effect"] == effect), {})
     chance = probability_text(row.get("probability") or 0.0)
     if document["missing_effects"]:
         named = ", ".join(document["missing_effects"])
-        return False, f"the data speaks for {named} (this one {chance}); not recommended"
+        return False, f"the data favours {named} (this one {chance}); not recommended"
     p = document["lack_of_fit"]["p_value"]
     tested = "" if p is None else f", p {p:.2g}"
     return False, f"probability {chance}{tested}; not recommended"

@@ -181,7 +181,7 @@ def _forms(
     reason = ""
     for kind in forms:
         if kind.known_physics:
-            why = "known physics: applied where its columns are there, not a discovery"
+            why = "known physics: applied wherever its columns are present"
         elif kind.geometry and model.geometry == kind.geometry:
             why = "the model has this geometry"
         else:
@@ -221,7 +221,7 @@ def _why_not(family: str, kind: type[Effect], points: Points, columns: Mapping[s
                 "the load was not set: it was swept, or wavers within runs and follows the settings"
             )
         if need == points.order and need not in columns:
-            return f"{need} follows the settings: what drifts is not told from what they do"
+            return f"{need} follows the settings: a drift cannot be told from their effect"
         values = known[need]
         if need not in ("load", "width", "diameter"):
             values = values[points.conditions.rolling[points.row]]

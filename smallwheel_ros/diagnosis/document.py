@@ -292,7 +292,7 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
         "effect": name,
         "kind": "instrument",
         "status": "significant",
-        "reason": f"{words(name)}: pull and torque speak of it, {number(told.evidence, 2)} nats",
+        "reason": f"{words(name)}: pull and torque favour it by {number(told.evidence, 2)} nats",
         "probability": told.probability,
         "p_value": None,
         "form": law.form,

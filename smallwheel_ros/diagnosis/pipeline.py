@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from smallwheel_ros.arguments import unheard
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.held_out import Step, held_out
 from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, misfit_of, most_bad
-from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
+from smallwheel_ros.diagnosis.next_measurement import proposals
 from smallwheel_ros.diagnosis.posterior import Posterior, Word, posterior_of
 from smallwheel_ros.diagnosis.search import Search, search
+from smallwheel_ros.diagnosis.start import Start
 from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict, decide
 from smallwheel_ros.diagnosis.zero import fault_told
-from smallwheel_ros.effects.registry import Registry, default_registry
-from smallwheel_ros.fitting import Base, FitResult, Problem
+from smallwheel_ros.effects.registry import Registry
+from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
     from smallwheel_ros.model.model_file import CalibratedModel
 
-Progress = Callable[[str], None]
+Progress = Callable[[str], object]
 
 
 @dataclass(frozen=True, repr=False)
@@ -116,53 +118,24 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
 
 @one_thread
-def diagnose(
-    measurements: Measurements,
-    base: Base | None = None,
-    *,
-    registry: Registry | None = None,
-    seed: int = 0,
-    without: Collection[str] = (),
-    limits: Limits | None = None,
-    progress: Progress = lambda step: None,
-) -> Diagnosis:
+def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
     """Find out which effect a model is missing, as far as the measurements can tell.
 
-    Parameters
-    ----------
-    measurements
-        The table.
-    base
-        What the model has already; the contact integral and nothing else where None.
-    registry
-        The effects that could be missing; those of the library where None.
-    seed
-        Of the null distribution: the same seed gives the same document.
-    without
-        Ids of effects that are taken out of the competition.
-    limits
-        By setting (SI), the levels that the user can set, for the measurements to make next.
-    progress
-        Told each step in words.
-
-    Raises
-    ------
-    FittingError
-        Where nothing usable was measured.
+    progress: told each step in words. Raises FittingError where nothing usable was measured.
     """
-    known = registry or default_registry()
+    known, without = start.registry, start.without
     progress("fitting the base model")
-    problem = Problem.of(measurements, base)
+    problem = Problem.of(start.measurements, start.base)
     reason = _insufficient(problem.judged.points)
     if reason or len(problem.points) < 2:
         return _too_little(problem, reason, known, without)
     progress("testing each effect")
-    evidence = _evidence(problem, known, without, seed, progress)
+    evidence = _evidence(problem, known, without, start.seed, progress)
     verdict = decide(evidence)
     progress("ranking")
-    document = written.document_of(evidence, verdict, seed=seed, without=without)
+    document = written.document_of(evidence, verdict, seed=start.seed, without=without)
     progress("what to measure next")
-    proposed = proposals(evidence.found, verdict, limits or {})
+    proposed = proposals(evidence.found, verdict, start.limits)
     document["next_measurements"] = [asdict(p) for p in proposed]
     return Diagnosis(written.plain(document), evidence.problem, evidence, verdict)
 

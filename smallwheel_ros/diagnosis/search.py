@@ -208,7 +208,7 @@ def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:
         if c.family not in power
     }
     blind |= {
-        family: "the base model imitates it: with these settings no strength that is likely would show"
+        family: "the base model imitates it: with these settings no plausible strength of it would show"
         for family, size in power.items()
         if size < TESTABLE
     }

@@ -24,8 +24,8 @@ SAID = {
 
 
 _NEXT = {
-    "missing_effect": "Next: add it with `smallwheel diagnose {table} --apply -o MODEL.yaml`, and make sure "
-    "by the measurements proposed.",
+    "missing_effect": "Next: add it with `smallwheel diagnose {table} --apply -o MODEL.yaml`, and confirm it "
+    "with the measurements proposed.",
     "adequate": "Next: use the model within the settings measured; what this data could not show may still "
     "be there.",
     "unknown_effect": "Next: record what else differs between the runs, or let `smallwheel learn` look for a "

@@ -124,8 +124,8 @@ def decide(evidence: Evidence) -> Verdict:
         steps = (Step(None, told.base, told.errors), with_it, *steps[1:])
         forces = listed([words(n) for n in evidence.problem.points.forces])
         reasons.append(
-            f"{words(name)} is told by {forces}: their law holds at the sinkage as it is shown "
-            f"{number(told.evidence, 2)} nats worse than at one that is corrected"
+            f"{words(name)} is indicated by {forces}: their law fits the sinkage as shown "
+            f"{number(told.evidence, 2)} nats worse than the corrected one"
         )
     return Verdict(
         word, named, rivals, said.unknown, closest, probabilities, held.best, steps, tuple(reasons)
@@ -213,8 +213,8 @@ def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], dict[str, bool]]:
     ]
     flat = [
         f"the {top.count} largest values of {words(name)} lie within {percent(top.span)} of each "
-        f"other, at settings where they should not (p {p_text(top.p)}): its sensor seems to show "
-        f"no more than {shown_value(name, top.value)}. Leave these out, or measure within its range"
+        f"other, at settings where they should not (p {p_text(top.p)}): its sensor seems to "
+        f"saturate at {shown_value(name, top.value)}. Leave these out, or measure within its range"
         for name, top in misfit.plateaus.items()
         if top.p <= _SURE
     ]

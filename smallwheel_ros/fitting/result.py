@@ -30,7 +30,7 @@ from smallwheel_ros.fitting.parameters import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.variance import settings_repeated
-from smallwheel_ros.measurements.display import LAW, percent, shown_value, words
+from smallwheel_ros.measurements.display import percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
@@ -154,20 +154,6 @@ class FitResult(WithParameters, Result, shown="views.fit"):
             "notes": list(self.notes),
             "held_out_rmse": dict(self.held_out),
         }
-
-    def text(self) -> str:
-        """What the fit found, in words."""
-        lines = [LAW, "", "Fitted parameters"]
-        lines += [f"  {p.full_name:38s} {p}" for p in self.parameters]
-        lines += ["Follows from these", *(f"  {p.full_name:38s} {p}" for p in self.derived)]
-        lines.append("Noise of one row")
-        for name, noise in self.noise.items():
-            size = f"{shown_value(name, noise.absolute)} and {100 * noise.relative:.1f} %"
-            lines.append(f"  {words(name)}: {size} (from {noise.source})")
-        lines += ["Notes", *[f"  {note}" for note in self.notes]] if self.notes else []
-        lines += ["Held-out error (runs left out of the fit)"] if self.held_out else []
-        lines += [f"  {words(n)}: {shown_value(n, v)}" for n, v in self.held_out.items()]
-        return "\n".join(lines)
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
         """Draw measured over predicted in sample. channel: the first that was measured if not given."""

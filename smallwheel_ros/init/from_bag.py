@@ -301,10 +301,10 @@ _PATH = click.Path(path_type=Path)
 @click.argument("source", required=False, type=_PATH, metavar="[BAG|URDF]")
 @click.option("--urdf", type=_PATH, metavar="FILE",
               help="A robot description: sizes, places and joints; alone, or beside a BAG.")  # fmt: skip
-@click.option("--wheels", type=int, metavar="N", help="Without either: so many wheels.")
+@click.option("--wheels", type=int, metavar="N", help="Without either: the number of wheels.")
 @click.option("-o", "--output", required=True, type=_PATH, metavar="ROVER.yaml",
               help="Parameter file to write.")  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
 @JSON
 def init(
     source: Path | None,

@@ -163,7 +163,7 @@ def description_in(path: Path) -> str:
             raise InitError(f"{path}: more than {_MOST_BYTES >> 20} MiB, expected a URDF")
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise InitError(f"{path}: cannot be read: it is no text in UTF-8") from None
+        raise InitError(f"{path}: cannot be read: it is not text in UTF-8") from None
     except OSError as error:
         raise InitError(f"{path}: cannot be read: {reason(error)}") from None
     return text

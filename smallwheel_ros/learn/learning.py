@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.arguments import unheard
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
-from smallwheel_ros.effects.registry import Registry, default_registry, load_effects
-from smallwheel_ros.fitting import Base, Problem
+from smallwheel_ros.diagnosis.start import Start
+from smallwheel_ros.effects.registry import Registry, load_effects
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import TIE
 from smallwheel_ros.fitting.fit import FAILURES, Fitter
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
@@ -27,7 +29,7 @@ from smallwheel_ros.learn.document import document, grows, headline, origin, sha
 from smallwheel_ros.learn.draft import class_text, default_name, file_text, name_problem, numbers_of
 from smallwheel_ros.learn.search import Candidate
 from smallwheel_ros.learn.tangent import Yardstick
-from smallwheel_ros.learn.verdict import Progress, Sought, seek, silent
+from smallwheel_ros.learn.verdict import Progress, Sought, seek
 from smallwheel_ros.measurements.table import Measurements
 
 if TYPE_CHECKING:
@@ -99,34 +101,25 @@ class Learnt(Result, shown="views.learnt"):
         return super()._writers() | {".py": law}
 
 
-def learn(
-    measurements: Measurements,
-    base: Base | None = None,
-    *,
-    registry: Registry | None = None,
-    without: Collection[str] = (),
-    name: str | None = None,
-    most: int = 1,
-    seed: int = 0,
-    limits: Limits | None = None,
-    progress: Progress = silent,
+def learnt(
+    start: Start, name: str | None = None, most: int = 1, progress: Progress = unheard
 ) -> Learnt:
     """Learn a law that a model lacks from measurements, as far as they can tell.
 
-    base: what the model has already; the contact integral and nothing else where None. registry: published
-    effects that a law is held against; those of the library where None. without: ids of effects that are
-    taken out of the model, and that the law is not held against. name: id of the law; made of what it
-    follows where None, and with `_2` after it of a second one. most: laws to learn, each with those before
-    it in the model. limits: by setting (SI), the levels that the user can set, for what to measure next.
-    progress: told each step in words, how many are done, and of how many (0: not known).
-    Raises LearnError where name or most make no sense.
+    name: id of the law; made of what it follows where None, and with `_2` after it of a second one. most:
+    laws to learn, each with those before it in the model. progress: told each step in words, how many are
+    done, and of how many (0: not known). Raises LearnError where name or most make no sense.
     """
-    known = registry or default_registry()
+    measurements, known, without, base = (
+        start.measurements,
+        start.registry,
+        start.without,
+        start.base,
+    )
     if name is not None and (problem := name_problem(name, known.families)):
         raise LearnError(f"the name of a law: {problem}")
     if most < 1:
         raise LearnError(f"most is {most}, expected the number of laws to learn: 1 or more")
-    base = base or Base()
     model = replace(
         base,
         effects=tuple(e for e in base.effects if e.id not in without),
@@ -136,7 +129,7 @@ def learn(
     documents: list[dict[str, Any]] = []
     classes: list[str] = []
     for number in range(1, most + 1):
-        sought = seek(measurements, model, seed=seed, progress=progress)
+        sought = seek(measurements, model, seed=start.seed, progress=progress)
         id = _id(sought, name, number, known)
         said = document(measurements, sought, id)
         searches.append(sought)
@@ -145,7 +138,7 @@ def learn(
             break
         fitter, law, tied = sought.problem.fitter, sought.best.law, sought.best.tied
         progress("what to measure next", 0, 1)
-        said["measure_next"] = _measure_next(fitter, law, tied, limits or {})
+        said["measure_next"] = _measure_next(fitter, law, tied, start.limits)
         if sought.verdict != "law":
             break
         said["notes"] += _published(sought.problem, law, known, without)

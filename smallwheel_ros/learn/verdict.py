@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.arguments import unheard
 from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
@@ -38,7 +39,7 @@ from smallwheel_ros.model.model import Model
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], object]
 
 PERMUTATIONS = 199
 SURE = 0.02  # p of a draft
@@ -86,13 +87,9 @@ class Sought:
     best: Judged | None = None
 
 
-def silent(step: str, done: int, total: int) -> None:
-    """Tell nobody."""
-
-
 @one_thread
 def seek(
-    measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = silent
+    measurements: Measurements, base: Base, *, seed: int = 0, progress: Progress = unheard
 ) -> Sought:
     """Search for one law that a model lacks. The same seed gives the same answer.
 

@@ -78,27 +78,18 @@ def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurem
 def read_tests(
     source: str | Path | pd.DataFrame,
     *,
-    diameter: float | None = None,
-    width: float | None = None,
-    contact: str | None = None,
-    compliance: float | None = None,
     map: Mapping[str, str] | None = None,
     sheet: str | int | Sequence[str | int] | None = None,
-    shear: bool = True,
+    **how: Any,
 ) -> Measurements | ShearTests:
     """Read a table of measurements; everything in SI units afterwards.
 
-    source: a CSV, xlsx, xls, ods or Parquet file, or a pandas data frame. docs/data.md says what a table
-    may look like. diameter, width: m, contact: `plate`, `pressed` or `rolling`, for all rows, where
-    there is no such column. compliance: m/N by which the machine gives way; it is taken off the
-    sinkage. map: our name, with a unit or without, -> their header: {"load [kN]": "F3"}. sheet:
-    of a workbook, by name or number; the rows of several are one table. shear: whether a table of shear
-    tests is one to read.
+    source: a CSV, xlsx, xls, ods or Parquet file, or a pandas data frame. map, sheet, and in `how`
+    diameter, width, contact, compliance: as of `read.read`, sizes in SI units. shear (in `how`): whether a
+    table of shear tests is one to read.
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
-    how: dict[str, Any] = {"diameter": diameter, "width": width, "contact": contact}
-    how |= {"compliance": compliance, "shear": shear}
     one = sheet is None or isinstance(sheet, (str, int))
     several: Sequence[Any] = [sheet] if one else list(sheet or ()) or [None]  # type: ignore[arg-type]
     grids = [read_grid(source, name) for name in several]
@@ -168,11 +159,11 @@ def _read_grid(
     grid: Grid,
     mapping: Mapping[str, str],
     *,
-    diameter: float | None,
-    width: float | None,
-    contact: str | None,
-    compliance: float | None,
-    shear: bool,
+    diameter: float | None = None,
+    width: float | None = None,
+    contact: str | None = None,
+    compliance: float | None = None,
+    shear: bool = True,
 ) -> Measurements | ShearTests:
     columns = read_columns(grid, mapping)
     of_wheels = columns.there("load") and columns.there("sinkage")

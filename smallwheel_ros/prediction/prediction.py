@@ -14,7 +14,6 @@ from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.common.tables import text_table
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
@@ -90,25 +89,8 @@ class PredictionTable(Result, shown="views.prediction"):
             return SUNK
         shown = [q for q in ("sinkage", "resistance", "drawbar_pull") if q in row]
         return ", ".join(
-            f"{words(q)} {_cell(row, q)} {SHOWN[q][0].partition('[')[2].strip(']')}" for q in shown
+            f"{words(q)} {cell(row, q)} {SHOWN[q][0].partition('[')[2].strip(']')}" for q in shown
         )
-
-    def text(self) -> str:
-        """As `smallwheel predict` prints it."""
-        rows = self.rows()
-        shown = [q for q in SHOWN if q in rows[0]]
-        units = {name: unit_of(name) for name in self.settings}
-        named = [f"{name} [{u}]" if u not in ("", "1") else name for name, u in units.items()]
-        header = [*named, *(SHOWN[q][0] for q in shown), "status"]
-        body = [
-            [
-                *(f"{row[name]:g}" for name in self.settings),
-                *(_cell(row, q) for q in shown),
-                "sunk to the axle" if row["status"] == SUNK else "ok",
-            ]
-            for row in rows
-        ]
-        return "\n\n".join([text_table(header, body), *(f"note: {note}" for note in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """As `smallwheel predict --json` writes it: one mapping a row; null where the wheel is sunk."""
@@ -141,7 +123,7 @@ class PredictionTable(Result, shown="views.prediction"):
         return rows
 
 
-def _cell(row: Mapping[str, Any], quantity: str) -> str:
+def cell(row: Mapping[str, Any], quantity: str) -> str:
     """A quantity as it is shown, with four digits whatever the size of the wheel."""
     value, std, factor = row[quantity], row.get(f"{quantity}_std"), SHOWN[quantity][1]
     if value is None:
@@ -224,7 +206,7 @@ def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, t
         unmeasured = listed([text for _, text in assumed.values()])
         notes.append(
             f"no measurement determines {unmeasured}: thrust, pull and torque "
-            "rest on these, with the deviations among soils of one kind and among rigs"
+            "rest on usual values, with the deviations among soils of one kind and among rigs"
         )
         names += tuple(f"{soil.name}.{name}" for name in assumed)
         covariance = block_diag(covariance, np.diag([d**2 for d, _ in assumed.values()]))
@@ -333,7 +315,7 @@ def _refuse_no_number(
     also = f", nor in {bad.size - 1} of the other rows" if bad.size > 1 else ""
     raise PredictionError(
         f"row {bad[0] + 1} of {len(conditions)} ({setting}): {culprit} gives no finite number{also}: "
-        "mend its formula or its numbers, or leave these settings out"
+        "correct its formula or its numbers, or leave these settings out"
     )
 
 

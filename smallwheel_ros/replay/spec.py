@@ -8,8 +8,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
+from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
@@ -33,8 +34,6 @@ from smallwheel_ros.onboard.robot_description import (
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.inputs import Topic
 
-Copy = Literal["all", "used", "none"]
-COPIES: tuple[Copy, ...] = ("all", "used", "none")
 _HASHED = 1 << 20  # bytes
 _CONFIG = "rover.yaml"
 _TOPIC_NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
@@ -48,12 +47,8 @@ class ReplayError(SmallwheelError):
 class ReplaySpec:
     """What to replay and how; plain values, so that it can be sent to another process or machine.
 
-    config: the node's parameter file. folder: where everything goes. remaps: full names, the node's,
-    then the bag's. clock: judge stamps by the times of recording (or the bag's /clock), as the node does
-    with use_sim_time; otherwise they are only compared with each other. copy: which of the bag's topics
-    go into the new bag beside the estimates. rate: Hz, in place of the parameter mobility.rate; None: as
-    that is. notes: what is to be said of it beforehand. soil_file: a soil that is gone on from where there
-    is one, and saved at the end.
+    Fields are arguments of `one_bag.replay`. folder: its output. remaps: full names. notes: what is to be
+    said of it beforehand.
     """
 
     bag: Path

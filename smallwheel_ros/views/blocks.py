@@ -184,7 +184,7 @@ class Models:
     several: bool
     views: Mapping[str, Sequence[Block]]
     leaves: Mapping[str, Any]
-    absent: str = "This choice was not computed beforehand."
+    absent: str = "This combination was not computed."
     stills: Sequence[Figure] = ()
 
     def lines(self) -> list[str]:

@@ -127,7 +127,7 @@ def best_sentences(found: Comparison) -> list[str]:
             law = found.best(channel, laws=True)
             score = law and found.shown_score(law, channel)
             if law and score and (above := _above_floor(found, channel, score)):
-                sentences.append(f"The error of {words(law.contender.name)} is {above}.")
+                sentences.append(f"The error of this law is {above}.")
         elif (model := found.best(channel)) and (score := found.shown_score(model, channel)):
             kind = "held-out" if model.held_out is not None else "remaining"
             line = (
@@ -205,7 +205,7 @@ def model_blocks(found: Comparison) -> list[Block]:
         Figure("errors", [_error_panel(found, channel) for channel in found.channels],
                "Solid: held out, with its standard error; pale: in sample."),
         Figure("measured_predicted", [_measured_panel(found, channel) for channel in found.channels],
-               "Held out where runs allow it; what is beyond the axes stands at their edge."),
+               "Held out where there are several runs; points beyond the axes are drawn at their edge."),
     ]  # fmt: skip
     columns = [
         Column("model", "model", words), count("rows", "rows"), of_channel("held-out RMSE", "held_out_rmse"),
@@ -336,7 +336,7 @@ def _where(found: Comparison, part: Part) -> str:
 def caveats(found: Comparison) -> list[str]:
     """What to keep in mind of a comparison."""
     unknown = dict.fromkeys(floor.reason for floor in found.noise.values() if floor.value is None)
-    folds = f"Held-out errors come from {found.folds} parts that the runs were dealt into."
+    folds = f"Held-out errors are those of a {found.folds}-fold cross-validation by runs."
     return [
         *_CAVEATS,
         *([folds] if found.folds else []),

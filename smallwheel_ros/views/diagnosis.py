@@ -68,7 +68,8 @@ _FLOOR = (
     "row and the scatter from run to run"
 )
 _MAY_BE_LOWER = (
-    "; with something still missing, part of that may pass for scatter, and the true one's be lower"
+    "; with something still missing, part of it may be taken for scatter, and a true model's error be "
+    "lower"
 )
 
 
@@ -156,7 +157,7 @@ def channel_blocks(document: Document) -> list[Block]:
         of_channel("expected of a true model", "noise_floor"),
         Column("known from", "noise_floor_source"),
     ]  # fmt: skip
-    caption = "What was measured, and what the base model leaves; bias is measured - predicted"
+    caption = "What was measured, and the error of the base model; bias is measured - predicted"
     blocks: list[Block] = [Table(columns, rows, caption)] if rows else []
     if document["warnings"]:
         blocks.append(Callout("Worth a second look", document["warnings"], "warning"))
@@ -171,7 +172,7 @@ def region_blocks(document: Document) -> list[Block]:
         of_channel("RMSE elsewhere", "rmse_elsewhere"), p_value("p", "p_value"),
         Column("", lambda r: "too few runs to be sure" if (r["p_value"] or 0.0) > _SURE else ""),
     ]  # fmt: skip
-    caption = "Held-out errors of the base model; columns of one's own in SI units"
+    caption = "Held-out errors of the base model; user-defined columns in SI units"
     regions = document["where_it_fails"]
     return [Table(columns, regions, caption)] if regions else []
 
@@ -300,7 +301,7 @@ def step_blocks(document: Document) -> list[Block]:
         text = f"From run to run the soil's stiffness differs by {percent(scatter['tau'])}"
         own = [f"{words(n)} by {percent(v)}" for name, v in scatter.items()
                if (n := name.removeprefix("own:")) != name]  # fmt: skip
-        blocks.append(Text(f"{text}; beside that, {' and '.join(own)}." if own else f"{text}."))
+        blocks.append(Text(f"{text}; in addition, {' and '.join(own)}." if own else f"{text}."))
     return blocks + _what_is_left(document)
 
 
@@ -319,12 +320,12 @@ def _what_is_left(document: Document) -> list[Block]:
     ]  # fmt: skip
     columns = [
         Column("channel", "channel", words), Column("over", "over", words),
-        Column("at: mean left", lambda row: ", ".join(
+        Column("at: mean residual", lambda row: ", ".join(
             f"{setting_words(row['over'], p['at'])}: {_off(p)}" for p in row["parts"])),
     ]  # fmt: skip
     caption = (
-        "What the best explanation leaves: mean of (measured - predicted) / size, with its standard error "
-        f"over runs; stressed where a part is over {_TOLD:g} of them off"
+        "Residuals of the best explanation: mean of (measured - predicted) / size, with its standard error "
+        f"over runs; bold where a part is off by more than {_TOLD:g} of them"
     )
     return [Table(columns, rows, caption, strong=_clearly_off)] if rows else []
 
@@ -360,7 +361,7 @@ def unknowable_blocks(document: Document) -> list[Block]:
         for other in row.get("confounded_with") or []
     }  # fmt: skip
     if ties:
-        about = "Cosine of what they do to the predictions; 1 is exactly alike:"
+        about = "Cosine of their changes to the predictions; 1: exactly alike:"
         title = f"{len(ties)} pairs of effects act alike on this data"
         blocks.append(Details(title, [Text(about, [*ties.values()])]))
     return blocks
@@ -381,7 +382,7 @@ def next_blocks(document: Document) -> list[Block]:
         for row in document["ranking"]
         if row["status"] in ("significant", "confounded") and row.get("next_step")
     ]
-    return blocks + ([Text("To be sure of what is suspected:", steps)] if steps else [])
+    return blocks + ([Text("To confirm what is suspected:", steps)] if steps else [])
 
 
 def _settings(settings: Row | None) -> str:

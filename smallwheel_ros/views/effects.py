@@ -81,8 +81,8 @@ def models_block(
         {key: _said(view, base, found, floors) for key, view in by_key.items()},
         leftovers(data, {key: view.errors for key, view in by_key.items()}, "", "base model", floors,
                   next(iter(failing), None)),
-        "Not fitted beforehand. `smallwheel report` fits each effect alone and beside the verdict, "
-        "`smallwheel fit --effects A,B` any choice.",
+        "This combination was not fitted. `smallwheel report` fits each effect alone and together with the "
+        "verdict, `smallwheel fit --effects A,B` any combination.",
     )  # fmt: skip
 
 

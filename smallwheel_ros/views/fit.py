@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from smallwheel_ros.fitting.result import FitResult
-from smallwheel_ros.measurements.display import LAW, percent, shown_value, words
+from smallwheel_ros.measurements.display import LAW, shown_value, words
 from smallwheel_ros.views.blocks import Column, Figure, Page, Section, Table, Text, of_channel
 from smallwheel_ros.views.leftovers import Left, measured_panel
 from smallwheel_ros.views.notes import grouped
@@ -30,7 +30,7 @@ def page(found: FitResult, pictures: bool = True) -> Page:
         Column("channel", "channel", words), of_channel("held-out RMSE", "held_out"),
         of_channel("in-sample RMSE", "in_sample"),
         Column("one row repeats within", lambda row: f"{shown_value(row['channel'], row['absolute'])} "
-               f"and {percent(row['relative'])}"),
+               f"and {100.0 * row['relative']:.1f} %"),
         Column("known from", "source"),
     ]  # fmt: skip
     return Page(

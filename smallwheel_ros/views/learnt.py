@@ -39,11 +39,11 @@ _DOUBTS = {
 }
 _LISTED = 8  # formulas before the rest is folded away
 _ASKED = {"sinkage": ("std", "with"), "resistance": ("resistance_std", "w1")}
-_ADDED = {"n": "added to n", "R": "added resistance over what carries it"}
+_ADDED = {"n": "added to n", "R": "added resistance over the force that carries it"}
 _CAPTION = (
-    "What each setting asks for, from sinkage and from resistance, with their standard deviations; the law "
-    "dark with its band, over the measured range, formulas that fit as well grey (moved onto the law at the "
-    "middle of the range, since k is fitted anew for each)."
+    "What each setting requires, from sinkage and from resistance, with standard deviations; dark: the law "
+    "with its band over the measured range; grey: formulas as good (moved onto the law at mid-range, "
+    "since k is refitted for each)."
 )
 
 
@@ -90,7 +90,7 @@ def draw(axes: Axes, found: Learnt) -> None:
 def _held_out(document: Document) -> list[Block]:
     search = document["search"]
     text = (
-        f"Settings were left out in {search['folds']} folds, with the whole search made anew in each; "
+        f"Settings were left out in {search['folds']} folds, with the whole search repeated in each; "
         f"{100 * search['folds_agreeing']:.0f} % of the folds chose the same drivers."
     )
     columns = [
@@ -120,7 +120,9 @@ def _tied(document: Document) -> list[Block]:
     if stages:
         apart = ", ".join(f"{stage} {number(value, 2)}" for value, stage in sorted(stages))
         blocks.append(
-            Text(f"What sinkage and resistance ask of each stage differs by: {apart} (1: noise).")
+            Text(
+                f"What sinkage and resistance require of each stage differs by: {apart} (1: noise)."
+            )
         )
     if law is not None:
         constants = [
@@ -142,7 +144,9 @@ def _search(document: Document) -> list[str]:
         items.append(f"p = {search['p']:.2g} by {search['permutations']} permutations of the runs' errors, "
                      "the whole search in each")  # fmt: skip
     if search["vault_settings"]:
-        items.append(f"{search['vault_settings']} settings were kept apart from search and folds")
+        items.append(
+            f"{search['vault_settings']} settings were kept out of the search and the folds"
+        )
     return [*items, *document["warnings"], *document["notes"]]
 
 
@@ -157,7 +161,7 @@ def _panel(found: Learnt) -> Panel:
     middle, inside = len(x) // 2, [*shape["low"], *shape["high"]]
     layers = [
         Layer("line", x, curve + y[middle] - curve[middle], colour="base", width=1.0,
-              name="" if i else f"{len(tied)} tied")
+              name="" if i else f"fits as well ({len(tied)})")
         for i, curve in enumerate(map(np.asarray, tied))
     ]  # fmt: skip
     for channel, (deviation, colour) in _ASKED.items():
@@ -165,7 +169,7 @@ def _panel(found: Learnt) -> Panel:
         value, spread = (np.array([e[name] for e in mine]) for name in (channel, deviation))
         if mine:
             layers.append(Layer("points", [e["x"] * shown.scale for e in mine], value, value - spread,
-                                value + spread, colour, f"{words(channel)} asks for"))  # fmt: skip
+                                value + spread, colour, f"{words(channel)} requires"))  # fmt: skip
         inside += value.tolist()
     layers.append(Layer("line", x, y, shape["low"], shape["high"], "ink",
                         "drafted law" if law else "best formula"))  # fmt: skip

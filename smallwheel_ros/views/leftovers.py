@@ -14,7 +14,8 @@ from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import Display, column_display, display, words
 from smallwheel_ros.measurements.settings import levels, varied_settings
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.views.plots import Layer, Panel, frame
+from smallwheel_ros.views.plots import Layer, Panel
+from smallwheel_ros.views.svg import frame
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -145,10 +146,12 @@ def leftovers(
     rows = {c: thinned(np.flatnonzero(np.isfinite(e)), most) for c, e in error.items()}
     kept = np.unique(np.concatenate([np.zeros(0, int), *rows.values()])).astype(int)
     across = {name: column_display(data, name) for name in settings}
-    frames = []
+    frames, steps = [], {}
     for channel in rows:
         for name in (*settings, _PREDICTED):
             panel = _frame_panel(data, models, channel, name, floors.get(channel))
+            if name != _PREDICTED:
+                steps[channel] = _step(*(panel.y_range or (0.0, 1.0)))
             text, scale = frame(panel)
             frames.append({"channel": channel, "over": name, "title": panel.title, "svg": text,
                            "scale": scale, "label": panel.label})  # fmt: skip
@@ -158,21 +161,25 @@ def leftovers(
         "first": first or settings[0],
         "over": {name: how.label for name, how in across.items()},
         "frames": frames,
-        "rows": [_row_words(data, row, across) for row in kept],
-        "settings": {n: data.conditions[n][kept] * how.scale for n, how in across.items()},
+        "rows": [f"run {data.run[row]}, {data.place} {data.line[row]}"[:100] for row in kept],
+        "settings": {
+            n: {"words": words(n), "unit": how.unit, "values": data.conditions[n][kept] * how.scale}
+            for n, how in across.items()
+        },
         "channels": {
             c: {"words": words(c), "unit": shown_channel(c).unit, "rows": np.searchsorted(kept, at),
-                "measured": shown_channel(c).scale * data.channels[c][at]}
+                "measured": shown_channel(c).scale * data.channels[c][at], "step": steps[c]}
             for c, at in rows.items()
         },
         "left": {
-            key: {c: _rounded(shown_channel(c).scale * one.error[c][at])
+            key: {c: _in_steps(shown_channel(c).scale * one.error[c][at], steps[c])
                   for c, at in rows.items() if c in one.error}
             for key, one in models.items()
         },
         "at": {c: {n: _means_of(data, models[base], c, n).x for n in settings} for c in rows},
         "means": {
-            key: {c: {n: np.array(_means_of(data, one, c, n)[1:]).T for n in settings}
+            key: {c: {n: _in_steps(np.array(_means_of(data, one, c, n)[1:]).T.ravel(), steps[c])
+                      for n in settings}
                   for c in rows if c in one.error}
             for key, one in models.items()
         },
@@ -186,7 +193,7 @@ def _frame_panel(
     how = shown_channel(channel)
     left = [how.scale * e.error[channel] for e in models.values() if channel in e.error]
     measured = how.scale * data.channels[channel]
-    title = f"{words(channel)}: what is left over {words(name)}"
+    title = f"{words(channel)}: residual over {words(name)}"
     if name == _PREDICTED:
         reach = np.nanquantile(np.concatenate([measured - e for e in left]), [0.002, 0.998])
         across = _range(np.concatenate([reach, measured[np.isfinite(left[0])]]))
@@ -217,21 +224,14 @@ def _means_of(data: Measurements, errors: CvErrors, channel: str, name: str) -> 
     how, column = shown_channel(channel), data.conditions[name]
     at = np.flatnonzero(np.isfinite(errors.error[channel]) & np.isfinite(column))
     x = column_display(data, name).scale * column[at]
-    return Means(*map(_rounded, means(x, how.scale * errors.error[channel][at], errors.run[at])))
+    return means(x, how.scale * errors.error[channel][at], errors.run[at])
 
 
-def _rounded(values: Array) -> Array:
-    """To a thousandth of the largest: a plot shows no more, and a page has many of them."""
-    most = float(np.nanmax(np.abs(values), initial=1e-12))
-    step = 10.0 ** np.floor(np.log10(1e-2 * most))
-    return np.asarray(step * np.round(values / step))
+def _step(low: float, high: float) -> float:
+    """A power of ten, at most a hundredth of an axis: a plot shows no more."""
+    return float(10.0 ** np.floor(np.log10(1e-2 * (high - low))))
 
 
-def _row_words(data: Measurements, row: int, across: Mapping[str, Display]) -> str:
-    """Run, line and settings of a row, for who points at it."""
-    known = [
-        f"{words(name)} {value * how.scale:.3g} {how.unit}".rstrip()
-        for name, how in across.items()
-        if np.isfinite(value := data.conditions[name][row])
-    ]
-    return f"run {data.run[row]}, {data.place} {data.line[row]}: {', '.join(known)}"[:200]
+def _in_steps(values: Array, step: float) -> list[int | None]:
+    """Values as whole numbers of steps, of which a page has many; None where there is none."""
+    return [round(value / step) if np.isfinite(value) else None for value in values]

@@ -19,7 +19,8 @@ from smallwheel_ros.common.tables import each
 from smallwheel_ros.common.version import __version__
 from smallwheel_ros.measurements.display import probability_text
 from smallwheel_ros.views.blocks import Models, Page, walked
-from smallwheel_ros.views.plots import svg, write_picture
+from smallwheel_ros.views.plots import write_picture
+from smallwheel_ros.views.svg import svg
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """One description of a plot, drawn by matplotlib: on axes of a notebook, as PNG, as SVG in a page.
 
-In a page the SVG takes the colours of the page, dark or light, and its type: nothing is drawn by a script.
+`views.svg` makes elements of a page of what is drawn here.
 """
 
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,8 +31,7 @@ PALETTE = {
     "w5": "#56b4e9", "w6": "#444444", "w7": "#a6761d",
 }  # fmt: skip
 CYCLE = ("with", "w1", "w2", "w3", "w4", "w5", "w6", "w7")
-_WIDTH = 4.3  # inch, of a panel: small, so that its letters are legible on a phone
-_MARGINS = 0.62, 0.46, 0.08  # inch: left, below, right and above the axes of a plot in a page
+WIDTH = 4.3  # inch, of a panel: small, so that its letters are legible on a phone
 _RASTER = 600  # points of a layer from which a page has an image instead
 _ACROSS = 3  # panels of a row
 
@@ -170,7 +168,8 @@ def _draw_layer(axes: Axes, panel: Panel, layer: Layer) -> None:
     if layer.kind == "band":
         ends = np.array(panel.x_range or (0.0, 1.0))
         middle = ends if layer.diagonal else 0.0 * ends
-        axes.fill_between(ends, middle + low, middle + high, color=PALETTE["band"], linewidth=0)
+        axes.fill(np.append(ends, ends[::-1]), np.append(middle + low, (middle + high)[::-1]),
+                  color=PALETTE["band"], linewidth=0)  # fmt: skip
         axes.plot(ends, middle, color=PALETTE["base"], linewidth=1.0)
     elif layer.kind == "way":
         from matplotlib.collections import LineCollection
@@ -209,8 +208,8 @@ def _draw_bars(axes: Axes, panel: Panel) -> None:
         axes.barh(at - off, bar.value, height, color=colour, xerr=bar.std,
                   error_kw={"elinewidth": 0.9, "ecolor": PALETTE["ink"]})  # fmt: skip
         axes.annotate(number(bar.value), (bar.value + (bar.std or 0.0), at - off), (3, 0),
-                      va="center", textcoords="offset points", fontsize=7.5,
-                      color=PALETTE["ink"])  # fmt: skip
+                      va="center", textcoords="offset points", fontsize=7.5, color=PALETTE["ink"],
+                      bbox={"facecolor": PALETTE["paper"], "edgecolor": "none", "pad": 0.5})  # fmt: skip
     if panel.level is not None:
         axes.axvline(panel.level, color=PALETTE["ink"], linewidth=1.0, linestyle="--")
         axes.annotate(f"{panel.level_name} {number(panel.level)}", (panel.level, 1.0), (2, 1),
@@ -233,8 +232,8 @@ def picture(panels: Sequence[Panel]) -> Picture:
 
     columns = min(len(panels), _ACROSS)
     rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
-    heights = [max(map(_height, row)) for row in rows]
-    made = Figure(figsize=(_WIDTH * columns, sum(heights)), layout="constrained")
+    heights = [max(map(height_of, row)) for row in rows]
+    made = Figure(figsize=(WIDTH * columns, sum(heights)), layout="constrained")
     grid = made.subplots(len(rows), columns, squeeze=False, height_ratios=heights)
     for axes, panel in zip(grid.flat, panels, strict=False):
         draw(axes, panel)
@@ -243,7 +242,8 @@ def picture(panels: Sequence[Panel]) -> Picture:
     return made
 
 
-def _height(panel: Panel) -> float:
+def height_of(panel: Panel) -> float:
+    """The height of a plot, inch."""
     return 0.9 + 0.32 * len(panel.bars) if panel.bars else panel.height
 
 
@@ -256,59 +256,3 @@ def write_picture(panels: Sequence[Panel], path: Path) -> Path:
         raise OutputError(f"{path}: cannot be drawn: {error}") from error
     write_bytes(path, drawn.getvalue())
     return path
-
-
-# --- SVG for a page
-
-_COLOURS = {shade: f"var(--{name})" for name, shade in PALETTE.items()}
-# What matplotlib writes beside what is drawn: its head, ids, fonts, zeros.
-_WITHOUT = re.compile(
-    r"^.*?(?=<svg )|<metadata>.*?</metadata>|<!--.*?-->|<defs>\s*<style.*?</style>\s*</defs>"
-    r"|\sxmlns:?\w*=\"[^\"]*\"| id=\"(?!p\w{10}\"|m\w{10}\")[^\"]*\"|(?<=pt\") version=\"1.1\""
-    r"|(?<=<svg) (?:width|height)=\"[^\"]*\"| transform=\"rotate\(-0 [^\"]*\"|font-family: [^;\"]*; |xlink:"
-    r"| <g/>|(?<=>)\s+(?=<)|(?<= ) +|\n\s*",
-    re.DOTALL,
-)
-_TAG, _FINER = re.compile("<[^>]+>"), re.compile(r"(?<=\.\d)\d+")  # than a tenth of a point
-_SHADE = re.compile("|".join(_COLOURS))
-
-
-def svg(panel: Panel) -> str:
-    """A plot as an SVG element in the colours of the page."""
-    return _svg(panel)[0]
-
-
-def frame(panel: Panel) -> tuple[str, list[float]]:
-    """An SVG element with room for points, and how values become its units: (ax, bx, ay, by).
-
-    x of the element is ax + bx * value; points go into its group of class points.
-    """
-    return _svg(panel)
-
-
-def _svg(panel: Panel) -> tuple[str, list[float]]:
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    width, height = _WIDTH * (2 if panel.wide else 1), _height(panel)
-    # A layout takes as long as all else: fixed margins do where nothing but numbers stand beside the axes.
-    fixed = not panel.bars and not panel.equal
-    made = Figure(figsize=(width, height), dpi=72, layout=None if fixed else "constrained")
-    left, below, around = _MARGINS
-    if fixed:
-        made.subplots_adjust(left / width, below / height, 1 - around / width, 1 - around / height)
-    made.patch.set_visible(False)
-    axes = made.subplots()
-    axes.patch.set_visible(False)
-    draw(axes, replace(panel, title=""))
-    out = io.StringIO()
-    with rc_context(
-        {"svg.fonttype": "none", "svg.hashsalt": "plot", "path.simplify_threshold": 0.5}
-    ):
-        made.savefig(out, format="svg", metadata={"Date": None})
-    text = _WITHOUT.sub("", out.getvalue().replace("\n", " \n"))
-    text = _TAG.sub(lambda tag: _FINER.sub("", tag[0]), text)
-    text = _SHADE.sub(lambda found: _COLOURS[found[0]], text)
-    (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    scale: list[Any] = [x0, x1 - x0, 72.0 * height - y0, y0 - y1]
-    return text, [float(f"{value:.6g}") for value in scale]

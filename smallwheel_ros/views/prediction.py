@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions as plots: a quantity over the setting of most values, a curve for each of the others."""
+"""Predictions as a table, and as plots: a quantity over one setting, a curve for each of the others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.prediction.prediction import SHOWN, UNITS, PredictionError, PredictionTable
+from smallwheel_ros.common.tables import text_table
+from smallwheel_ros.measurements.columns import unit_of
+from smallwheel_ros.prediction.prediction import (
+    SHOWN,
+    SUNK,
+    UNITS,
+    PredictionError,
+    PredictionTable,
+    cell,
+)
 from smallwheel_ros.views.plots import CYCLE, Layer, Panel
 from smallwheel_ros.views.plots import draw as draw_panel
 
@@ -18,6 +27,24 @@ if TYPE_CHECKING:
 _PANELS = ("sinkage", "resistance", "drawbar_pull")
 _MOST_CURVES = 8
 _DASHES = ("-", "--", "-.", ":")  # curves may lie on each other
+
+
+def text(table: PredictionTable) -> str:
+    """The table as the command prints it, with what the numbers rest on."""
+    rows = table.rows()
+    shown = [q for q in SHOWN if q in rows[0]]
+    units = {name: unit_of(name) for name in table.settings}
+    named = [f"{name} [{u}]" if u not in ("", "1") else name for name, u in units.items()]
+    header = [*named, *(SHOWN[q][0] for q in shown), "status"]
+    body = [
+        [
+            *(f"{row[name]:g}" for name in table.settings),
+            *(cell(row, q) for q in shown),
+            "sunk to the axle" if row["status"] == SUNK else "ok",
+        ]
+        for row in rows
+    ]
+    return "\n\n".join([text_table(header, body), *(f"note: {note}" for note in table.notes)])
 
 
 def panels(table: PredictionTable) -> list[Panel]:

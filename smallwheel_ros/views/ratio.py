@@ -14,7 +14,7 @@ from smallwheel_ros.views.plots import CYCLE, Layer, Panel
 _DASHES = ("-", "--", ":")
 _CAPTION = (
     "A check free of k and m: compaction alone puts every point on the line of its n. Points above the lines "
-    "are a resistance that compaction does not make, or a wheel that digs itself deeper than its load "
+    "are a resistance that compaction does not cause, or a wheel that digs itself deeper than its load "
     "presses it."
 )
 

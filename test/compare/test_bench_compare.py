@@ -147,7 +147,7 @@ def test_an_effect_of_your_own_needs_its_file(tmp_path: Path, folder: Path) -> N
         (["bad.csv"], "bad.csv, line 3, column 'load': 'abc' found, expected a number"),
         (["rig.csv", "--model", "missing.yaml"], "missing.yaml"),
         (["rig.csv", "--diameter", "0.2"], "expected one of the two"),
-        (["rig.csv", "--width", "wide"], "'wide' is not a valid float"),
+        (["rig.csv", "--width", "wide"], "width: found 'wide', expected a number"),
         (["rig.csv", "--html", "no/where.html"], "the folder no does not exist"),
         (["rig.csv", "--json", "."], "it is a folder"),
         (["rig.csv", "--plots", "rig.csv"], "rig.csv: a file, expected a folder"),

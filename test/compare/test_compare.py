@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 from smallwheel_ros import fit
-from smallwheel_ros.compare.comparison import Comparison, compare
+from smallwheel_ros.compare.comparison import Comparison, comparison_of
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.shown import comparison_document
-from smallwheel_ros.diagnosis import diagnose
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of
@@ -66,7 +66,7 @@ def standing(*contenders: Contender | Model, data: Measurements | None = None) -
         c if isinstance(c, Contender) else Contender(f"model {i}", "as it stands", c)
         for i, c in enumerate(contenders)
     ]
-    return compare(data or table(), named, standard=False)
+    return comparison_of(data or table(), named, standard=False)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Measurements:
 
 @pytest.fixture(scope="module")
 def comparison(simulated: Measurements) -> Comparison:
-    return compare(simulated)
+    return comparison_of(simulated)
 
 
 def test_a_model_that_is_right_has_no_error() -> None:
@@ -112,7 +112,7 @@ def test_no_run_is_predicted_by_a_model_that_saw_it() -> None:
             seen.append(set(points.run.tolist()))
             return super().vector(points)
 
-    found = compare(data, [Contender("spy", "", Spy())], standard=False)
+    found = comparison_of(data, [Contender("spy", "", Spy())], standard=False)
     everything, *folds = seen
     assert everything == set(range(11))
     assert len(folds) == found.folds
@@ -126,7 +126,7 @@ def test_no_run_is_predicted_by_a_model_that_saw_it() -> None:
 def test_progress_counts_every_fit() -> None:
     told: list[tuple[int, int]] = []
     fitted = Contender("a", "", Base())
-    found = compare(
+    found = comparison_of(
         table(22),
         [fitted, Contender("b", "", Model(SAND))],
         standard=False,
@@ -137,7 +137,7 @@ def test_progress_counts_every_fit() -> None:
 
 def test_held_out_errors_are_those_of_a_diagnosis(simulated: Measurements) -> None:
     """One definition: the base of a diagnosis leaves the error that the comparison says."""
-    found = compare(simulated)
+    found = comparison_of(simulated)
     score = found.score(found.models[-1], "sinkage", held_out=True)
     assert score is not None
     base = diagnose(simulated).document["steps"][0]
@@ -177,7 +177,7 @@ def test_with_one_width_and_diameter_the_description_says_what_is_determined() -
     conditions = Conditions.of(rng.uniform(20, 90, 8), 0.2, 0.1)
     exact = predict(Model(SAND), conditions)
     data = table(8, conditions=conditions, channels={"sinkage": exact.sinkage})
-    found = compare(data)
+    found = comparison_of(data)
     assert "not kc and kphi" in found.models[2].contender.description
     assert "not m" in found.models[3].contender.description
     assert found.models[2].model is not None
@@ -250,7 +250,7 @@ def test_what_needs_slip_is_said_to_where_there_is_none(channel: str) -> None:
     assert channel not in found.channels
     for text in (
         found.text(),
-        compare(data).text(),
+        comparison_of(data).text(),
         diagnose(data).text(),
         fit(data).text(),
     ):
@@ -305,7 +305,7 @@ def test_no_row_to_compare_is_an_error_that_says_what_to_measure() -> None:
 
 def test_one_run_holds_nothing_out_and_says_so() -> None:
     data = table(12)
-    found = compare(replace(data, run=np.full(12, "only")))
+    found = comparison_of(replace(data, run=np.full(12, "only")))
     assert found.folds == 0
     assert all(m.held_out is None for m in found.models)
     assert any("nothing can be held out" in note for note in found.notes)
@@ -315,7 +315,7 @@ def test_one_run_holds_nothing_out_and_says_so() -> None:
 
 
 def test_without_repeats_no_noise_floor_is_known() -> None:
-    found = compare(table(8, run=np.array([f"r{i}" for i in range(8)])))
+    found = comparison_of(table(8, run=np.array([f"r{i}" for i in range(8)])))
     floor = found.noise["sinkage"]
     assert (floor.value, floor.source, floor.repeatability) == (None, None, None)
     assert "repeat a few runs, or state sinkage_std" in floor.reason
@@ -326,7 +326,7 @@ def test_each_of_several_soils_is_fitted_and_one_with_a_single_run_is_told_of() 
     data = table(24)
     soil = np.where(data.run == "r3", "loam", np.where(data.conditions.load > 50, "clay", "sand"))
     conditions = replace(data.conditions, soil=soil)
-    found = compare(table(24, conditions=conditions))
+    found = comparison_of(table(24, conditions=conditions))
     assert [s.name for s in found.models[-1].model.soils] == ["clay", "loam", "sand"]
     assert {part.label for part in found.parts if part.by == "soil"} == {"clay", "loam", "sand"}
     (note,) = [note for note in found.notes if "nothing is known of that soil" in note]
@@ -338,7 +338,7 @@ def test_each_of_several_soils_is_fitted_and_one_with_a_single_run_is_told_of() 
     [
         ("abc", "this very file", False),
         ("def", "another file", True),
-        ("", "is not known", False),
+        ("", "is unknown", False),
     ],
 )
 def test_a_standing_model_says_whether_it_saw_the_data(
@@ -359,7 +359,7 @@ def test_a_model_that_saw_the_data_is_not_held_against_others(
         Contender("same", "", fitted, "same.yaml", simulated.sha256),
         Contender("other", "", fitted, "other.yaml", "of another file"),
     ]
-    found = compare(simulated, own)
+    found = comparison_of(simulated, own)
     best = found.best("sinkage")
     assert best is not None
     judged = {best.contender.name, *found.differences("sinkage")}
@@ -386,7 +386,7 @@ def pulls(pull: object, **more: object) -> Measurements:
 
 
 def test_the_constant_is_the_mean_of_the_runs_that_it_may_see() -> None:
-    found = compare(table(12))
+    found = comparison_of(table(12))
     constant = found.models[0]
     assert (constant.contender.name, constant.model) == ("constant", None)
     value = found.measurements.channels["sinkage"]
@@ -403,7 +403,7 @@ def test_the_regression_is_a_line_through_the_runs_that_it_may_see() -> None:
     load = np.geomspace(20.0, 90.0, 10)
     depth = 1e-3 * load**0.9 * np.exp(rng.normal(0.0, 0.01, 10))
     run = np.array([f"r{i}" for i in range(10)])
-    found = compare(
+    found = comparison_of(
         table(10, conditions=Conditions.of(load, 0.2, 0.1), channels={"sinkage": depth}, run=run)
     )
     line = found.models[1]
@@ -426,7 +426,7 @@ def test_a_regression_that_is_better_than_every_law_is_said_to_be() -> None:
     conditions = Conditions.of(np.repeat([40.0, 80.0], 6), 0.2, 0.1, slip=slip)
     exact = predict(Model(SAND), conditions).sinkage * np.exp(slip + slip**2)
     run = np.array([f"r{i}" for i in range(12)])
-    found = compare(table(12, conditions=conditions, channels={"sinkage": exact}, run=run))
+    found = comparison_of(table(12, conditions=conditions, channels={"sinkage": exact}, run=run))
     text = " ".join(found.text().split())
     assert "no law has less error than a log-log regression" in text
     assert "an effect is missing (`smallwheel diagnose`)" in text
@@ -442,7 +442,7 @@ def pressed(depth: NDArray[np.float64], soil: list[str] | None = None) -> Compar
     )
     run = np.repeat([f"r{i}" for i in range(runs)], rows)
     channels = {"sinkage": depth.reshape(-1)}
-    return compare(table(depth.size, conditions=conditions, channels=channels, run=run))
+    return comparison_of(table(depth.size, conditions=conditions, channels=channels, run=run))
 
 
 LOADS = np.geomspace(40.0, 400.0, 12)
@@ -466,7 +466,7 @@ def test_runs_of_several_soils_under_one_name_are_told_to_be_named() -> None:
     depth = 1e-3 * (LOADS / 40.0) ** 1.2 * np.ones((8, 1))
     conditions = Conditions.of((firmness[:, None] * LOADS).reshape(-1), 0.15, 0.0, contact="plate")
     run = np.repeat([f"r{i}" for i in range(8)], LOADS.size)
-    found = compare(
+    found = comparison_of(
         table(96, conditions=conditions, channels={"sinkage": depth.reshape(-1)}, run=run)
     )
     said = found.useless("sinkage")
@@ -487,7 +487,7 @@ def test_curves_that_are_no_power_of_depth_are_no_sign_of_a_missing_effect() -> 
 
 def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
     """A pull that follows neither load nor slip: there is nothing for a law to say."""
-    found = compare(pulls(lambda load, slip: 5.0 + 0.1 * np.sin(40.0 * slip + load)))
+    found = comparison_of(pulls(lambda load, slip: 5.0 + 0.1 * np.sin(40.0 * slip + load)))
     best, law = found.best("drawbar_pull"), found.best("drawbar_pull", laws=True)
     assert best is found.models[0]
     assert law is not None
@@ -502,7 +502,7 @@ def test_a_law_that_is_worse_than_a_constant_is_said_to_be() -> None:
 
 def test_a_law_that_holds_is_said_to_be_best() -> None:
     model = Model(SAND)
-    found = compare(
+    found = comparison_of(
         pulls(
             lambda load, slip: predict(model, Conditions.of(load, 0.2, 0.1, slip=slip)).drawbar_pull
         )
@@ -519,7 +519,7 @@ def test_wong_and_reece_stand_beside_ours_where_pull_or_torque_was_measured(
     comparison: Comparison,
 ) -> None:
     assert "wong_reece" not in [m.contender.name for m in comparison.models]
-    found = compare(pulls(lambda load, slip: load * (0.4 * slip - 0.1)))
+    found = comparison_of(pulls(lambda load, slip: load * (0.4 * slip - 0.1)))
     forms = {m.contender.name: m.model.thrust_form for m in found.models if m.model is not None}
     assert forms == {
         "bekker": "integrated",
@@ -536,7 +536,7 @@ def test_wong_and_reece_stand_beside_ours_where_pull_or_torque_was_measured(
 def test_on_wheels_of_two_labs_the_balance_of_stresses_beats_the_published_laws() -> None:
     """Ding 2011 and KLS-1, each measured value left out in turn."""
     for file in ("ding2011.csv", "kls1.csv"):
-        found = compare(read_measurements(SHARED / "data" / "published_wheels" / file))
+        found = comparison_of(read_measurements(SHARED / "data" / "published_wheels" / file))
         assert found.channels == ("sinkage", "drawbar_pull", "torque")
         error = {}
         for model in found.models:
@@ -558,7 +558,7 @@ def test_on_wheels_of_two_labs_the_balance_of_stresses_beats_the_published_laws(
 
 def test_the_document_has_every_part_and_repeats_to_the_byte(simulated: Measurements) -> None:
     def text() -> str:
-        found = compare(simulated, [Contender("own", "", Model(SAND))])
+        found = comparison_of(simulated, [Contender("own", "", Model(SAND))])
         return json.dumps(comparison_document(found), allow_nan=False)
 
     first = text()
@@ -623,7 +623,7 @@ def test_on_the_rig_every_base_model_leaves_an_error_that_follows_slip() -> None
     data = data.take(data.conditions["slip_angle"] == 0)
     data = Measurements(data.conditions, {"sinkage": data.channels["sinkage"]}, data.run,
                         data.wheel, data.line, units=data.units)  # fmt: skip
-    found = compare(data)
+    found = comparison_of(data)
     slip = np.abs(data.conditions["slip"])
     repeats = found.noise["sinkage"].repeatability
     assert repeats is not None
@@ -652,7 +652,7 @@ def test_the_error_that_is_shown_is_that_of_the_fit(
     )
     data = read_measurements(tmp_path / "r.csv")
     own = fit(data).errors.rmse()
-    shown = compare(data, [Contender("plain", "", Base())], standard=False)
+    shown = comparison_of(data, [Contender("plain", "", Base())], standard=False)
     compared = shown.models[0].in_sample.rmse()
     held_out = shown.models[0].held_out
     assert held_out is not None

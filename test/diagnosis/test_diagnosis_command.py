@@ -11,8 +11,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 import smallwheel_ros as sw
+from smallwheel_ros.arguments import understand
 from smallwheel_ros.cli import main
-from smallwheel_ros.commands.inputs import levels_of
+from smallwheel_ros.measurements.typed import limits_of
 from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
@@ -195,14 +196,14 @@ def test_absurd_numbers_are_refused_with_their_place(
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("slip", "found ''"),
-        ("slip=", "found ''"),
+        ("slip", "expected NAME=VALUE"),
+        ("slip=", "expected NAME=VALUE"),
         ("slip=a..b", "found 'a..b'"),
         ("slip=0.6..0", "found '0.6..0'"),
         ("slip=nan", "found 'nan'"),
         ("slip=1,,2", "found '1,,2'"),
         ("slop=0..0.6", "slip"),
-        ("=3", "no setting ''"),
+        ("=3", "expected NAME=VALUE"),
         ("sinkage=0.01", "no setting 'sinkage'"),
     ],
 )
@@ -225,8 +226,9 @@ def test_limits_that_are_none_are_refused(digging: Path, given: str, said: str) 
 def test_limits_are_read_as_cells_of_a_table_are(
     digging: Path, given: str, levels: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = levels_of([given], sw.read(digging))
-    assert found == {given.partition("=")[0]: pytest.approx(levels)}
+    name, _, typed = given.partition("=")
+    found = limits_of({name: typed}, sw.read(digging), understand)
+    assert found == {name: pytest.approx(levels)}
     said = capsys.readouterr().err
     assert ("weight of that mass" in said) == given.endswith("kg")
     assert ("decimal comma" in said) == ("0,1" in given)

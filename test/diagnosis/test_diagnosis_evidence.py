@@ -14,13 +14,15 @@ from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, rolled, table
 
 from benchmarks.worlds import WORLDS
-from smallwheel_ros.diagnosis import Base, add_effect, base_of, diagnose
+from smallwheel_ros.diagnosis.add import add
 from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.held_out import _evidence_alone
 from smallwheel_ros.effects.base import Array, Effect, EffectError, parameter
 from smallwheel_ros.effects.registry import default_registry, effect
-from smallwheel_ros.fitting import Problem
+from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import CvErrors
+from smallwheel_ros.fitting.problem import base_of
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import predict
@@ -77,7 +79,7 @@ def test_an_effect_of_ones_own_that_follows_the_load_has_its_ties(
     write_table(simulate_rig(settings).table, tmp_path / "rig.csv")
     measured = read_measurements(tmp_path / "rig.csv")
     out = ("load_dependent_modulus", "unknown")
-    found = diagnose(measured, registry=registry, without=out).document
+    found = diagnose(measured, effects=registry, without=out).document
     if tie:
         assert found["verdict"] == "indistinguishable"
         assert {"packing", "slip_sinkage"} <= set(found["candidates"])
@@ -232,15 +234,15 @@ def test_three_skids_far_apart_are_named_by_evidence_and_what_settles_it_is_said
 
 def test_what_is_recommended_is_what_is_named() -> None:
     measured = DIGGING.measure(rolled(0, 14), 1)
-    right, wrong = (add_effect(name, Base(), measured) for name in ("slip_sinkage", "bulldozing"))
+    right, wrong = (add(name, Base(), measured) for name in ("slip_sinkage", "bulldozing"))
     assert right.recommended
     assert not wrong.recommended
-    assert "speaks for slip_sinkage" in wrong.reason
+    assert "favours slip_sinkage" in wrong.reason
 
 
 def test_one_step_has_one_error_whatever_command_asks() -> None:
     measured = DIGGING.measure(rolled(0, 14), 1)
-    judged, added = diagnose(measured), add_effect("slip_sinkage", Base(), measured)
+    judged, added = diagnose(measured), add("slip_sinkage", Base(), measured)
     before, after = (step.errors.rmse() for step in judged.steps)
     assert (added.before.rmse(), added.after.rmse()) == (before, after)
     base = judged.problem.held_out()
@@ -252,14 +254,14 @@ def test_beside_pull_too_one_step_has_one_error(tmp_path: Path) -> None:
     write_table(WORLDS["pull/rim-without-R-slip_sinkage"](3)[0], tmp_path / "rig.csv")
     measured = read_measurements(tmp_path / "rig.csv")
     assert set(measured.channels) == {"sinkage", "drawbar_pull"}
-    judged, added = diagnose(measured), add_effect("slip_sinkage", Base(), measured)
+    judged, added = diagnose(measured), add("slip_sinkage", Base(), measured)
     errors = [step.errors.rmse() for step in judged.steps]
     assert [added.before.rmse(), added.after.rmse()] == errors
     base = Problem.of(measured).held_out()
     assert base is not None
     assert base.rmse() == pytest.approx(errors[0], rel=1e-9)
     # An effect that is not named passes the same function: its error before is the same number.
-    other = add_effect("hardpan", Base(), measured)
+    other = add("hardpan", Base(), measured)
     assert other.before.rmse() == pytest.approx(errors[0], rel=1e-9)
 
 
@@ -268,7 +270,7 @@ def test_beside_pull_too_one_step_has_one_error(tmp_path: Path) -> None:
 )
 def test_noise_is_not_recommended(name: str) -> None:
     """Nothing is hidden; what is not named is not recommended, whatever the fit gains."""
-    added = add_effect(name, Base(), PlainRig().measure(rolled(0, 12), 2))
+    added = add(name, Base(), PlainRig().measure(rolled(0, 12), 2))
     assert not added.recommended
     assert "not recommended" in added.reason
 
@@ -280,14 +282,14 @@ def test_what_makes_one_channel_worse_is_not_recommended(tmp_path: Path) -> None
     measured = read_measurements(tmp_path / "rig.csv")
     kinds = default_registry().families
     out = (*(n for n, forms in kinds.items() if forms[0].kind == "instrument"), "unknown")
-    added = add_effect("slip_sinkage", Base(), measured, without=out)
+    added = add("slip_sinkage", Base(), measured, without=out)
     assert added.change.worse == ("sinkage",)
     assert not added.recommended
 
 
 def test_an_effect_that_the_data_cannot_have_is_refused() -> None:
     with pytest.raises(EffectError, match="grouser_height"):
-        add_effect("grouser", Base(), PlainRig().measure(rolled(0, 8), 1))
+        add("grouser", Base(), PlainRig().measure(rolled(0, 8), 1))
 
 
 # What is reported is what fresh runs show

@@ -19,9 +19,10 @@ from benchmarks import _world_curves as swept
 from benchmarks import _world_misfits as misfits
 from benchmarks._bench import rig_table
 from benchmarks.learn_worlds import table as without_a_law
-from smallwheel_ros.compare.comparison import compare
-from smallwheel_ros.diagnosis import Diagnosis, diagnose
+from smallwheel_ros.compare.compare import compare
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.misfit import bad_runs, lack_of_fit
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.posterior import family_of
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
@@ -61,7 +62,7 @@ def test_a_sensor_that_saturates_is_said_with_its_range(folder: Path) -> None:
     frame = misfits.saturated(1, 0, ("slip_sinkage",))
     found = diagnose(read(frame, folder)).document
     assert found["verdict"] == "unknown_effect"
-    said = re.search(r"seems to show no more than ([\d.]+) mm", found["reason"])
+    said = re.search(r"seems to saturate at ([\d.]+) mm", found["reason"])
     assert said is not None
     assert float(said[1]) == pytest.approx(frame["sinkage [mm]"].max(), rel=0.02)
     assert found["closest"] == ["slip_sinkage"]
@@ -73,7 +74,7 @@ def test_repeats_and_a_coarse_scale_are_no_plateau(folder: Path, step: float) ->
     frame = misfits.any_lab(2, 0, ("slip_sinkage",), repeats=(4, 4))
     if step:
         frame["sinkage [mm]"] = np.maximum(np.round(frame["sinkage [mm]"] / step), 1.0) * step
-    assert "no more than" not in diagnose(read(frame, folder)).document["reason"]
+    assert "saturate" not in diagnose(read(frame, folder)).document["reason"]
 
 
 def test_the_f_test_rejects_a_misfit_and_not_the_truth(folder: Path) -> None:

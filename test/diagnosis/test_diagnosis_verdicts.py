@@ -16,10 +16,11 @@ import pandas as pd
 import pytest
 from plain_rig import PlainRig, rolled, table
 
-from smallwheel_ros.diagnosis import Diagnosis, diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.misfit import Plateau
 from smallwheel_ros.diagnosis.next_measurement import propose
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.search import search
 from smallwheel_ros.diagnosis.verdict import decide
 from smallwheel_ros.effects.registry import default_registry
@@ -96,7 +97,7 @@ def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.Monkey
     flat = Plateau(6, 0.012, 0.001, 0.001)
     stuck = decide(replace(evidence, misfit=replace(evidence.misfit, plateaus={"sinkage": flat})))
     assert (stuck.word, stuck.named, stuck.closest) == ("unknown_effect", (), ("slip_sinkage",))
-    assert "no more than 12" in stuck.reasons[0]
+    assert "saturate at 12" in stuck.reasons[0]
     assert len(stuck.steps) == 1
     none = {"steps": made.steps[:1], "named": ()}
     held = replace(evidence.held_out, **none, useless=(("slip_sinkage",),))
@@ -148,7 +149,7 @@ def test_that_no_law_does_is_said_only_of_a_library_that_was_tried(warmed: Measu
     assert left == "resistance offset and rig friction"
     assert not {"resistance_offset", "rig_friction"} & tried(found)
     kept = {name: forms for name, forms in REGISTRY.families.items() if name in tried(found)}
-    smaller = diagnose(warmed, registry=replace(REGISTRY, families=kept))
+    smaller = diagnose(warmed, effects=replace(REGISTRY, families=kept))
     assert tried(smaller) >= set(kept)
     assert smaller.document["reason"].endswith("and no law of the library does")
 
@@ -280,7 +281,7 @@ def test_proposals_keep_to_what_the_user_can_set() -> None:
     """Slip rose with load: what can be set decides which runs would tell the two apart."""
     tied = [{"load": w, "slip": (w - 20.0) / 180.0} for w in np.linspace(20.0, 120.0, 14)]
     limits = {"slip": [0.0, 0.1, 0.2], "load": [25.0, 30.0]}
-    found = diagnose(PlainRig(slip_growth=2.0).measure(tied, 1), limits=limits).document
+    found = diagnose(PlainRig(slip_growth=2.0).measure(tied, 1), can=limits).document
     assert found["verdict"] == "indistinguishable"
     assert found["next_measurements"]
     for proposal in found["next_measurements"]:

@@ -18,7 +18,8 @@ from smallwheel_ros.effects.registry import families
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
-DRAWINGS = sorted((DOCS / "images" / "theory").glob("*.svg"))
+IMAGES = DOCS / "images"
+DRAWINGS = sorted((IMAGES / "theory").glob("*.svg"))
 
 
 def text_of(path: Path) -> str:
@@ -60,10 +61,20 @@ def test_drawings_are_those_of_their_script(tmp_path: Path) -> None:
         timeout=120,
     )
     assert made.returncode == 0, made.stderr
-    assert [p.name for p in sorted(tmp_path.iterdir())] == [p.name for p in DRAWINGS]
-    for drawing in DRAWINGS:
-        again = (tmp_path / drawing.name).read_bytes()
-        assert again == drawing.read_bytes(), f"{drawing.name}: run docs/drawings/draw.py"
+    made_anew = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.svg")}
+    assert made_anew == {path.relative_to(IMAGES) for path in IMAGES.rglob("*.svg")}
+    for name in made_anew:
+        again = (tmp_path / name).read_bytes()
+        assert again == (IMAGES / name).read_bytes(), f"{name}: run docs/drawings/draw.py"
+
+
+def test_each_picture_is_shown_somewhere_and_made_by_a_command() -> None:
+    shown = "".join(text_of(page) for page in (*PAGES, ROOT / "README.md"))
+    pictures = [p.relative_to(IMAGES) for p in IMAGES.rglob("*") if p.is_file()]
+    assert [str(p) for p in pictures if f"images/{p})" not in shown] == []
+    made = {p for p in pictures if p.suffix != ".svg"}
+    script = text_of(DOCS / "drawings" / "pictures.py")
+    assert [str(p) for p in made if f'"{p}"' not in script] == []
 
 
 @pytest.mark.parametrize("drawing", DRAWINGS, ids=lambda p: p.stem)

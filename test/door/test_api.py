@@ -22,10 +22,15 @@ from matplotlib.axes import Axes
 
 import smallwheel_ros as sw
 from docs.function_table import PAGE, with_table
-from smallwheel_ros import api
 from smallwheel_ros.cli import main
-from smallwheel_ros.commands.from_signature import described
+from smallwheel_ros.commands.command import described
 from smallwheel_ros.common.results import Result
+from smallwheel_ros.compare.compare import compare
+from smallwheel_ros.compare.comparison import Comparison
+from smallwheel_ros.diagnosis.apply import Added
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.fitting import FitResult
+from smallwheel_ros.prediction.prediction import PredictionTable
 from smallwheel_ros.simulate import (
     DriveSettings,
     RigSettings,
@@ -69,11 +74,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
 class Results:
     """One of each."""
 
-    fitted: api.FitResult
-    compared: api.Comparison
-    diagnosed: api.Diagnosis
-    added: api.Added
-    predicted: api.PredictionTable
+    fitted: FitResult
+    compared: Comparison
+    diagnosed: Diagnosis
+    added: Added
+    predicted: PredictionTable
 
     def __iter__(self) -> Iterator[Result]:
         return iter(vars(self).values())
@@ -96,7 +101,9 @@ def test_importing_loads_nothing_that_takes_long() -> None:
     code = "import smallwheel_ros, sys; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
     assert "smallwheel_ros" in loaded.split()
-    assert not {"numpy", "scipy", "pandas", "click", "smallwheel_ros.api"} & set(loaded.split())
+    assert not {"numpy", "scipy", "pandas", "click", "smallwheel_ros.arguments"} & set(
+        loaded.split()
+    )
 
 
 def test_every_public_name_is_there_and_listed() -> None:
@@ -111,8 +118,8 @@ def test_functions_stay_functions_when_a_folder_of_their_name_is_imported() -> N
     import smallwheel_ros.compare.comparison
     import smallwheel_ros.replay.replay  # noqa: F401
 
-    assert sw.compare is api.compare
-    assert sw.replay is api.replay
+    assert sw.compare is compare
+    assert callable(sw.replay)
 
 
 @pytest.mark.parametrize("function", ["fit", "compare", "predict", "replay", "read"])
@@ -120,7 +127,7 @@ def test_the_examples_in_the_docstrings_hold(
     function: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
-    found = doctest.DocTestFinder().find(getattr(api, function), function, globs={})
+    found = doctest.DocTestFinder().find(getattr(sw, function), function, globs={})
     assert any(test.examples for test in found)
     for test in found:
         assert doctest.DocTestRunner().run(test).failed == 0
@@ -143,18 +150,16 @@ def test_the_table_of_functions_is_that_of_their_docstrings() -> None:
 
 @pytest.mark.parametrize("name", ["fit", "compare", "diagnose", "learn", "add", "predict"])
 def test_each_argument_of_a_function_is_an_option_with_its_text(name: str) -> None:
-    words, texts = described(getattr(api, name))
-    signature = inspect.signature(getattr(api, name))
+    words, texts = described(getattr(sw, name))
+    signature = inspect.signature(getattr(sw, name))
     assert list(texts) == list(signature.parameters)
     command = main.get_command(click.Context(main), name)
     assert command is not None
     found = {option.name: option for option in command.params}
-    left_out = {"add": {"seed"}}.get(name, set()) | {"progress"}
-    assert set(texts) - set(found) == left_out & set(texts)
+    assert set(texts) - set(found) == {"progress"} & set(texts)
     assert words in str(command.help)
     shown = str(command.help) + " ".join(str(getattr(o, "help", "")) for o in found.values())
-    own = {"model", "soil"} if name == "predict" else set()
-    for parameter in set(texts) & set(found) - own:
+    for parameter in set(texts) & set(found):
         assert texts[parameter].removesuffix(".") in shown, parameter
 
 
@@ -164,7 +169,7 @@ def test_the_examples_of_diagnose_and_add_hold(results: Results) -> None:
         "missing_effect",
         ["slip_sinkage"],
     )
-    assert "('missing_effect', ['slip_sinkage'])" in str(api.diagnose.__doc__)
+    assert "('missing_effect', ['slip_sinkage'])" in str(sw.diagnose.__doc__)
     assert results.added.recommended
 
 

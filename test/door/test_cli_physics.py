@@ -130,7 +130,7 @@ def test_predict_from_a_model_file(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--soil", "drysand"), "no soil 'drysand': did you mean 'dry_sand'"),
-        ((), "give --soil or --model"),
+        ((), "give a soil (--soil) or a model (--model)"),
         (("--soil", "dry_sand", "--slip", "2"), "slip is 2, expected -1 to 1"),
         (("--soil", "dry_sand", "--load", "1e-320"), "load is 9.99989e-321, expected 0.001 to"),
         (("--soil", "dry_sand", "--load", "1e300"), "load is 1e+300, expected 0.001 to 1000000 N"),

@@ -11,8 +11,10 @@ import pytest
 from click.testing import CliRunner
 from lab_truth import plate_rows, shear, write
 
-from smallwheel_ros import api, cli
+from smallwheel_ros import cli
+from smallwheel_ros.lab.fit_tests import fit
 from smallwheel_ros.measurements.cells import MeasurementsError
+from smallwheel_ros.measurements.read import read_test
 from smallwheel_ros.measurements.table import Measurements, ShearTests
 from smallwheel_ros.measurements.wheels import read_measurements, read_tests
 from smallwheel_ros.model.model_file import read_model
@@ -172,7 +174,7 @@ def test_a_labs_files_become_a_model_in_one_command(tmp_path: Path) -> None:
         assert said in done.output
     shown = CliRunner().invoke(cli.main, ["fit", str(plates), str(sheared)])
     assert shown.output == done.output.replace(f"written: {model}\n", "")
-    fitted = api.fit([plates, sheared])
+    fitted = fit([plates, sheared])
     for name in ("k", "kc", "kphi", "soil.n", "cohesion", "shear_displacement"):
         assert fitted[name].std > 0.0  # type: ignore[operator]
     assert fitted.k.value == fitted.model.soils[0].k
@@ -220,9 +222,9 @@ def test_files_of_one_plate_each(tmp_path: Path) -> None:
     for size in (0.05, 0.1):
         rows = [["1", *row[1:]] for row in plate_rows(rng, sizes=(size,), runs=1, rows=20)]
         paths.append(write(tmp_path / f"{1e3 * size:.0f}.csv", rows))
-    tables = [api.read_test(path) for path in paths]
+    tables = [read_test(path) for path in paths]
     assert all(isinstance(t, Measurements) for t in tables)
-    found = api.fit(paths)
+    found = fit(paths)
     assert found.held_out["sinkage"] > 0.0  # run 1 of one file is not run 1 of the other
     assert {p.status for p in found.parameters if p.name == "m"} != {"held"}
     assert "Bekker" in str(found)

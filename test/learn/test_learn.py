@@ -22,7 +22,6 @@ from smallwheel_ros.effects.drafted import Drafted, continued
 from smallwheel_ros.effects.registry import load_effects
 from smallwheel_ros.fitting import FittingError, Problem
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.learn import LearnError, Learnt, learn
 from smallwheel_ros.learn.draft import Number, class_text, file_text
 from smallwheel_ros.learn.grammar import (
     DEPTH,
@@ -34,6 +33,8 @@ from smallwheel_ros.learn.grammar import (
     terms_of,
 )
 from smallwheel_ros.learn.law import PLACES, Law
+from smallwheel_ros.learn.learn import learn
+from smallwheel_ros.learn.learning import LearnError, Learnt
 from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.learn.verdict import SURE, chance
 from smallwheel_ros.measurements.table import Measurements
@@ -64,7 +65,7 @@ def data(path: Path) -> Measurements:
 
 @pytest.fixture(scope="module")
 def learnt(data: Measurements) -> Learnt:
-    return learn(data, name="slip_law", limits={"slip": [0.0, 0.3, 0.6]})
+    return learn(data, name="slip_law", can={"slip": [0.0, 0.3, 0.6]})
 
 
 @pytest.fixture(scope="module")
@@ -475,7 +476,7 @@ def test_from_a_table_to_a_model_that_predicts_and_that_the_node_reads(
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(data: Measurements, learnt: Learnt) -> None:
-    again = learn(data, name="slip_law", limits={"slip": [0.0, 0.3, 0.6]})
+    again = learn(data, name="slip_law", can={"slip": [0.0, 0.3, 0.6]})
     assert again.source == learnt.source
     assert json.dumps(again.document) == json.dumps(learnt.document)
 

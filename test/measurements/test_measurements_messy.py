@@ -5,16 +5,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
 import messy_tables as messy
 import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from smallwheel_ros import api
-from smallwheel_ros.commands.from_signature import command
-from smallwheel_ros.commands.inputs import read_table
+from smallwheel_ros.cli import main
 from smallwheel_ros.measurements.table import Measurements, MeasurementsError
 from smallwheel_ros.measurements.wheels import read_measurements
 
@@ -46,26 +43,23 @@ def test_everything_that_is_wrong_is_said_at_once(tmp_path: Path, name: str) -> 
         assert word in str(caught.value)
 
 
-@command(api.diagnose, "data")
-def loads(given: dict[str, Path], how: dict[str, object]) -> None:
-    """Print the loads of a table."""
-    click.echo(read_table(given["data"], how).conditions.load.tolist())
-
-
 def test_a_sheet_and_a_column_are_chosen_on_the_command_line(tmp_path: Path) -> None:
     header = ["F3", "Diameter (mm)", "Width (mm)", "Sinkage (mm)"]
-    rows: list[list[messy.Cell]] = [[0.06, 275.0, 100.0, 8.5]]
-    old: list[list[messy.Cell]] = [[0.07, 275.0, 100.0, 9.5]]
+    rows: list[list[messy.Cell]] = [[0.01 * i, 275.0, 100.0, 1.4 * i] for i in range(4, 9)]
+    old: list[list[messy.Cell]] = [[0.02 * i, 275.0, 100.0, 1.4 * i] for i in range(4, 9)]
     path = tmp_path / "rig.xlsx"
     path.write_bytes(messy.xlsx(Sand=[[*header], *rows], Clay=[[*header], *old]))
     run = CliRunner().invoke
-    refused = run(loads, [str(path)])
-    assert "name one with --sheet, there is: 'Sand', 'Clay'" in str(refused.exception)
-    refused = run(loads, [str(path), "--sheet", "Clay"])
-    assert "no column 'load'" in str(refused.exception)
+    asked = ["compare", str(path)]
+    refused = run(main, asked)
+    assert "name one with --sheet, there is: 'Sand', 'Clay'" in refused.stderr
+    refused = run(main, [*asked, "--sheet", "Clay"])
+    assert "no column 'load'" in refused.stderr
     for sheet in ("clay", "2"):
-        said = run(loads, [str(path), "--sheet", sheet, "--map", "load [kN]=F3"])
-        assert "[70.0]" in said.stdout
+        said = run(main, [*asked, "--sheet", sheet, "--map", "load [kN]=F3"])
+        assert ["load", "[kN]", "0.08", "0.16", "varied"] in map(
+            str.split, said.stdout.splitlines()
+        )
         assert "'F3' -> load [kN]" in said.stderr
 
 

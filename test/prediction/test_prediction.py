@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from smallwheel_ros.arguments import RangeError, typed
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.measurements.cells import read_numbers
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER
+from smallwheel_ros.measurements.typed import RangeError, typed
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rates_pull import DESIGNS, TRUTHS, rows_of, run, sand_of, table
-from smallwheel_ros.diagnosis.pipeline import diagnose
+from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.measurements.display import words
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.views.blocks import Table

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.common.files import OutputError
-from smallwheel_ros.compare.comparison import Comparison, compare
+from smallwheel_ros.compare.comparison import Comparison, comparison_of
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
@@ -106,7 +106,7 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     write_table(table, path)
     data = read_measurements(path)
     soft = Contender("soft" + EVIL, "a model file" + EVIL, Model(Soil("mud", 3e3, 0.8, 0.4)))
-    return compare(data, [soft])
+    return comparison_of(data, [soft])
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +185,7 @@ def test_the_same_comparison_gives_the_same_bytes(compared: str, compared_again:
 def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) -> None:
     text = Parsed(compared).text
     found = re.search(
-        r"Sinkage: no law has less error than a log-log regression, which holds no physics: "
+        r"Sinkage: no law has less error than a log-log regression, which contains no physics: "
         r"([^,:]+), the best of them, has ([\d.]+) mm, the regression ([\d.]+) mm",
         text,
     )
@@ -230,7 +230,7 @@ def test_the_diagnosis_tells_errors_limits_and_what_to_measure() -> None:
     assert "slip > 0.32" in text
     assert "|slip angle| > 28.6 deg" in text
     assert "1.32" in text
-    assert "stiffness differs by 5 %; beside that, sinkage by 2 %." in text
+    assert "stiffness differs by 5 %; in addition, sinkage by 2 %." in text
 
 
 def test_numbers_are_those_of_the_document() -> None:
@@ -260,7 +260,7 @@ def table_row(text: str, name: str) -> str:
 
 def test_what_is_left_and_curves_are_shown_where_they_lead_on() -> None:
     named = whole_report(DOCUMENT)
-    assert "What the best explanation leaves" not in named
+    assert "Residuals of the best explanation" not in named
     adequate = {**DOCUMENT, "verdict": "adequate", "missing_effects": [], "candidates": []}
     unknown = {**adequate, "verdict": "unknown_effect", "unknown": ["unknown:slip_angle@sinkage"]}
     for document in (adequate, unknown):
@@ -308,9 +308,9 @@ def test_the_noise_floor_is_not_passed_off_as_the_spread_of_repeats() -> None:
     assert "the held-out error that the true model would leave" in text
     assert "the scatter from run to run" in text
     assert "repeats differ by" not in text
-    assert "may pass for scatter" not in text
+    assert "may be taken for scatter" not in text
     unknown = {**DOCUMENT, "verdict": "unknown_effect", "missing_effects": []}
-    assert "may pass for scatter" in Parsed(whole_report(unknown)).text
+    assert "may be taken for scatter" in Parsed(whole_report(unknown)).text
     document = copy.deepcopy(DOCUMENT)
     document["channels"]["sinkage"]["repeatability"] = 0.000432
     text = Parsed(whole_report(document)).text
@@ -401,7 +401,7 @@ def test_a_page_says_line_of_a_text_file_and_row_of_a_sheet(
     table.to_excel(path, index=False) if suffix == ".xlsx" else table.to_csv(path, index=False)
     read = read_measurements(path)
     assert read.place == read.take([0]).place == place
-    html = html_of(compared_view.page(compare(read)))
+    html = html_of(compared_view.page(comparison_of(read)))
     other = {"line": "row", "row": "line"}[place]
     assert re.search(rf"\b{place}s? 6\b", html)
     assert not re.search(rf"\b{other}s? \d", html)
@@ -462,7 +462,7 @@ def test_measured_over_predicted_has_every_model_with_every_row(comparison: Comp
     assert len(axes.get_legend().get_texts()) == len(comparison.models) == 6
     measured = 1e3 * comparison.measurements.channels["sinkage"]
     low, high = axes.get_xlim()
-    for points, model in zip(axes.collections[1:], comparison.models, strict=True):
+    for points, model in zip(axes.collections, comparison.models, strict=True):
         errors = (model.held_out or model.in_sample).error["sinkage"]
         known = np.isfinite(errors)
         shown = np.asarray(points.get_offsets())

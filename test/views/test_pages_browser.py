@@ -14,8 +14,9 @@ from lab_truth import plate_rows, write
 
 from smallwheel_ros import cli
 from smallwheel_ros.benchmark.benchmark import benchmark
-from smallwheel_ros.compare.comparison import compare
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnose
+from smallwheel_ros.compare.compare import compare
+from smallwheel_ros.diagnosis.diagnose import diagnose
+from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.measurements.display import shown_value
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
@@ -172,11 +173,11 @@ def test_residuals_follow_the_setting_beside_measured_over_predicted(
     )
     assert "slip [%]" in options
     titles = f"[...{SHOWN}.querySelectorAll('.plot:not([hidden]) .title')].map(e => e.textContent)"
-    assert "sinkage: what is left over slip" in browser.run(titles)
+    assert "sinkage: residual over slip" in browser.run(titles)
     assert "sinkage: measured against predicted" in browser.run(titles)
     browser.run("const s = document.querySelector('.models select'); s.value = 'load';"
                 "s.dispatchEvent(new Event('change', {bubbles: true}))")  # fmt: skip
-    assert "sinkage: what is left over load" in browser.run(titles)
+    assert "sinkage: residual over load" in browser.run(titles)
     assert "sinkage: measured against predicted" in browser.run(titles)
     assert browser.run(f"{SHOWN}.querySelectorAll('.plot:not([hidden]) circle').length") > 100
 

@@ -10,7 +10,9 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.commands.command import options_of
 from smallwheel_ros.common.console import JSON, show, tell
 from smallwheel_ros.common.files import check_targets
 from smallwheel_ros.common.stop import Stop
@@ -23,12 +25,11 @@ from smallwheel_ros.replay.many import (
     replay_all,
     specs_of,
 )
+from smallwheel_ros.replay.one_bag import replay as replay_drive
 from smallwheel_ros.replay.replay import replay as replay_bag
 from smallwheel_ros.replay.report import save_page
 from smallwheel_ros.replay.result import SCHEMA, SUMMARY, files_in
 from smallwheel_ros.replay.spec import (
-    COPIES,
-    Copy,
     ReplaySpec,
     check_parameters,
     read_remaps,
@@ -41,31 +42,15 @@ _MANY = "replays.json"
 
 @click.command()
 @click.argument("bags", nargs=-1, required=True, type=_PATH, metavar="BAG...")
-@click.option("--config", type=_PATH, metavar="ROVER.yaml",
-              help="The node's parameter file; if not given, what `smallwheel init` finds in the first "
-              "bag.")  # fmt: skip
-@click.option("-o", "--output", type=_PATH, metavar="FOLDER", help="For what is made.")
-@click.option("--remap", "remaps", multiple=True, metavar="NAME:=TOPIC",
-              help="The node's name of an input, and the bag's topic, as ROS writes it; repeat it "
-              "for more.")  # fmt: skip
+@options_of(replay_drive, "config", "output", "remaps", "clock", "copy", "rate", "soil_file")
 @click.option("--topics", "only_topics", is_flag=True,
               help="Only list what is in the bag.")  # fmt: skip
-@click.option("--clock/--no-clock", default=True, show_default=True,
-              help="Judge stamps by the times of recording, as the node does with use_sim_time; "
-              "otherwise only by each other.")  # fmt: skip
-@click.option("--copy", type=click.Choice(COPIES), default="all", show_default=True,
-              help="Topics that go into the new bag beside the estimates.")  # fmt: skip
-@click.option("--rate", type=click.FloatRange(0.0, 1000.0), metavar="HZ",
-              help="Estimates a second of each wheel at most, in place of the parameter mobility.rate; "
-              "0: one for each measured sinkage.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1), default=1, show_default=True,
               help="Bags at a time.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
-              help="Of a Dask cluster to do it on, one bag a task: tcp://host:8786.")  # fmt: skip
-@click.option("--soil-file", type=_PATH, metavar="FILE",
-              help="Go on from the soil saved there, if there is one, and save it at the end.")  # fmt: skip
+              help="Dask cluster to run on, one bag per task: tcp://host:8786.")  # fmt: skip
 @click.option("--map", "one_map", is_flag=True,
-              help="Lay the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
+              help="Merge the cost maps of all bags, in one frame, into one: the newest on top.")  # fmt: skip
 @JSON
 def replay(
     bags: tuple[Path, ...],

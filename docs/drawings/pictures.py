@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Make the pictures of docs that show results anew, all or those named: `make images IMAGES="learnt.png"`.
+
+They take from seconds to an hour (reliability.png, of 40 drives with eight sets of sensors), and some are of
+random drives of fixed seeds. Drawings are those of `draw.py`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import smallwheel_ros as sw
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGES = ROOT / "docs" / "images"
+_WORLDS = ("cruise", "patch", "patch, equal", "slope", "slow slope", "soft ahead", "bad motors",
+           "other shear")  # fmt: skip
+
+
+def run(*command: str | Path) -> None:
+    """Run a Python script of this repository from its root."""
+    subprocess.run([sys.executable, *map(str, command)], cwd=ROOT, check=True)
+
+
+def draw_learnt(target: Path, folder: Path) -> None:
+    """The law of the tutorial in docs/learn.md."""
+    from benchmarks.learn_worlds import table
+
+    path = folder / "tanh_slip.csv"
+    table("tanh_slip", 1, 0, runs=32).to_csv(path, index=False)
+    sw.learn(path, without="slip_sinkage", name="slip_law").save(target)
+
+
+def draw_staircase(target: Path, folder: Path) -> None:
+    """The real rig, one effect after the other."""
+    run("docs/drawings/staircase.py", "examples/data/cmu_wheel_rig", target)
+
+
+def draw_cost_map(target: Path, folder: Path) -> None:
+    """A field with soft patches after a drive."""
+    run("examples/cost_map.py", "-o", target)
+
+
+def draw_cost_detour(target: Path, folder: Path) -> None:
+    """A path past where a robot got stuck."""
+    run("benchmarks/cost_detours.py", "--picture", target)
+
+
+def draw_odometry(target: Path, folder: Path) -> None:
+    """Errors of wheel odometry after 30 s without fixes."""
+    run("benchmarks/twist.py", "--figure", target)
+
+
+def draw_reliability(target: Path, folder: Path) -> None:
+    """What came over what was stated, of the drives that docs/traction_rates.md names."""
+    rates, script = folder / "rates.jsonl", "benchmarks/traction_rates.py"
+    run(script, "drive", "--first", "8000", "--seeds", "40", "-o", rates, "--worlds", *_WORLDS)
+    run(script, "table", rates, "--picture", target)
+
+
+def draw_demo(target: Path, folder: Path) -> None:
+    """What the node finds in the demo's drive; needs ROS."""
+    run("-m", "smallwheel_ros", "demo", "-o", folder)
+    shutil.copy(folder / "drive.png", target)
+
+
+PICTURES: dict[str, Callable[[Path, Path], None]] = {
+    "learnt.png": draw_learnt,
+    "rig_staircase.gif": draw_staircase,
+    "cost_map.png": draw_cost_map,
+    "cost_detour.png": draw_cost_detour,
+    "odometry.png": draw_odometry,
+    "demo.png": draw_demo,
+    "reliability.png": draw_reliability,
+}
+
+
+def main(names: list[str]) -> None:
+    """Make the pictures of these names, all if there is none."""
+    unknown = [name for name in names if name not in PICTURES]
+    if unknown:
+        sys.exit(f"no picture {unknown[0]}: there is {', '.join(PICTURES)}")
+    for name in names or PICTURES:
+        print(f"{IMAGES / name}", flush=True)
+        with tempfile.TemporaryDirectory() as folder:
+            PICTURES[name](IMAGES / name, Path(folder))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands made of functions: names, kinds and defaults of the signature, texts of the docstring.
+
+    compare = command(compare.compare, JSON, PLOTS, HTML, words="A model file is compared beside these.")
+
+A command that does more than its function is a function of click; `options_of` gives it those of another.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import click
+
+from smallwheel_ros.arguments import Kind, understand
+from smallwheel_ros.commands.outputs import PATH, Finish, check_outputs, finish, progress_bar
+from smallwheel_ros.common.errors import ArgumentError, SmallwheelError
+from smallwheel_ros.measurements.read import read, read_test
+from smallwheel_ros.measurements.typed import limits_of
+
+Function = Callable[..., Any]
+Decorator = Callable[[Function], Function]
+Given = dict[str, Any]  # arguments of a function, by its names
+
+
+class CommandError(SmallwheelError):
+    """Options that do not go together, or cannot be read."""
+
+
+def described(function: Function) -> tuple[str, dict[str, str]]:
+    """What a docstring says before its first section, and of each parameter; numpydoc."""
+    doc = inspect.getdoc(function) or ""
+    words, *sections = re.split(r"^(\w+)\n-+\n", doc, flags=re.MULTILINE)
+    parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
+    entries = re.findall(r"^(\w+)(?: : .*)?\n((?: .*\n?)+)", parameters, re.MULTILINE)
+    return words.strip(), {name: " ".join(text.split()) for name, text in entries}
+
+
+def kinds_of(function: Function) -> dict[str, tuple[Kind, Any]]:
+    """Of each parameter that people type its kind, and its type in Python."""
+    found = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        for hint in (parameter.annotation, *get_args(parameter.annotation)):
+            for kind in getattr(hint, "__metadata__", ()):
+                found[name] = kind, hint.__origin__
+    return found
+
+
+# --- Options
+
+
+def options_of(function: Function, *names: str) -> Decorator:
+    """Options for the parameters of a function, all if none is named; with `data` come those of `read`."""
+    kinds = kinds_of(function)
+    wanted = names or tuple(kinds)
+
+    def add(body: Function) -> Function:
+        if "data" in wanted:
+            body = options_of(read, *_OF_TABLE)(body)
+        for name in reversed(wanted):
+            body = _option(function, name, *kinds[name])(body)
+        return body
+
+    return add
+
+
+_OF_TABLE = tuple(name for name in kinds_of(read) if name != "data")
+
+
+def _option(function: Function, name: str, kind: Kind, type: Any) -> Decorator:
+    parameter = inspect.signature(function).parameters[name]
+    required = parameter.default is parameter.empty and parameter.kind is not parameter.VAR_KEYWORD
+    how: Given = {"type": _type_of(kind, type), "metavar": kind.metavar, "required": required}
+    how["callback"] = _callback(kind)
+    if kind.unnamed and required:
+        return click.argument(name, nargs=-1 if kind.several else 1, **how)
+    if parameter.default not in (None, (), parameter.empty):
+        how |= {"default": parameter.default, "show_default": type is not bool or parameter.default}
+    flags = kind.names or (f"--{name.replace('_', '-')}",)
+    if type is bool:
+        how |= {"type": None, "is_flag": True}
+        flags = (f"{flags[0]}/--no-{name}",) if parameter.default else flags
+    text = described(function)[1][name]
+    if kind.say:
+        text = f"{text.removesuffix('.')}: {kind.say}"
+    if kind.several:
+        text += " May be given several times."
+    return click.option(*flags, name, multiple=kind.several, help=text, **how)
+
+
+def _type_of(kind: Kind, type: Any) -> Any:
+    """The type of click."""
+    if get_origin(type) is Literal:
+        return click.Choice(get_args(type))
+    if kind.within is not None:
+        of_numbers = click.IntRange if kind.type is int else click.FloatRange
+        return of_numbers(*kind.within)  # type: ignore[arg-type]  # of whole numbers where they are
+    return PATH if kind.type is Path else kind.type
+
+
+def _callback(kind: Kind) -> Function | None:
+    """What reads a value, where it is typed otherwise than it is given in Python."""
+    if kind.read is None:
+        return None
+
+    def read_typed(_context: click.Context, option: click.Parameter, typed: Any) -> Any:
+        if typed is None:
+            return None
+        try:
+            return kind.read(typed)  # type: ignore[misc]
+        except ArgumentError as error:
+            raise CommandError(f"{option.opts[0]} {error}") from None
+
+    return read_typed
+
+
+# --- Commands
+
+
+def command(
+    function: Function,
+    *outputs: Decorator,
+    words: str = "",
+    begin: Callable[[Given], None] = lambda asked: None,
+    finish: Finish = finish,
+    bar: Mapping[str, Any] | None = None,
+) -> click.Command:
+    """The command of a function of the API: it reads the table, calls the function, and shows the result.
+
+    outputs: options beside those of the function, which `begin` checks before the work and `finish` gets
+    after it. words: behind those of the docstring. bar: of the progress, as `progress_bar` has it.
+    """
+    kinds = kinds_of(function)
+    listens = "progress" in inspect.signature(function).parameters
+
+    def run(**options: Any) -> None:
+        given = taken(function, options)
+        begin(options)
+        check_outputs(given, options)
+        with progress_bar(**(bar or {"what": function.__name__})) as progress:
+            called = with_table(function, given) | ({"progress": progress} if listens else {})
+            result = function(**called)
+        finish(result, options)
+
+    made: Function = run
+    for output in reversed(outputs):
+        made = output(made)
+    made = options_of(function)(made)
+    said, texts = described(function)
+    unnamed = [n for n, (kind, _) in kinds.items() if kind.unnamed and _is_required(function, n)]
+    arguments = [f"{name.upper()}: {texts[name]}" for name in unnamed]
+    return click.command(function.__name__, help="\n\n".join([said, *arguments, words]))(made)
+
+
+def _is_required(function: Function, name: str) -> bool:
+    return inspect.signature(function).parameters[name].default is inspect.Parameter.empty
+
+
+def taken(function: Function, options: Given) -> Given:
+    """Take a function's arguments, and those of `read`, out of what was typed; none that was not."""
+    parameters = inspect.signature(function).parameters
+    names = [name for name in parameters if name in options]
+    given = {name: options.pop(name) for name in names}
+    given = {name: value for name, value in given.items() if value not in (None, ())}
+    for name in names:
+        if parameters[name].kind is parameters[name].VAR_KEYWORD:
+            others = given.pop(name, {})
+            if twice := next((other for other in others if other in parameters), None):
+                raise CommandError(f"{twice}={others[twice]}: expected NAME=VALUE with a new NAME")
+            given |= others
+    if "data" in names:
+        given["how"] = {name: options.pop(name) for name in _OF_TABLE}
+    return given
+
+
+def with_table(function: Function, given: Given) -> Given:
+    """The arguments with the table, or the tables of a lab, in place of the names of their files."""
+    if "how" not in given:
+        return given
+    arguments = dict(given)
+    how, data = arguments.pop("how"), arguments.get("data")
+    if isinstance(data, tuple):
+        return arguments | {"data": [told(read_test(path, **how)) for path in data]}
+    if data is not None:
+        arguments["data"] = told(read(data, **how))
+        for name, (kind, _) in kinds_of(function).items():
+            if kind.of_table and name in arguments:
+                try:
+                    arguments[name] = limits_of(arguments[name], arguments["data"], understand)
+                except ArgumentError as error:
+                    raise CommandError(f"--{error}") from None
+    return arguments
+
+
+def told(test: Any) -> Any:
+    """A table; what was made of it, and its warnings, on standard error."""
+    for line in test.understood:
+        understand(line)
+    for warning in getattr(test, "warnings", ()):
+        click.echo(f"warning: {warning}", err=True)
+    return test

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the commands of the bench write, where they may, and how far they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from smallwheel_ros.common.console import JSON, show
+from smallwheel_ros.common.files import check_folder_target, check_targets
+
+# `--help` of a command needs none of what the command computes with.
+if TYPE_CHECKING:
+    from smallwheel_ros.common.results import Result
+
+Options = dict[str, Any]  # of a command beside those of its function, by name
+Finish = Callable[[Any, Options], object]
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+PATH = click.Path(path_type=Path)
+HTML = click.option("--html", type=PATH, metavar="FILE", help="Write a self-contained report.")
+PLOTS = click.option("--plots", type=PATH, metavar="DIR",
+                     help="Write pictures (PNG) into this folder.")  # fmt: skip
+
+__all__ = ["HTML", "JSON", "PATH", "PLOTS", "check_outputs", "finish", "output", "progress_bar"]
+
+
+def output(text: str, name: str = "output", required: bool = False) -> Decorator:
+    """The option -o. name: `model_file` of one that may replace the model that is read."""
+    return click.option(
+        "-o", "--output", name, type=PATH, required=required, metavar="FILE", help=text
+    )
+
+
+def check_outputs(given: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
+    """Refuse outputs that cannot be written, or would destroy what is read, before a long computation.
+
+    given: arguments, of which files are read. asked: options, of which files are written. Raises OutputError.
+    """
+    inputs: list[str | Path] = []
+    for name, value in given.items():
+        several = value if isinstance(value, (list, tuple)) else [value]
+        inputs += [
+            one
+            for one in several
+            if name != "model" and (isinstance(one, Path) or str(one).endswith(".py"))
+        ]
+    files = [asked.get(name) for name in ("output", "html", "plot", "json_file")]
+    check_targets([*files, asked.get("model_file")], inputs)
+    check_targets(files, [given.get("model")])
+    check_folder_target(asked.get("plots"))
+
+
+@contextmanager
+def progress_bar(
+    what: str, total: int | None = None, unit: str = "it"
+) -> Iterator[Callable[..., None]]:
+    """A bar on a terminal, to be told a step in words, how many are done and of how many, or all three."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, desc=what, unit=unit, disable=None, leave=False) as bar:
+
+        def tell(*told: Any) -> None:
+            done = bar.n + 1
+            if isinstance(told[0], str):
+                bar.set_description(told[0])
+            if len(told) > 1:
+                done, bar.total = told[-2], told[-1] or None
+            bar.update(done - bar.n)
+
+        yield tell
+
+
+def finish(
+    result: Result, asked: Options, text: str | None = None, written: Sequence[Path] = ()
+) -> None:
+    """Write what was asked for, then show the result.
+
+    asked: html, plots, json_file; model_file: of the result's model; output: the result itself. text: what is
+    printed; the result's own if not given. written: files that are there already.
+    """
+    written = list(written)
+    if (path := asked.get("model_file")) is not None:
+        written.append(result.model.save(path))  # type: ignore[attr-defined]  # of a fit and its like
+    for name in ("output", "html"):
+        if (path := asked.get(name)) is not None:
+            written.append(result.save(path))
+    if (folder := asked.get("plots")) is not None:
+        written += result.write_pictures(folder)
+    show(result, asked["json_file"], written, text)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`read`: a table of measurements out of a file or a DataFrame."""
+
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smallwheel_ros.arguments import Compliance, Contact, Data, Headers, Sheets, Size
+from smallwheel_ros.common.errors import ArgumentError, kind_of
+from smallwheel_ros.measurements.typed import number_of
+
+if TYPE_CHECKING:
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
+
+
+def read(
+    data: Data,
+    map: Headers | None = None,
+    *,
+    sheet: Sheets | None = None,
+    diameter: Size | None = None,
+    width: Size | None = None,
+    contact: Contact | None = None,
+    compliance: Compliance | None = None,
+) -> "Measurements":
+    """Read a table of measurements: a file, or a DataFrame of pandas.
+
+    Parameters
+    ----------
+    data
+        CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
+    map : by name, as ``{"load": "F3", "width [cm]": "b"}``
+        Which column is what, where its header does not say it.
+    sheet : or several, as ``["dry", "wet"]``
+        Sheet of a workbook, by name or number; several of the same columns become one table.
+    diameter
+        Wheel diameter [m] for all rows: 0.2, or with a unit, 20cm.
+    width
+        Wheel width [m] for all rows: 0.1, or with a unit, 10cm.
+    contact
+        What meets the soil in all rows, where the table does not say.
+    compliance
+        By how much the machine gives way [m/N]: times the load it is taken off each measured sinkage; 1 mm
+        under 500 N is 2e-6.
+
+    Raises
+    ------
+    MeasurementsError
+        That names file, row, column, what was found and what was expected.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> data = sw.read("rig.csv")
+    >>> data.channels.keys()
+    dict_keys(['sinkage', 'resistance'])
+    """
+    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.wheels import read_measurements
+
+    if isinstance(data, Measurements):
+        return data
+    known, said = _in_all_rows(diameter=diameter, width=width, compliance=compliance)
+    found = read_measurements(_source(data), map=map, sheet=sheet, contact=contact, **known)
+    return replace(found, understood=(*said, *found.understood))
+
+
+def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
+    """Read a table of any test of a lab, shear tests too. how: as in `read`."""
+    from smallwheel_ros.measurements.table import Measurements, ShearTests
+    from smallwheel_ros.measurements.wheels import read_tests
+
+    if isinstance(data, (Measurements, ShearTests)):
+        return data
+    known, said = _in_all_rows(**{name: how.pop(name, None) for name in _SIZES})
+    found = read_tests(_source(data), **how, **known)
+    return replace(found, understood=(*said, *found.understood))
+
+
+_SIZES = ("diameter", "width", "compliance")
+
+
+def _in_all_rows(**sizes: float | str | None) -> tuple[dict[str, Any], list[str]]:
+    """What all rows have, in SI units, and what is to be said of how it was read."""
+    typed = {name: number_of(name, given) for name, given in sizes.items() if given is not None}
+    values = {name: float(read.values[0]) for name, read in typed.items()}
+    return values, [read.said for read in typed.values() if read.said]
+
+
+def _source(data: Any) -> Any:
+    """A file's path or a DataFrame. Raises ArgumentError for anything else."""
+    if not (isinstance(data, (str, PathLike)) or hasattr(data, "columns")):
+        raise ArgumentError(
+            f"data: found {kind_of(data)}, expected a file, a DataFrame or what sw.read returned"
+        )
+    return Path(data) if isinstance(data, (str, PathLike)) else data

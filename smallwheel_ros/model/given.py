@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What users may give for a model or for effects, and what the library makes of it."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from smallwheel_ros.arguments import AnyModel, Effects, Ids, OwnEffects
+from smallwheel_ros.common.errors import ArgumentError, kind_of, nearest
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.physics.soil import Soil, soil
+
+# A table can be read, and `--help` shown, without models.
+if TYPE_CHECKING:
+    from smallwheel_ros.model.model_file import CalibratedModel
+    from smallwheel_ros.physics.conditions import Conditions
+
+
+def registry_of(own: OwnEffects | None) -> Registry:
+    """All effects, with those of your own. Raises ArgumentError, EffectError."""
+    if own is None:
+        return default_registry()
+    if isinstance(own, Registry):
+        return own
+    if isinstance(own, (str, PathLike)):
+        return default_registry().with_file(Path(own))
+    raise ArgumentError(
+        f"effects: found {kind_of(own)}, expected a Python file or what sw.effects.load returns"
+    )
+
+
+def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
+    """Ids of effects, `unknown` among them. Raises EffectError for one that does not exist."""
+    names = (without,) if isinstance(without, str) else tuple(without)
+    for name in names:
+        if name != "unknown":
+            known.family(name)
+    return names
+
+
+def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
+    """The model that was given, with what is known of its uncertainty. known: effects of a model file.
+
+    Raises ArgumentError, ModelFileError.
+    """
+    from smallwheel_ros.model.model import Model
+    from smallwheel_ros.model.model_file import CalibratedModel, as_calibrated, read_model
+
+    of_result = getattr(given, "model", None)
+    if isinstance(of_result, CalibratedModel):
+        return of_result
+    if isinstance(given, Model):
+        return as_calibrated(given)
+    if isinstance(given, Soil) or (isinstance(given, str) and given in soil):
+        return CalibratedModel(Model(given))
+    if isinstance(given, str) and not Path(given).suffix and not Path(given).exists():
+        raise ArgumentError(
+            f"model: '{given}' is neither a file nor a soil: {nearest(given, list(soil))}"
+        )
+    if isinstance(given, (str, PathLike)):
+        return read_model(Path(given), known)
+    raise ArgumentError(
+        f"model: found {kind_of(given)}, expected a Model, a model file, a soil or a result that has a model"
+    )
+
+
+def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
+    """Effects to start a fit from: what only scales is set from the conditions where it is not given."""
+    listed: list[Any] = (
+        [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)
+    )
+    known, made = default_registry(), []
+    for one in listed:
+        if isinstance(one, str) and one.endswith(".py"):
+            before, known = set(known), known.with_file(one)
+            theirs = set(known) - before
+            if not theirs & {str(other).partition("/")[0] for other in listed}:
+                listed += sorted(theirs)  # no law of the file is named: all are meant
+    for one in listed:
+        if isinstance(one, str) and not one.endswith(".py"):
+            id, _, form = one.partition("/")
+            one = known.form(id, form or None)
+        if isinstance(one, type) and issubclass(one, Effect):
+            made.append(one.suited_to(conditions))
+        elif isinstance(one, Effect):
+            made.append(one)
+        elif not isinstance(one, str):
+            raise ArgumentError(
+                f"effects: found {kind_of(one)}, expected ids or classes of effects"
+            )
+    return made
+
+
+def list_of(name: str, given: Any) -> list[Any]:
+    """One or several things as a list. Raises ArgumentError."""
+    try:
+        return list(given)
+    except TypeError:
+        raise ArgumentError(f"{name}: found {kind_of(given)}, expected one or several") from None

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`predict`: what a model says of a wheel on a soil."""
+
+from dataclasses import replace
+from os import PathLike
+from typing import TYPE_CHECKING
+
+from smallwheel_ros.arguments import (
+    AnyModel,
+    Flag,
+    OtherSetting,
+    OwnEffects,
+    Setting,
+    SoilName,
+)
+from smallwheel_ros.common.errors import ArgumentError
+from smallwheel_ros.measurements.typed import check_setting, levels_of
+from smallwheel_ros.model.given import model_of, registry_of
+
+if TYPE_CHECKING:
+    from smallwheel_ros.model.model_file import CalibratedModel
+    from smallwheel_ros.prediction.prediction import PredictionTable
+
+
+def predict(
+    model: AnyModel | None = None,
+    *,
+    load: Setting,
+    diameter: Setting,
+    width: Setting,
+    slip: Setting | None = None,
+    soil: SoilName | None = None,
+    closed_form: Flag = False,
+    effects: OwnEffects | None = None,
+    **others: OtherSetting,
+) -> "PredictionTable":
+    """Predict sinkage, resistance and drawbar pull of a wheel on a soil.
+
+    Ranges make a table of every combination of the settings.
+
+    Parameters
+    ----------
+    model
+        The model; a soil stands for the contact integral on it, without effects.
+    load : number, several, or text
+        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf.
+    diameter : as the load
+        Wheel diameter [m], or with a unit: '17 cm'.
+    width : as the load
+        Wheel width [m].
+    slip : as the load
+        Slip, -1 to 1, or as 30%; without it there is no thrust.
+    soil
+        Which soil of a model that has several; without a model, one of the library.
+    closed_form
+        The paper's closed form (eq. 10) for the contact integral, of a soil of the library.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
+    others : as ``speed=0.1``
+        A further column that an effect needs, in SI or with a unit.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> table = sw.predict("dry_sand", load=[40, 80], diameter=0.2, width=0.1, slip=0.2)
+    >>> [f"{1e3 * row['sinkage']:.1f} mm" for row in table.rows()]
+    ['6.7 mm', '11.5 mm']
+    """
+    from smallwheel_ros.prediction.prediction import predict_table
+
+    on_soil = _on_one_soil(model, soil, closed_form, effects)
+    given = {"load": load, "diameter": diameter, "width": width}
+    given |= {} if slip is None else {"slip": slip}
+    for name in others:
+        check_setting(name)
+    levels = {name: levels_of(name, value) for name, value in (given | others).items()}
+    table = predict_table(on_soil, {name: level.values for name, level in levels.items()})
+    said = [level.said for level in levels.values() if level.said]
+    return replace(table, notes=(*said, *table.notes))
+
+
+def _on_one_soil(
+    model: AnyModel | None, soil: str | None, closed_form: bool, effects: OwnEffects | None
+) -> "CalibratedModel":
+    """The model on the one soil that is meant. Raises ArgumentError, PredictionError, SoilError."""
+    from smallwheel_ros.model.model import Model
+    from smallwheel_ros.prediction.prediction import on_one_soil
+
+    if model is not None and closed_form:
+        raise ArgumentError("closed_form goes with a soil of the library: a model has its geometry")
+    if model is not None:
+        name = str(model) if isinstance(model, (str, PathLike)) else "the model"
+        return on_one_soil(model_of(model, registry_of(effects)), soil, name)
+    if soil is None:
+        raise ArgumentError("found no soil and no model: give a soil (--soil) or a model (--model)")
+    return model_of(Model(soil, "closed_form" if closed_form else "contact_integral"))

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`replay`: a recorded drive through the estimator that the node runs."""
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from smallwheel_ros.arguments import (
+    Bag,
+    Config,
+    Copied,
+    Flag,
+    Folder,
+    Hertz,
+    Remaps,
+    SoilFile,
+    unheard,
+)
+
+if TYPE_CHECKING:
+    from smallwheel_ros.replay.result import Replayed
+
+
+def replay(
+    bag: Bag,
+    config: Config | None = None,
+    output: Folder | None = None,
+    *,
+    remaps: Remaps | None = None,
+    clock: Flag = True,
+    copy: Copied = "all",
+    rate: Hertz | None = None,
+    soil_file: SoilFile | None = None,
+    progress: Callable[[int, int], object] = unheard,
+) -> "Replayed":
+    """Give a recorded drive to the estimator that the node runs.
+
+    The report is what the result saves as .html.
+
+    Parameters
+    ----------
+    bag
+        A rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag.
+    config
+        The node's parameter file; if not given, what `smallwheel init` finds in the bag.
+    output : a temporary one, which goes with the result, if not given
+        Folder for what is made: tables, a bag, a cost map.
+    remaps : as ``{"odom": "/rover/odom"}``
+        By the node's name of an input, the bag's topic.
+    clock
+        Judge stamps by the times of recording, as the node does with use_sim_time; otherwise only by each
+        other.
+    copy
+        Topics that go into the new bag beside the estimates.
+    rate
+        Estimates a second (Hz) of each wheel at most, in place of the parameter mobility.rate; 0: one for
+        each measured sinkage.
+    soil_file
+        Go on from the soil saved there, if there is one, and save it there at the end, as the node does.
+    progress
+        Told how many of how many messages are done.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> drive = sw.replay("drive", config="rover.yaml", output="out")
+    >>> drive.state
+    'complete'
+    """
+    from smallwheel_ros.replay.replay import replay as replay_bag
+    from smallwheel_ros.replay.spec import ReplaySpec, read_remaps, with_assumed_config
+
+    place = TemporaryDirectory(prefix="smallwheel-") if output is None else None
+    spec = ReplaySpec(
+        Path(bag),
+        Path(config or ""),
+        Path(place.name if place is not None else output),  # type: ignore[arg-type]  # one of both
+        read_remaps(f"{name}:={topic}" for name, topic in (remaps or {}).items()),
+        clock,
+        copy,
+        rate,
+        soil_file=None if soil_file is None else Path(soil_file),
+    )
+    if config is None:
+        spec = with_assumed_config(spec)
+    result = replay_bag(spec, progress=progress)
+    result.place = place
+    return result
