@@ -22,7 +22,7 @@ help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
 	@echo 'make test        the fast tests'
 	@echo 'make test-slow   the slow tests: Monte Carlo, soak, long drives, random examples'
-	@echo 'make fuzz        inputs that nobody intended: 10^5 of them, MINUTES=2 for each way in'
+	@echo 'make fuzz        hostile inputs: 10^5 of them, MINUTES=2 for each way in'
 	@echo 'make coverage    the fast tests once more, and which lines they did not reach'
 	@echo 'make lint        ruff and mypy'
 	@echo 'make benchmark   rates over worlds, real drives (DRIVES=FOLDERS), and speed against peers; both pages'

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the pictures of docs that show results anew, all or those named: `make images IMAGES="learnt.png"`.
 
-They take from seconds to an hour (reliability.png, of 40 drives with eight sets of sensors), and some are of
-random drives of fixed seeds. Drawings are those of `draw.py`.
+They take from seconds to minutes, and some are of random drives of fixed seeds. Drawings are those of `draw.py`.
+`benchmarks/real_drives.py --picture` makes real_drive.png, of data that are not in the repository.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ import smallwheel_ros as sw
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
-_WORLDS = ("cruise", "patch", "patch, equal", "slope", "slow slope", "soft ahead", "bad motors",
-           "other shear")  # fmt: skip
 
 
 def run(*command: str | Path) -> None:
@@ -36,9 +34,9 @@ def draw_learnt(target: Path, folder: Path) -> None:
     sw.learn(path, without="slip_sinkage", name="slip_law").save(target)
 
 
-def draw_staircase(target: Path, folder: Path) -> None:
-    """The real rig, one effect after the other."""
-    run("docs/drawings/staircase.py", "examples/data/cmu_wheel_rig", target)
+def draw_rig(target: Path, folder: Path) -> None:
+    """The real rig, measured over predicted, before and after."""
+    run("docs/drawings/rig.py", "examples/data/cmu_wheel_rig", target)
 
 
 def draw_cost_map(target: Path, folder: Path) -> None:
@@ -56,13 +54,6 @@ def draw_odometry(target: Path, folder: Path) -> None:
     run("benchmarks/twist.py", "--figure", target)
 
 
-def draw_reliability(target: Path, folder: Path) -> None:
-    """What came over what was stated, of the drives that docs/traction_rates.md names."""
-    rates, script = folder / "rates.jsonl", "benchmarks/traction_rates.py"
-    run(script, "drive", "--first", "8000", "--seeds", "40", "-o", rates, "--worlds", *_WORLDS)
-    run(script, "table", rates, "--picture", target)
-
-
 def draw_demo(target: Path, folder: Path) -> None:
     """What the node finds in the demo's drive; needs ROS."""
     run("-m", "smallwheel_ros", "demo", "-o", folder)
@@ -71,12 +62,11 @@ def draw_demo(target: Path, folder: Path) -> None:
 
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "learnt.png": draw_learnt,
-    "rig_staircase.gif": draw_staircase,
+    "rig_sinkage.png": draw_rig,
     "cost_map.png": draw_cost_map,
     "cost_detour.png": draw_cost_detour,
     "odometry.png": draw_odometry,
     "demo.png": draw_demo,
-    "reliability.png": draw_reliability,
 }
 
 
