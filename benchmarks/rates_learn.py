@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.learn_worlds import LAWS, OUTSIDE, SIGNED, hidden, table
 from benchmarks.rates import Judge, Line, Subject, middle, share
-from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.learn.law import Law
+from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the pictures of docs that show results anew, all or those named: `make images IMAGES="learnt.png"`.
 
-They take from seconds to minutes, and some are of random drives of fixed seeds. Drawings are those of `draw.py`.
-`benchmarks/real_drives.py --picture` makes real_drive.png, of data that are not in the repository.
+They take from seconds to minutes, and some are of random drives of fixed seeds. Drawings are those of
+`draw.py`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def draw_learnt(target: Path, folder: Path) -> None:
 
 def draw_rig(target: Path, folder: Path) -> None:
     """The real rig, measured over predicted, before and after."""
-    run("docs/drawings/rig.py", "examples/data/cmu_wheel_rig", target)
+    run("docs/drawings/rig.py")
 
 
 def draw_cost_map(target: Path, folder: Path) -> None:
@@ -54,6 +54,12 @@ def draw_odometry(target: Path, folder: Path) -> None:
     run("benchmarks/twist.py", "--figure", target)
 
 
+def draw_real_drive(target: Path, folder: Path) -> None:
+    """Slip of a real drive with its truth; of recorded data beside the repository."""
+    data = ROOT.parent / "shared" / "data" / "real_drives"
+    run("benchmarks/real_drives.py", data, "--picture", "warthog_sand1", target)
+
+
 def draw_demo(target: Path, folder: Path) -> None:
     """What the node finds in the demo's drive; needs ROS."""
     run("-m", "smallwheel_ros", "demo", "-o", folder)
@@ -67,6 +73,7 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "cost_detour.png": draw_cost_detour,
     "odometry.png": draw_odometry,
     "demo.png": draw_demo,
+    "real_drive.png": draw_real_drive,
 }
 
 

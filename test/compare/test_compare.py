@@ -675,7 +675,7 @@ def of_plates(size: float | None = None, soil: str = "") -> Measurements:
 def test_the_error_of_curves_is_that_of_the_fit() -> None:
     """A diagnosis weighs errors that a whole curve shares, a fit does not: what is shown is the fit's."""
     data = of_plates()
-    (model,) = compare(data, [Contender("plain", "", Base())], standard=False).models
+    (model,) = comparison_of(data, [Contender("plain", "", Base())], standard=False).models
     assert model.held_out is not None
     assert model.in_sample.rmse() == pytest.approx(
         Problem.of(data).result().errors.rmse(), rel=1e-9
@@ -692,13 +692,13 @@ def test_on_real_plates_the_law_is_no_worse_than_a_line_in_logarithms(
     how: dict[str, Any],
 ) -> None:
     """Curves bend, and the first rows are as shallow as their zero is uncertain."""
-    found = compare(of_plates(**how), [Contender("ours", "", Base())])
+    found = comparison_of(of_plates(**how), [Contender("ours", "", Base())])
     error = {m.contender.name: m.held_out.rmse()["sinkage"] for m in found.models if m.held_out}
     assert error["ours"] < 1.1 * error["log_log_regression"]
 
 
 def test_a_soil_of_one_run_has_no_say_in_what_is_said_of_the_law() -> None:
-    found = compare(read_measurements(EXAMPLES / "cullinan_sand" / "plates.csv"))
+    found = comparison_of(read_measurements(EXAMPLES / "cullinan_sand" / "plates.csv"))
     said = found.useless("sinkage")
     elsewhere = said.partition("nothing is known of it: the errors elsewhere are ")[2]
     law, constant, regression = (float(v) for v in re.findall(r"([\d.]+) mm", elsewhere))
