@@ -6,6 +6,7 @@ from __future__ import annotations
 import copy
 import json
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -108,7 +109,9 @@ def test_each_number_has_its_deviation_in_text_json_frame_and_python(
         assert document["derived"][one.full_name]["std"] == one.std
         assert frame.loc[name, "std"] == one.std
         assert of_file[name]["std"] == pytest.approx(one.std)
-        assert f"{one.full_name:38s} {one}" in str(pulled)
+        row = re.search(rf"rig_soil +{name.replace('_', ' ')} +(\S+) +(\S+)", str(pulled))
+        assert row is not None
+        assert float(row[2]) / float(row[1]) == pytest.approx(one.std / one.value, rel=0.05)
         shown = str(one).split(" ")
         assert float(shown[0]) == pytest.approx(one.value, rel=1e-3)
         assert float(shown[2]) == pytest.approx(one.std, rel=0.05)

@@ -77,7 +77,7 @@ ASKED: dict[str, tuple[Asked, ...]] = {
     "wong_reece_1967": (Asked(".*", 5, 0, _NODES),),
     "paper_2011": (Asked(".*", 12, 0, "rounding of double precision"),),
     "plates_exact": (
-        Asked("n", 3, 0, _PRIOR, 5),
+        Asked("n", 5, 0, "the fit rests where little is gained"),
         Asked("k|m", 1, 0, _PRIOR, 3),
     ),
     "plates_noise": (

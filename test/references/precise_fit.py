@@ -22,6 +22,13 @@ without it, while b would not be determined. theta and phi solve together, at th
     -1/2 tr(S^-1 dS/d ln phi) + 1/2 e' S^-1 dS/d ln phi S^-1 e = (ln phi - ln median) / 0.49
     S = V + J P^-1 J',  e = y - f + J (theta - c)                            J held
 
+The values of curves are fitted under other weights W than V, which judges: W is V without its last row, and
+within a curve zero and along are each value's own, not shared. theta and the ln phi of W solve together as
+above; then the ln phi of V and l at this theta and J. Deviations of theta are those of an estimate under W
+of values whose errors have V, and never more than those before the data:
+
+    C = A^-1 (J' W^-1 V W^-1 J + P) A^-1,  A = J' W^-1 J + P
+
 Matrices are whole and solved by elimination, derivatives exact, the equations solved by Newton's method.
 """
 
@@ -83,7 +90,10 @@ class Prior:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What was found. names, log_deviation: of the components; residual: standard deviation of y - f."""
+    """What was found. names, log_deviation: of the components of V; residual: standard deviation of y - f.
+
+    weights: ln phi of W.
+    """
 
     theta: Vector
     covariance: Matrix
@@ -91,6 +101,7 @@ class Estimate:
     log_deviation: Vector
     length: Number
     residual: Number
+    weights: Vector
 
 
 def levels(data: Data) -> Vector:
@@ -148,8 +159,10 @@ class Components:
     kernels: Sequence[Matrix]
 
     @classmethod
-    def of(cls, data: Data, level: Vector, stiff: Vector, length: Number) -> Components:
-        """For these levels, stiffnesses j and length of correlation."""
+    def of(
+        cls, data: Data, level: Vector, stiff: Vector, length: Number, weights: bool = False
+    ) -> Components:
+        """For these levels, stiffnesses j and length of correlation. weights: those of W."""
         size, channels = len(data), list(dict.fromkeys(data.channel))
         middle = {
             c: median([level[i] for i in range(size) if data.channel[i] == c]) for c in channels
@@ -165,7 +178,7 @@ class Components:
 
         def base(i: int, j: int) -> Number:
             alone = (RESOLUTION * level[i]) ** 2 if i == j else mp.mpf(0)
-            if not data.curves:
+            if not data.curves or weights:
                 return alone
             same = 1 if data.body[i] == data.body[j] else 0
             near = mp.exp(-abs(mp.log(level[i] / level[j])))
@@ -178,13 +191,18 @@ class Components:
         def own(i: int, j: int, channel: str) -> bool:
             return run(i, j) and data.channel[i] == data.channel[j] == channel
 
+        def shared(i: int, j: int) -> bool:
+            return i == j or not (weights and data.curves)
+
         parts = {"tau": matrix(lambda i, j: stiff[i] * stiff[j] * run(i, j))}
         for c in channels:
             parts[f"own:{c}"] = matrix(lambda i, j, c=c: level[i] * level[j] * own(i, j, c))
-            parts[f"zero:{c}"] = matrix(lambda i, j, c=c: middle[c] ** 2 * own(i, j, c))
+            parts[f"zero:{c}"] = matrix(
+                lambda i, j, c=c: middle[c] ** 2 * own(i, j, c) * shared(i, j)
+            )
         if data.curves:
             parts["along"] = matrix(
-                lambda i, j: level[i] * level[j] * run(i, j)
+                lambda i, j: level[i] * level[j] * run(i, j) * shared(i, j)
                 * mp.exp(-abs(data.path[i] - data.path[j]) / length)
             )  # fmt: skip
         medians = [mp.log(mp.mpf(MEDIANS[name.partition(":")[0]])) for name in parts]
@@ -217,15 +235,16 @@ class Problem:
     prior: Prior
     length: Number = LENGTHS[1]
     held: Estimate | None = None
+    weights: bool = True  # of the two, W; of values that are no curve they are the same
 
     def at(self, theta: Vector) -> tuple[Matrix, Matrix, Components]:
         """J, y - f and the components there."""
         predicted, slopes = self.law(theta)
         level = levels(self.data)
-        length = self.held.length if self.held else self.length
         stiff = [mp.fdot(row, self.prior.stiffness) for row in slopes]
         left = mp.matrix([y - f for y, f in zip(self.data.value, predicted, strict=True)])
-        return mp.matrix(slopes), left, Components.of(self.data, level, stiff, length)
+        parts = Components.of(self.data, level, stiff, self.length, self.weights)
+        return mp.matrix(slopes), left, parts
 
     def spread(
         self, jacobian: Matrix, theta: Vector, left: Matrix, v: Matrix
@@ -239,16 +258,22 @@ class Problem:
         size = len(self.prior.mean)
         theta, free = list(unknown[:size]), list(unknown[size:])
         jacobian, left, parts = self.at(theta)
-        logs = list(self.held.log_deviation) if self.held else free
+        logs = list(self.held.weights) if self.held else free
         v = parts.total(logs)
         away = mp.matrix([t - c for t, c in zip(theta, self.prior.mean, strict=True)])
         pull = jacobian.T * mp.lu_solve(v, left) - self.prior.precision * away
         found = list(pull)
         if self.held:
             return found
-        s, e = self.spread(jacobian, theta, left, v)
+        return found + self.of_components(theta, logs)
+
+    def of_components(self, theta: Vector, logs: Vector) -> Vector:
+        """Those of ln phi alone, at a theta."""
+        jacobian, left, parts = self.at(theta)
+        s, e = self.spread(jacobian, theta, left, parts.total(logs))
         inverse = s**-1
         white = inverse * e
+        found = []
         for ln, middle, slope in zip(logs, parts.medians, parts.slopes(logs), strict=True):
             gain = -trace(inverse, slope) / 2 + (white.T * slope * white)[0] / 2
             found.append(gain - (ln - middle) / SPREAD**2)
@@ -265,8 +290,8 @@ class Problem:
         )
         return -(mp.log(mp.det(s)) + (e.T * mp.lu_solve(s, e))[0] + away) / 2
 
-    def covariance(self, theta: Vector, logs: Vector) -> Matrix:
-        """(J' V^-1 J + P)^-1, mean over ln phi at logs +- sqrt(q) times the columns of a root.
+    def covariance(self, theta: Vector, logs: Vector, weights: Matrix) -> Matrix:
+        """C, mean over ln phi of V at logs +- sqrt(q) times the columns of a root. weights: W.
 
         The root is Cholesky's of the inverse of the average information of ln phi (its prior's included).
         """
@@ -284,36 +309,54 @@ class Problem:
         for column in range(size):
             for sign in (1, -1):
                 there = [ln + sign * mp.sqrt(size) * root[i, column] for i, ln in enumerate(logs)]
-                weighted = jacobian.T * mp.lu_solve_mat(parts.total(there), jacobian)
-                total += (weighted + self.prior.precision) ** -1 / (2 * size)
+                total += self._of_theta(jacobian, parts.total(there), weights) / (2 * size)
         return total
+
+    def _of_theta(self, jacobian: Matrix, v: Matrix, weights: Matrix) -> Matrix:
+        """C of one V."""
+        w = weights if self.data.curves else v
+        moved = mp.lu_solve_mat(w, jacobian)
+        inverse = (jacobian.T * moved + self.prior.precision) ** -1
+        if not self.data.curves:
+            return inverse
+        found = inverse * (moved.T * v * moved + self.prior.precision) * inverse
+        size = found.rows
+        before = [1 / self.prior.precision[i, i] for i in range(size)]
+        least = [min(mp.mpf(1), mp.sqrt(before[i] / found[i, i])) for i in range(size)]
+        for i in range(size):
+            for j in range(size):
+                found[i, j] *= least[i] * least[j]
+        return found
 
     def solved(self, theta: Vector) -> Estimate:
         """The estimate, from a start near it."""
-        if self.held:
-            unknown = newton(self.equations, theta)
-            logs = list(self.held.log_deviation)
-            return self._estimate(unknown, logs)
+        size = len(theta)
+        start = list(theta) if self.held else [*theta, *self.at(theta)[2].medians]
+        unknown = newton(self.equations, start)
+        theta = unknown[:size]
+        weights = list(self.held.weights) if self.held else unknown[size:]
+        w = self.at(theta)[2].total(weights)
+        return self._judged(theta, weights, w)
+
+    def _judged(self, theta: Vector, weights: Vector, w: Matrix) -> Estimate:
+        """The components of V at a theta, and with them what is known of it."""
         best: tuple[Number, Problem, Vector] | None = None
         for length in LENGTHS if self.data.curves else LENGTHS[1:2]:
-            here = replace(self, length=length)
-            start = [*theta, *here.at(theta)[2].medians]
+            here = replace(self, length=length, weights=False)
             with mp.workdps(20):
-                unknown = newton(here.equations, start)
-                value = here.likelihood(unknown)
+                logs = newton(
+                    lambda free, here=here: here.of_components(theta, free), list(weights)
+                )
+                value = here.likelihood([*theta, *logs])
             if best is None or value > best[0]:
-                best = value, here, unknown
+                best = value, here, logs
         assert best is not None
-        unknown = newton(best[1].equations, best[2])
-        size = len(theta)
-        return best[1]._estimate(unknown[:size], unknown[size:])
-
-    def _estimate(self, theta: Vector, logs: Vector) -> Estimate:
-        _, left, parts = self.at(theta)
-        free = len(self.data) - len(theta)
-        residual = mp.sqrt(mp.fsum(r**2 for r in left) / free)
-        return Estimate(theta, self.covariance(theta, logs), parts.names, logs,
-                        self.held.length if self.held else self.length, residual)  # fmt: skip
+        here = best[1]
+        logs = newton(lambda free: here.of_components(theta, free), best[2])
+        _, left, parts = here.at(theta)
+        residual = mp.sqrt(mp.fsum(r**2 for r in left) / (len(self.data) - len(theta)))
+        covariance = here.covariance(theta, logs, w)
+        return Estimate(theta, covariance, parts.names, logs, here.length, residual, weights)
 
 
 def newton(equations: Callable[[Vector], Vector], start: Vector) -> Vector:

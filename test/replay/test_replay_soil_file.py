@@ -70,7 +70,8 @@ def without_soil_sensors(
             if not name.endswith(("/load", "/sinkage")) and name not in left_out:
                 writer.write(name, kind, time, message)
     lines = ["/**:", "  ros__parameters:", "    wheels: [front_left, front_right, rear_left, rear_right]",
-             "    load: {source: static, mass: 24.0}"]  # fmt: skip
+             "    load: {source: static}",
+             "    vehicle: {mass: 24.0}"]  # fmt: skip
     for name in ("front_left", "front_right", "rear_left", "rear_right"):
         lines.append(f"    {name}: {{diameter: 0.25, width: 0.1, sinkage_topic: ''}}")
     (folder / "plain.yaml").write_text("\n".join(lines))
@@ -88,7 +89,7 @@ def test_slip_and_margin_are_said_and_of_the_law_one_line(
     assert "Pressure at" not in said
     assert "Under the law" not in said
     found = json.loads((tmp_path / "out" / "replay.json").read_text())
-    assert found["strength"]["measured_by"] == []
+    assert found["strength"]["measured_by"] == ["balance"]
     assert (
         0.0 < found["mobility"]["slip"]["median"] < found["mobility"]["slip"]["quantile_95"] <= 1.0
     )

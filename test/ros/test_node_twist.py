@@ -19,7 +19,8 @@ ROVER = """/**:
     wheels: [left, right]
     left: {diameter: 0.25, width: 0.1, lateral_position: 0.3, sinkage_topic: ""}
     right: {diameter: 0.25, width: 0.1, lateral_position: -0.3, sinkage_topic: ""}
-    load: {source: static, mass: 20.0}
+    load: {source: static}
+    vehicle: {mass: 20.0}
     imu_topic: imu
     odometry_from_wheels: true
 """
