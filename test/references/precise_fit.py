@@ -52,6 +52,7 @@ MEDIANS = {"tau": "0.05", "own": "0.03", "zero": "0.01", "along": "0.03"}
 SHAPE, RESOLUTION, FLOOR = mp.mpf("0.05"), mp.mpf("0.001"), mp.mpf("0.05")
 DEPENDENT = mp.mpf(10) ** -16  # of a column's square: less is left of one that others determine
 STEPS, LEAST_STEP = 60, 0.01  # of Newton's method
+ROUNDS = 3  # of theta and ln phi in turn, to come near both
 ROOM = 15  # digits that sums and quadrature may lose: at 50, 35 are left, of which 30 are shown
 
 
@@ -257,15 +258,16 @@ class Problem:
         """The stationary equations of the head, of theta and then of ln phi, each 0 at the estimate."""
         size = len(self.prior.mean)
         theta, free = list(unknown[:size]), list(unknown[size:])
-        jacobian, left, parts = self.at(theta)
         logs = list(self.held.weights) if self.held else free
-        v = parts.total(logs)
+        found = self.of_theta(theta, logs)
+        return found if self.held else found + self.of_components(theta, logs)
+
+    def of_theta(self, theta: Vector, logs: Vector) -> Vector:
+        """Those of theta alone, at these components."""
+        jacobian, left, parts = self.at(theta)
         away = mp.matrix([t - c for t, c in zip(theta, self.prior.mean, strict=True)])
-        pull = jacobian.T * mp.lu_solve(v, left) - self.prior.precision * away
-        found = list(pull)
-        if self.held:
-            return found
-        return found + self.of_components(theta, logs)
+        pull = jacobian.T * mp.lu_solve(parts.total(logs), left) - self.prior.precision * away
+        return list(pull)
 
     def of_components(self, theta: Vector, logs: Vector) -> Vector:
         """Those of ln phi alone, at a theta."""
@@ -331,8 +333,15 @@ class Problem:
     def solved(self, theta: Vector) -> Estimate:
         """The estimate, from a start near it."""
         size = len(theta)
-        start = list(theta) if self.held else [*theta, *self.at(theta)[2].medians]
-        unknown = newton(self.equations, start)
+        unknown = list(theta)
+        if not self.held:
+            with mp.workdps(20):
+                logs = self.at(theta)[2].medians
+                for _ in range(ROUNDS):
+                    theta = newton(lambda t, logs=logs: self.of_theta(t, logs), theta)
+                    logs = newton(lambda ln, at=theta: self.of_components(at, ln), logs)
+                unknown = newton(self.equations, [*theta, *logs])
+        unknown = newton(self.equations, unknown)
         theta = unknown[:size]
         weights = list(self.held.weights) if self.held else unknown[size:]
         w = self.at(theta)[2].total(weights)
