@@ -52,7 +52,7 @@ MEDIANS = {"tau": "0.05", "own": "0.03", "zero": "0.01", "along": "0.03"}
 SHAPE, RESOLUTION, FLOOR = mp.mpf("0.05"), mp.mpf("0.001"), mp.mpf("0.05")
 DEPENDENT = mp.mpf(10) ** -16  # of a column's square: less is left of one that others determine
 STEPS, LEAST_STEP = 60, 0.01  # of Newton's method
-ROUNDS = 3  # of theta and ln phi in turn, to come near both
+ROUNDS, CLOSE = 3, mp.mpf(10) ** -4  # of theta and ln phi in turn, to come near both
 ROOM = 15  # digits that sums and quadrature may lose: at 50, 35 are left, of which 30 are shown
 
 
@@ -269,6 +269,43 @@ class Problem:
         pull = jacobian.T * mp.lu_solve(parts.total(logs), left) - self.prior.precision * away
         return list(pull)
 
+    def near(self, theta: Vector, logs: Vector) -> Vector:
+        """Theta near its equations by Gauss-Newton steps, halved where they lead out or uphill."""
+
+        def value(at: Vector, v: Matrix) -> Number:
+            _, left, _ = self.at(at)
+            off = mp.matrix([t - c for t, c in zip(at, self.prior.mean, strict=True)])
+            return -(left.T * mp.lu_solve(v, left))[0] - (off.T * self.prior.precision * off)[0]
+
+        for _ in range(STEPS):
+            jacobian, _, parts = self.at(theta)
+            v = parts.total(logs)
+            weighted = jacobian.T * mp.lu_solve_mat(v, jacobian)
+            pull = mp.matrix(self.of_theta(theta, logs))
+            move = mp.lu_solve(weighted + self.prior.precision, pull)
+            theta, moved = uphill(theta, move, lambda at, v=v: value(at, v))
+            if moved < CLOSE:
+                break
+        return theta
+
+    def climbed(self, theta: Vector, logs: Vector) -> Vector:
+        """Ln phi near the top of their likelihood, by the average information."""
+        for _ in range(STEPS):
+            jacobian, left, parts = self.at(theta)
+            s, e = self.spread(jacobian, theta, left, parts.total(logs))
+            inverse = s**-1
+            slopes = [slope * inverse * e for slope in parts.slopes(logs)]
+            size = len(logs)
+            information = mp.eye(size) / SPREAD**2
+            for a in range(size):
+                for b in range(size):
+                    information[a, b] += (slopes[a].T * inverse * slopes[b])[0] / 2
+            move = mp.lu_solve(information, mp.matrix(self.of_components(theta, logs)))
+            logs, moved = uphill(logs, move, lambda free: self.likelihood([*theta, *free]))
+            if moved < CLOSE:
+                break
+        return logs
+
     def of_components(self, theta: Vector, logs: Vector) -> Vector:
         """Those of ln phi alone, at a theta."""
         jacobian, left, parts = self.at(theta)
@@ -338,8 +375,8 @@ class Problem:
             with mp.workdps(20):
                 logs = self.at(theta)[2].medians
                 for _ in range(ROUNDS):
-                    theta = newton(lambda t, logs=logs: self.of_theta(t, logs), theta)
-                    logs = newton(lambda ln, at=theta: self.of_components(at, ln), logs)
+                    theta = self.near(theta, logs)
+                    logs = self.climbed(theta, logs)
                 unknown = newton(self.equations, [*theta, *logs])
         unknown = newton(self.equations, unknown)
         theta = unknown[:size]
@@ -353,9 +390,8 @@ class Problem:
         for length in LENGTHS if self.data.curves else LENGTHS[1:2]:
             here = replace(self, length=length, weights=False)
             with mp.workdps(20):
-                logs = newton(
-                    lambda free, here=here: here.of_components(theta, free), list(weights)
-                )
+                logs = here.climbed(theta, list(weights))
+                logs = newton(lambda free, here=here: here.of_components(theta, free), logs)
                 value = here.likelihood([*theta, *logs])
             if best is None or value > best[0]:
                 best = value, here, logs
@@ -366,6 +402,19 @@ class Problem:
         residual = mp.sqrt(mp.fsum(r**2 for r in left) / (len(self.data) - len(theta)))
         covariance = here.covariance(theta, logs, w)
         return Estimate(theta, covariance, parts.names, logs, here.length, residual, weights)
+
+
+def uphill(x: Vector, move: Matrix, value: Callable[[Vector], Number]) -> tuple[Vector, Number]:
+    """The end of a step, halved until the value rises, and how far the whole one was."""
+    before, share = value(x), mp.mpf(1)
+    while True:
+        tried = [v + share * d for v, d in zip(x, move, strict=True)]
+        try:
+            if value(tried) > before or share < LEAST_STEP:
+                return tried, max(abs(d) for d in move)
+        except ArithmeticError:  # out of the law's domain
+            pass
+        share /= 2
 
 
 def newton(equations: Callable[[Vector], Vector], start: Vector) -> Vector:
