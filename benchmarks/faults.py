@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.rates import Judge, Line, Subject, middle, share
+from benchmarks.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.pipeline.checks import Checks, Finding

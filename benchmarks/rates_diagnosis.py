@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.rates import Judge, Line, Rate, Subject, middle, share
+from benchmarks.judges import Judge, Line, Rate, Subject, middle, share
 from benchmarks.worlds import INSTRUMENTS, WORLDS, World
 from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.measurements.table import Measurements

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 
 from benchmarks.drive_trial import NAMES, SIGMAS, THRESHOLDS, TRUE_THRESHOLD, WORLDS, trial
-from benchmarks.rates import Judge, Line, Subject, events, middle, ratio, share
+from benchmarks.judges import Judge, Line, Subject, events, middle, ratio, share
 
 SOON = 5.0  # m, within which a fault has to be said
 METRES, SECONDS = 0.5, 3.0  # ahead of being stuck that is in time

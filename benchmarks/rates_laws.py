@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rates import Judge, Line, Subject, share
+from benchmarks.judges import Judge, Line, Subject, share
 from smallwheel_ros.benchmark.laws import CONSTANT, SIZE_LAWS, Fold, predictions
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.benchmark.table import Errors, difference

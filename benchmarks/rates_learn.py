@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.judges import Judge, Line, Subject, middle, share
 from benchmarks.learn_worlds import LAWS, OUTSIDE, SIGNED, hidden, table
-from benchmarks.rates import Judge, Line, Subject, middle, share
 from smallwheel_ros.learn.law import Law
 from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.measurements.table import Measurements

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from benchmarks.rates import Judge, Line, Subject, ratio
+from benchmarks.judges import Judge, Line, Subject, ratio
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.noise import of_load

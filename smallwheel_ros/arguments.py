@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import ArrayLike
 
@@ -20,14 +20,19 @@ from smallwheel_ros.physics.soil import SOILS, Soil, soil
 if TYPE_CHECKING:
     import pandas as pd
 
-    from smallwheel_ros.diagnosis.apply import Added
-    from smallwheel_ros.diagnosis.pipeline import Diagnosis
     from smallwheel_ros.effects.base import Effect
     from smallwheel_ros.effects.registry import Registry
-    from smallwheel_ros.fitting import Base, FitResult
-    from smallwheel_ros.lab.lab import LabFit
+    from smallwheel_ros.fitting import Base
     from smallwheel_ros.measurements.table import Measurements, ShearTests
-    from smallwheel_ros.model.model import Model
+    from smallwheel_ros.model.model import CalibratedModel, Model
+
+
+class HasModel(Protocol):
+    """A result that has a model: of `fit`, `add` and `diagnose`; None where there was too little for one."""
+
+    @property
+    def model(self) -> "CalibratedModel | None":
+        """With what is known of its uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +98,7 @@ def _file_or_name(given: str) -> str | Path:
 # --- The kinds
 
 _Table: TypeAlias = "Measurements | str | PathLike[str] | pd.DataFrame"
-_Model: TypeAlias = (
-    "Model | Soil | Base | FitResult | LabFit | Diagnosis | Added | str | PathLike[str]"
-)
+_Model: TypeAlias = "Model | Soil | Base | HasModel | str | PathLike[str]"
 _Effect: TypeAlias = "Effect | type[Effect] | str"
 _Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
 

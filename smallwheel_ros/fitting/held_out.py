@@ -223,11 +223,6 @@ def _with_middle(model: Model, training: Points, known: Collection[str]) -> Mode
     return replace(model, soils=soils)
 
 
-def trainings(points: Points) -> list[Points]:
-    """The training points of each fold."""
-    return [points.take(~out) for out in leave_out(folds_of(points)[points.run])]
-
-
 def _row_runs(points: Points) -> Index:
     run = np.zeros(len(points.measurements), dtype=np.intp)
     for i, rows in enumerate(points.rows):

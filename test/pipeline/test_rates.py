@@ -15,7 +15,8 @@ from benchmarks import rates as bench
 from benchmarks import rates_page, real_drives
 from benchmarks.drive_trial import WORLDS
 from benchmarks.faults import FAULTS
-from benchmarks.rates import ALL, Judge, Subject, events, middle, ratio, share
+from benchmarks.judges import Judge, Subject, events, middle, ratio, share
+from benchmarks.rates import ALL
 from benchmarks.rates_drives import SUBJECTS
 
 

@@ -291,20 +291,24 @@ class Problem:
     def climbed(self, theta: Vector, logs: Vector) -> Vector:
         """Ln phi near the top of their likelihood, by the average information."""
         for _ in range(STEPS):
-            jacobian, left, parts = self.at(theta)
-            s, e = self.spread(jacobian, theta, left, parts.total(logs))
-            inverse = s**-1
-            slopes = [slope * inverse * e for slope in parts.slopes(logs)]
-            size = len(logs)
-            information = mp.eye(size) / SPREAD**2
-            for a in range(size):
-                for b in range(size):
-                    information[a, b] += (slopes[a].T * inverse * slopes[b])[0] / 2
-            move = mp.lu_solve(information, mp.matrix(self.of_components(theta, logs)))
+            slopes = mp.matrix(self.of_components(theta, logs))
+            move = mp.lu_solve(self.information(theta, logs), slopes)
             logs, moved = uphill(logs, move, lambda free: self.likelihood([*theta, *free]))
             if moved < CLOSE:
                 break
         return logs
+
+    def information(self, theta: Vector, logs: Vector) -> Matrix:
+        """The average information of ln phi, its prior's included."""
+        jacobian, left, parts = self.at(theta)
+        s, e = self.spread(jacobian, theta, left, parts.total(logs))
+        inverse = s**-1
+        moved = [slope * inverse * e for slope in parts.slopes(logs)]
+        found = mp.eye(len(logs)) / SPREAD**2
+        for a in range(len(logs)):
+            for b in range(len(logs)):
+                found[a, b] += (moved[a].T * inverse * moved[b])[0] / 2
+        return found
 
     def of_components(self, theta: Vector, logs: Vector) -> Vector:
         """Those of ln phi alone, at a theta."""
@@ -332,18 +336,11 @@ class Problem:
     def covariance(self, theta: Vector, logs: Vector, weights: Matrix) -> Matrix:
         """C, mean over ln phi of V at logs +- sqrt(q) times the columns of a root. weights: W.
 
-        The root is Cholesky's of the inverse of the average information of ln phi (its prior's included).
+        The root is Cholesky's of the inverse of the average information of ln phi.
         """
-        jacobian, left, parts = self.at(theta)
-        s, e = self.spread(jacobian, theta, left, parts.total(logs))
-        inverse = s**-1
-        moved = [slope * inverse * e for slope in parts.slopes(logs)]
+        jacobian, _, parts = self.at(theta)
         size = len(logs)
-        information = mp.eye(size) / SPREAD**2
-        for a in range(size):
-            for b in range(size):
-                information[a, b] += (moved[a].T * inverse * moved[b])[0] / 2
-        root = mp.cholesky(information**-1)
+        root = mp.cholesky(self.information(theta, logs) ** -1)
         total = mp.zeros(len(theta))
         for column in range(size):
             for sign in (1, -1):
