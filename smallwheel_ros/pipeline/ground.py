@@ -255,11 +255,14 @@ class Ground:
         sums = self._sums
         back, speed, turn, new = own.T
         middle = stamps - back.astype(np.int64)
-        mean, size, half_turn = self.rims(middle)
+        back_to = np.array([*LAGS, _APART, 2 * _APART])
+        mean, size, half_turn = (
+            each.reshape(middle.size, -1) for each in self.rims((middle[:, None] - back_to).ravel())
+        )
         before = np.concatenate([[sums.stamp], stamps[:-1]])
         passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
         sums.stamp = int(stamps[-1])
-        step = np.nan_to_num(size) * passed
+        step = np.nan_to_num(size[:, 0]) * passed
         way = steps_of(step, sums.way)
         ways_before = np.concatenate([[sums.way], way[:-1]])
         sums.way = float(way[-1])
@@ -270,22 +273,25 @@ class Ground:
         changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
         changed_way = np.maximum(changed_way, sums.changed_way)
         sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
-        variance = self._spread(middle, back, speed, mean)
-        lag = self._lag(middle, speed, turn, mean)
-        parts = np.nan_to_num(np.column_stack([mean, speed, half_turn, turn])) * passed[:, None]
+        variance = self._spread(middle, back, speed, mean[:, [0, -2, -1]])
+        lag = self._lag(middle, speed, turn, mean[:, : LAGS.size])
+        parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
+        parts = np.nan_to_num(parts) * passed[:, None]
         of_wheels = self._made_of_wheels(ways_before, way, parts)
         since = (stamps - changed) / SECOND
         rows = np.column_stack([variance, lag, of_wheels, since, way - changed_way, back / SECOND])
         self._trust.extend(stamps, rows)
 
-    def _spread(self, middle: Integers, back: Array, speed: Array, mean: Array) -> Array:
-        """Variance of a speed, by what it does while the rims turn evenly; of neighbours too."""
+    def _spread(self, middle: Integers, back: Array, speed: Array, rims: Array) -> Array:
+        """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
+
+        rims: their mean speed then, `_APART` and twice that before, (rows, 3).
+        """
         sums, rules = self._sums, self.streams.rules
         apart = [self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2)]
-        rims = np.stack([mean, *(self.rims(middle - k * _APART)[0] for k in (1, 2))])
         with np.errstate(invalid="ignore"):
-            most = np.abs(rims).max(axis=0)
-            even = (np.ptp(rims, axis=0) < _STEADY * most) & (most > STANDSTILL_SPEED)
+            most = np.abs(rims).max(axis=1)
+            even = (np.ptp(rims, axis=1) < _STEADY * most) & (most > STANDSTILL_SPEED)
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
         bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
@@ -302,12 +308,14 @@ class Ground:
             found = np.maximum(found, (_TOLD * told + total[:, 1]) / (_TOLD + total[:, 0]))
         return np.asarray(found)
 
-    def _lag(self, middle: Integers, speed: Array, turn: Array, mean: Array) -> Array:
-        """How much later (s) the speed comes than gyro and rims, the larger one; 0: not known to."""
+    def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
+        """How much later (s) the speed comes than gyro and rims, the larger one; 0: not known to.
+
+        rims: their mean speed `LAGS` before, (rows, lags).
+        """
         count = middle.size
         instants = (middle[:, None] - LAGS).ravel()
         gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
-        rims = self.rims(instants)[0].reshape(count, -1)
         found = np.zeros(count)
         for i, (late, early) in enumerate(((turn, gyro), (speed, rims))):
             good = np.isfinite(late) & np.isfinite(early).all(axis=1)
