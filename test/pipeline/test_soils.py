@@ -57,7 +57,7 @@ def driven(
         block = rows.take(part)
         first = len(soils.versions) - 1
         closed, loads = stretches(state, block, settings)
-        stamps = np.empty(0, dtype=np.int64) if closed is None else soils.take(closed)
+        stamps = soils.take(closed, int(block.stamp[-1]))
         versions += [soils.versions[i] for i in range(first + 1, len(soils.versions))]
         number = soils.version_of(block, first, stamps)[0]
         found.append(np.array([number, loads.load, loads.load_std]))

@@ -59,7 +59,7 @@ def driven(
         block = rows.take(part)
         closed, loads = stretches(stretched, block, settings)
         first, told = len(soils.versions) - 1, len(strengths.believed) - 1
-        stamps = np.empty(0, dtype=np.int64) if closed is None else soils.take(closed)
+        stamps = soils.take(closed, int(block.stamp[-1]))
         law = soils.version_of(block, first, stamps)[0]
         made = steps(stepped, block, loads.load, loads.load_std, law, soils, settings)
         ends = np.empty(0, dtype=np.int64) if made is None else strengths.take(made)
