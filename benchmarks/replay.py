@@ -25,7 +25,7 @@ from unittest.mock import patch
 
 from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.pipeline.replay import replay as turns_of
+from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec, read_settings
 from smallwheel_ros.simulate import DriveSettings, sensors, simulate_drive, write_drive_bag

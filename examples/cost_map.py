@@ -26,7 +26,7 @@ from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.pipeline.answers import margin_before_driving
 from smallwheel_ros.pipeline.ground_map import GroundMapper
-from smallwheel_ros.pipeline.replay import replay
+from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
@@ -54,7 +54,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
             elif kind == "nav_msgs/msg/Odometry":
                 frame = message.header.frame_id
                 way.append((message.pose.pose.position.x, message.pose.pose.position.y))
-    for turn in replay(bag, settings, clock=False):
+    for turn in turns_of(bag, settings, clock=False):
         mapper.add(turn.estimates, frame)
     return mapper.map, np.array(way)
 

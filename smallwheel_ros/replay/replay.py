@@ -6,29 +6,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
-from smallwheel_ros.common.errors import reason
+from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
 from smallwheel_ros.costmap.grid import wide, write_map
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.pipeline.answers import margin_before_driving, mobility_columns, soil_fields
-from smallwheel_ros.pipeline.bag import Decoder
 from smallwheel_ros.pipeline.events import DriveEvents
 from smallwheel_ros.pipeline.ground_map import GroundMapper
 from smallwheel_ros.pipeline.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.inputs import Fields, Rows, Topic, topics_of
+from smallwheel_ros.pipeline.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.replay import Message, feed
 from smallwheel_ros.pipeline.soil_file import SoilFile
 from smallwheel_ros.pipeline.tables import SECOND, Integers
 from smallwheel_ros.replay.new_bag import NewBag
+from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.result import (
     BAG,
     ESTIMATES,
@@ -50,8 +47,6 @@ from smallwheel_ros.replay.tables import EstimatesTable, SteadyStretches, Twists
 
 Progress = Callable[[int, int], object]
 Report = Callable[[Replayed, Path], object]  # writes a page of what is in the folder of that path
-_BLOCK = 4096  # messages of a turn at most; one takes a second of the recording, as often as the node speaks
-_CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 _BY_CLOCK = ("stamp_in_future", "stamp_too_old")
 _HINT = (
     "header stamps are far from the times of recording, so most messages were refused, as the node"
@@ -109,7 +104,7 @@ class _Drive:
             )
         if self._settings.onboard.unknown_positions:
             self._notes.append(self._settings.onboard.unknown_positions)
-        self.start = self._time = reader.start_time  # log times, of the message that is worked on
+        self.start = reader.start_time  # log time
         onboard = self._settings.onboard
         self.wheels = [wheel.name for wheel in onboard.wheels]
         self._pipeline = Pipeline(onboard)
@@ -123,10 +118,11 @@ class _Drive:
         self.twists = TwistsTable(self.start)
         self._soils: list[tuple[SoilEstimate, dict[str, Any]]] = []  # with its fields
         self._fields: tuple[str, ...] = ()
-        self._frame = ""  # of odometry
-        self._clock, self._last_stamp = 0, 0
-        self._chunk: list[Message] = []
-        self._read_topics(spec)
+        self._last_stamp = 0
+        self._recording = Recording(
+            reader, self._settings, self._pipeline, spec.in_bag, clock=spec.clock
+        )
+        self._look_for_inputs(spec)
 
     def _go_on(self) -> None:
         """Go on from a saved soil and map. Raises ReplayError where there is one that cannot be used."""
@@ -143,75 +139,42 @@ class _Drive:
         saved, words = self._soil_file.save(self._pipeline, self._ground.map)
         return f"soil saved: {words}" if saved else words
 
-    def _read_topics(self, spec: ReplaySpec) -> None:
+    def _look_for_inputs(self, spec: ReplaySpec) -> None:
         """Find out which topic is which input, and what is copied."""
-        present = {topic[:2] for topic in self._reader.topics}
-        self._has_clock = spec.clock and _CLOCK in present
-        self._topics: dict[str, Topic] = {}  # by their names in the bag
-        self._decoders: dict[str, Decoder] = {}
-        self._converts: dict[Key, Callable[[bytes], bytes | memoryview]] = {}
-        unusable = {}  # those that the bag defines otherwise
-        topics = topics_of(self._settings)
-        for topic in topics:
-            key = name, kind = spec.in_bag(topic.name), topic.type
-            if key not in present:
-                continue
-            try:
-                self._reader.decoder(*key)
-            except DefinitionError as error:
-                unusable[key] = str(error)
-                continue
-            channel = self._reader.channel(*key)
-            if channel is None:
-                unusable[key] = f"its type {kind} is not known"
-                continue
-            self._topics[name] = _both(self._topics[name], topic) if name in self._topics else topic
-            self._decoders[name] = Decoder(channel.store, channel.type)
-            self._converts[key] = channel.convert
-        if self._has_clock:
-            self._read_clock = self._reader.decoder(*_CLOCK)
-        self._inputs = inputs_of(spec, topics, self._settings, self._reader, unusable)
-        check_enough(self.wheels, self._inputs, self._reader)
-        described = (spec.in_bag(self._settings.robot_description_topic), DESCRIPTION_TYPE)
-        keys = {(spec.in_bag(topic.name), topic.type) for topic in topics}
-        used = {_CLOCK, described, *keys} & present
+        reader, settings, used = self._reader, self._settings, self._recording.used
+        present = {topic[:2] for topic in reader.topics}
+        unusable = self._recording.unusable
+        self._inputs = inputs_of(spec, topics_of(settings), settings, reader, unusable)
+        check_enough(self.wheels, self._inputs, reader)
+        described = (spec.in_bag(settings.robot_description_topic), DESCRIPTION_TYPE)
+        used = used | ({described} & present)
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
-        self._names = {name for name, _ in used | self.copied}
+        self._names = frozenset(name for name, _ in used | self.copied)
 
     def run(self, table: EstimatesTable, bag: NewBag, stop: Stop, progress: Progress) -> Replayed:
         """Read the bag to its end, its damage, or a signal."""
         self._table, self._bag = table, bag
+        recording = self._recording
         total = sum(t.message_count for t in self._reader.topics if t.name in self._names)
-        read, state, ended, begin = 0, "complete", "", self.start
-        try:
-            for raw in self._reader.raw_messages(self._names):
-                full = len(self._chunk) >= _BLOCK or not 0 <= raw.log_time - begin < SECOND
-                if full:
-                    self._turn()
-                    begin = raw.log_time
-                    progress(read, total)
-                    if stop.asked:
-                        since = (self._time - self.start) / SECOND
-                        state = "interrupted"
-                        ended = (
-                            f"stopped by {stop.asked} {since:.3f} s after the bag's beginning, after"
-                            f" {read} of {total} messages; the same command does all of it"
-                        )
-                        break
-                self._time = raw.log_time
-                bag.copy_message(raw)
-                self._keep(raw)
-                read += 1
-        except BagError as error:
-            if error.path != self._reader.path:
-                raise  # of the new bag
-            state, ended = "ended_early", str(error)
-        self._turn(last=True)
+        state, ended = "complete", ""
+        for turns in recording.turns(self._names, bag.copy_message):
+            for turn in turns:
+                self._write(turn)
+            self._happened.take_problems(recording.time)
+            progress(recording.read, total)
+            if stop.asked and recording.read < total and not recording.stopped:
+                since = (recording.time - self.start) / SECOND
+                recording.stopped, state = True, "interrupted"
+                ended = (
+                    f"stopped by {stop.asked} {since:.3f} s after the bag's beginning, after"
+                    f" {recording.read} of {total} messages; the same command does all of it"
+                )
+        if recording.damage is not None:
+            state, ended = "ended_early", str(recording.damage)
         if self._last_stamp and self._ground.map.changed:
             self._write_grid(self._last_stamp)
         bag.write_soil()
         self._happened.finish()
-        progress(read, total)
         whole = state == "complete" and self._reader.end_time is not None
         return Replayed(
             spec=self._spec,
@@ -219,7 +182,7 @@ class _Drive:
             notes=[*self._spec.notes, *self._notes, *self._hints()],
             inputs=self._seen_inputs(),
             start=self.start,
-            end=(self._reader.end_time or 0) if whole else max(self._time, self.start),
+            end=(self._reader.end_time or 0) if whole else max(recording.time, self.start),
             message_count=total,
             pipeline=self._pipeline,
             happened=self._happened,
@@ -227,48 +190,11 @@ class _Drive:
             stretches=self._stretches,
             state=state,
             ended=ended,
-            messages_read=read,
+            messages_read=recording.read,
             prefix=bag.prefix,
             has_twists=bag.has_twists,
             left_out=bag.left_out,
         )
-
-    def _keep(self, raw: RawMessage) -> None:
-        """Keep a message for the next turn, if it is an input."""
-        key = (raw.topic, raw.type)
-        if key == _CLOCK and self._has_clock:
-            try:
-                clock = self._read_clock(raw.data).clock
-            except Exception as error:  # as below
-                self._pipeline.note(
-                    raw.topic, "not_readable", f"topic {raw.topic}: {reason(error)}"
-                )
-                return
-            self._clock = clock.sec * SECOND + clock.nanosec
-            return
-        if key not in self._converts:
-            return
-        try:
-            data = bytes(self._converts[key](raw.data))
-        except (
-            Exception
-        ) as error:  # damaged bytes of a ROS 1 message make rosbags raise as it likes
-            stream, text = self._topics[raw.topic].streams[0], reason(error)
-            self._pipeline.note(stream, "not_readable", f"topic {raw.topic}: {text}")
-            return
-        by_recording = self._spec.clock and not self._has_clock
-        self._chunk.append((raw.topic, data, raw.log_time if by_recording else self._clock))
-        if ODOMETRY in self._topics[raw.topic].streams:
-            self._frame = _frame_of(data) or self._frame
-
-    def _turn(self, *, last: bool = False) -> None:
-        """Give what was kept to the pipeline, and write what it makes."""
-        if self._chunk:
-            feed(self._pipeline, self._topics, self._decoders, self._chunk)
-            self._chunk = []
-        for turn in self._pipeline.turns(last=last):
-            self._write(turn)
-        self._happened.take_problems(self._time)
 
     def _write(self, turn: Turn) -> None:
         """Write a turn into tables and bag, and lay it down on the map."""
@@ -279,7 +205,7 @@ class _Drive:
 
         def times(stamps: Integers) -> Integers:
             """When the turn was: what is recorded stays in its order."""
-            return np.full(stamps.size, self._time, dtype=np.int64)
+            return np.full(stamps.size, self._recording.time, dtype=np.int64)
 
         if turn.twists is not None and len(turn.twists):
             assert self._settings.onboard.twist is not None
@@ -302,12 +228,12 @@ class _Drive:
             for i, k in enumerate(soil_of.tolist())
         ]
         self._bag.write_estimates(
-            rows, columns, of_rows, times(rows.stamp), self._frame, self.wheels
+            rows, columns, of_rows, times(rows.stamp), self._recording.frame, self.wheels
         )
-        self._ground.add(rows, self._frame)
+        self._ground.add(rows, self._recording.frame)
         self._last_stamp = int(rows.stamp[-1])
         period = round(COST_PERIOD * SECOND)
-        if self._ground.map.changed and self._bag.is_due("cost", self._time, period):
+        if self._ground.map.changed and self._bag.is_due("cost", self._recording.time, period):
             self._write_grid(self._last_stamp)
 
     def _told(self) -> list[dict[str, Any]]:
@@ -327,7 +253,7 @@ class _Drive:
         """Write the grid as the node would have published it."""
         grid = self._ground.map.grid()
         if grid is not None:
-            self._bag.write_grid(grid, stamp, self._time)
+            self._bag.write_grid(grid, stamp, self._recording.time)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""
@@ -356,19 +282,3 @@ class _Drive:
             )
             for item in self._inputs
         )
-
-
-def _both(one: Topic, other: Topic) -> Topic:
-    """A topic that two inputs come by."""
-
-    def read(fields: Fields, joints: list[str]) -> Rows:
-        return one.read(fields, joints) | other.read(fields, joints)
-
-    return replace(one, read=read, streams=(*one.streams, *other.streams))
-
-
-def _frame_of(message: bytes) -> str:
-    """frame_id of a serialised message that begins with a header: behind encapsulation and stamp."""
-    order: Literal["little", "big"] = "big" if message[1:2] == b"\0" else "little"
-    end = 16 + int.from_bytes(message[12:16], order) - 1
-    return message[16:end].decode(errors="replace")

@@ -20,10 +20,10 @@ from smallwheel_ros.bags.types import typestore
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.feed import Message, feed
 from smallwheel_ros.pipeline.inputs import Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.problems import Problem
-from smallwheel_ros.pipeline.replay import Message, feed
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class

@@ -13,10 +13,11 @@ from rows_of_drives import SECOND, START, static_rover
 from smallwheel_ros.bags import BagWriter
 from smallwheel_ros.bags.types import typestore
 from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.feed import feed
 from smallwheel_ros.pipeline.inputs import JOINTS, ODOM, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.replay import feed, replay
 from smallwheel_ros.pipeline.tables import Readings
+from smallwheel_ros.replay.recording import turns_of
 
 NAMES = [f"{wheel}_joint" for wheel in ("fl", "fr", "rl", "rr")]
 
@@ -121,7 +122,7 @@ def test_a_bag_is_replayed_the_same_in_blocks_of_any_size(tmp_path: Path) -> Non
             writer.write_raw("/odom", ODOM, stamp, _raw(_odometry(k), ODOM))
     settings = static_rover(imu_topic=None)
     found = [
-        Readings.joined([t.readings for t in replay(tmp_path / "drive", settings, block)])
+        Readings.joined([t.readings for t in turns_of(tmp_path / "drive", settings, block)])
         for block in (4096, 17)
     ]
     assert len(found[0]) > 300

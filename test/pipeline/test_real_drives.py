@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.replay import replay
 from smallwheel_ros.pipeline.tables import SECOND, Readings
+from smallwheel_ros.replay.recording import turns_of
 
 DRIVES = {
     "warthog_grass": ("warthog", "icp_odom"),
@@ -36,7 +36,7 @@ def drives(shared_data: Path) -> Path:
 def _readings(folder: Path, name: str) -> Readings:
     robot, odometry = DRIVES[name]
     settings = settings_from(read_parameters(str(folder / f"{robot}.yaml")))
-    turns = replay(folder / name, settings, remap={"odom": odometry})
+    turns = turns_of(folder / name, settings, remap={"odom": odometry})
     return Readings.joined([turn.readings for turn in turns])
 
 

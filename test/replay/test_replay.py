@@ -24,8 +24,8 @@ from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.replay import replay as turns_of
 from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.report import drive_blocks, page, read_courses, with_gaps
 from smallwheel_ros.replay.spec import ReplaySpec, read_remaps
@@ -224,8 +224,8 @@ def test_the_summary_counts_what_the_table_has(bag, usual):
     for name in summary["files"].values():
         assert (folder / name).exists()
     used = sum(wheel["used_for_soil"] for wheel in summary["wheels"].values())
-    # The last stretches wait, the soil may have ended on them; those at a border are of no soil.
-    assert 0.4 * used < table["soil_measurements_accepted"].iloc[-1] <= used
+    # It drives two metres, and a border is found on the last one: stretches about it wait or are of no soil.
+    assert 0.3 * used < table["soil_measurements_accepted"].iloc[-1] <= used
 
 
 def test_json_on_standard_output_is_the_summary(bag, rover, tmp_path):

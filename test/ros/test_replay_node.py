@@ -13,9 +13,9 @@ from drawbar_drives import with_pulls
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline import replay as bag_replay
 from smallwheel_ros.pipeline.answers import mobility_columns, soil_fields
 from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.replay import recording
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.ros import NodeProcess
@@ -42,8 +42,8 @@ def replayed(bag: Path, rover: Path) -> tuple[list[dict[str, Any]], dict[str, An
     settings = settings_from(read_parameters(rover))
     with pytest.MonkeyPatch.context() as patch:
         keep = lambda given: made.append(Pipeline(given)) or made[0]  # noqa: E731
-        patch.setattr(bag_replay, "Pipeline", keep)
-        for turn in bag_replay.replay(bag, settings):
+        patch.setattr(recording, "Pipeline", keep)
+        for turn in recording.turns_of(bag, settings):
             found = turn.estimates
             columns = mobility_columns(found, made[0])
             for i in range(len(found)):

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bag as the node would have heard it: which topic is which input, and its messages through a pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
+from smallwheel_ros.common.errors import reason
+from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
+from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.feed import Message, feed
+from smallwheel_ros.pipeline.inputs import Fields, Rows, Topic, topics_of
+from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.replay.spec import resolved
+
+# A turn takes so many messages at most, and a second of the recording: as often as the node speaks.
+_BLOCK = 4096
+_CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
+
+
+class Recording:
+    """The inputs of a vehicle in an open bag, and its messages in the order in which they were recorded.
+
+    in_bag: gives the bag's name of a topic that the node knows. clock: whether stamps are judged by the
+    recording's /clock, without one by when they were recorded.
+
+    Attributes
+    ----------
+    used
+        Topics and types that are inputs, and the clock.
+    unusable
+        Those that would be, and why they cannot.
+    time, read
+        Log time (ns) of the newest message, and how many there were.
+    frame
+        Of the odometry.
+    damage
+        Where the bag ended before its end.
+    stopped
+        To be set by whoever reads no further: what has been read still goes through.
+    """
+
+    def __init__(
+        self,
+        reader: BagReader,
+        settings: NodeSettings,
+        pipeline: Pipeline,
+        in_bag: Callable[[str], str] = resolved,
+        *,
+        clock: bool = True,
+    ) -> None:
+        self._reader, self._pipeline, self._by_clock = reader, pipeline, clock
+        self.time, self.read, self.frame = reader.start_time or 0, 0, ""
+        self.damage: BagError | None = None
+        self.stopped = False
+        self._topics: dict[str, Topic] = {}  # by their names in the bag
+        self._decoders: dict[str, Decoder] = {}
+        self._converts: dict[Key, Callable[[bytes], bytes | memoryview]] = {}
+        self.unusable: dict[Key, str] = {}
+        present = {topic[:2] for topic in reader.topics}
+        self._has_clock = clock and _CLOCK in present
+        self._clock = 0  # ns, what it said last
+        for topic in topics_of(settings):
+            key = in_bag(topic.name), topic.type
+            if key in present:
+                self._listen(key, topic)
+        self.used = {*self._converts, *self.unusable}
+        if self._has_clock:
+            self._read_clock = reader.decoder(*_CLOCK)
+            self.used.add(_CLOCK)
+        self._chunk: list[Message] = []
+
+    def _listen(self, key: Key, topic: Topic) -> None:
+        """Note which topic of the bag is an input, and how it is read."""
+        try:
+            self._reader.decoder(*key)
+        except DefinitionError as error:
+            self.unusable[key] = str(error)
+            return
+        channel = self._reader.channel(*key)
+        if channel is None:
+            self.unusable[key] = f"its type {key[1]} is not known"
+            return
+        name = key[0]
+        self._topics[name] = _both(self._topics[name], topic) if name in self._topics else topic
+        self._decoders[name] = Decoder(channel.store, channel.type)
+        self._converts[key] = channel.convert
+
+    def turns(
+        self,
+        also: frozenset[str] = frozenset(),
+        each: Callable[[RawMessage], object] = lambda _: None,
+        block: int = _BLOCK,
+    ) -> Iterator[list[Turn]]:
+        """The pipeline's turns, a block of messages at a time, the last when nothing more comes.
+
+        also: topics that are read besides; each: is given every message.
+        """
+        begin = self.time
+        try:
+            for raw in self._reader.raw_messages({name for name, _ in self.used} | also):
+                if len(self._chunk) >= block or not 0 <= raw.log_time - begin < SECOND:
+                    yield self._turn()
+                    begin = raw.log_time
+                    if self.stopped:
+                        break
+                self.time = raw.log_time
+                each(raw)
+                self._keep(raw)
+                self.read += 1
+        except BagError as error:
+            if error.path != self._reader.path:
+                raise  # of a bag that is written
+            self.damage = error
+        yield self._turn(last=True)
+
+    def _keep(self, raw: RawMessage) -> None:
+        """Keep a message for the next turn, if it is an input."""
+        key = (raw.topic, raw.type)
+        if key == _CLOCK and self._has_clock:
+            try:
+                clock = self._read_clock(raw.data).clock
+            except Exception as error:  # as below
+                self._not_readable(raw.topic, raw.topic, error)
+                return
+            self._clock = clock.sec * SECOND + clock.nanosec
+            return
+        if key not in self._converts:
+            return
+        streams = self._topics[raw.topic].streams
+        try:
+            data = bytes(self._converts[key](raw.data))
+        except Exception as error:  # damaged bytes of ROS 1 make rosbags raise as it likes
+            self._not_readable(streams[0], raw.topic, error)
+            return
+        by_recording = self._by_clock and not self._has_clock
+        self._chunk.append((raw.topic, data, raw.log_time if by_recording else self._clock))
+        if ODOMETRY in streams:
+            self.frame = _frame_of(data) or self.frame
+
+    def _not_readable(self, stream: str, topic: str, error: Exception) -> None:
+        self._pipeline.note(stream, "not_readable", f"topic {topic}: {reason(error)}")
+
+    def _turn(self, *, last: bool = False) -> list[Turn]:
+        """Give what was kept to the pipeline, and take what it makes."""
+        if self._chunk:
+            feed(self._pipeline, self._topics, self._decoders, self._chunk)
+            self._chunk = []
+        return list(self._pipeline.turns(last=last))
+
+
+def turns_of(
+    bag: Path,
+    settings: NodeSettings,
+    block: int = _BLOCK,
+    *,
+    clock: bool = True,
+    remap: Mapping[str, str] | None = None,
+) -> Iterator[Turn]:
+    """Turns of a bag, one after the other; for the arguments see `Recording`.
+
+    remap: names of topics in the bag by those that the parameters have. Raises BagError where the bag
+    cannot be read, or, behind the turns of what can be, where it is damaged.
+    """
+    names = {resolved(name): resolved(other) for name, other in (remap or {}).items()}
+    with BagReader(bag) as reader:
+        recording = Recording(
+            reader,
+            settings,
+            Pipeline(settings.onboard),
+            lambda name: names.get(resolved(name), resolved(name)),
+            clock=clock,
+        )
+        for turns in recording.turns(block=block):
+            yield from turns
+        if recording.damage is not None:
+            raise recording.damage
+
+
+def _both(one: Topic, other: Topic) -> Topic:
+    """A topic that two inputs come by."""
+
+    def read(fields: Fields, joints: list[str]) -> Rows:
+        return one.read(fields, joints) | other.read(fields, joints)
+
+    return replace(one, read=read, streams=(*one.streams, *other.streams))
+
+
+def _frame_of(message: bytes) -> str:
+    """frame_id of a serialised message that begins with a header: behind encapsulation and stamp."""
+    order: Literal["little", "big"] = "big" if message[1:2] == b"\0" else "little"
+    end = 16 + int.from_bytes(message[12:16], order) - 1
+    return message[16:end].decode(errors="replace")
