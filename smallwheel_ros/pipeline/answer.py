@@ -25,10 +25,11 @@ from .judgement import Judged
 from .margin import AHEAD
 from .mobility import Predicted, mobility
 from .soils import Soils
+from .streams import Streams
 from .strength import Strengths
 from .strength_words import is_determined
 from .stretches import Loads
-from .tables import SECOND, Array, Estimates, Flags, Integers, Mobility, Readings
+from .tables import SECOND, Array, Estimates, Flags, Integers, Mobility, Readings, none_of
 from .warnings import risk_of
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
@@ -85,13 +86,18 @@ class AnswerState:
 
 def answer(
     state: AnswerState, rows: Readings, loads: Loads, judged: Judged, law: Integers, newest: Integers,
-    strength: Integers, refused: Integers, soils: Soils, strengths: Strengths, settings: OnboardSettings,
+    strength: Integers, streams: Streams, soils: Soils, strengths: Strengths, settings: OnboardSettings,
 ) -> Estimates:  # fmt: skip
-    """Estimates of rows that are due.
+    """Estimates of those rows that are due.
 
     law, newest, strength: versions under each row, of the soil that the first wheels are on, and of the
-    strength; refused: measured sinkages that were of no use up to each.
+    strength. streams: know which measured sinkages were of no use.
     """
+    due = np.flatnonzero(rows.due)
+    if not due.size:
+        return none_of(Estimates)
+    rows, loads, judged = rows.take(due), loads.take(due), judged.take(due)
+    law, newest, strength = law[due], newest[due], strength[due]
     wheels, count = settings.wheels, len(rows)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
@@ -142,7 +148,7 @@ def answer(
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
-        rejected=refused + np.array([version.outliers for version in of], dtype=np.int64),
+        rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
         law=law, strength=strength,
     )  # fmt: skip
 

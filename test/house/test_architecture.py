@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
 PACKAGE, PAGE_OF_CODE = "smallwheel_ros/", "pipeline/pipeline.py"
-MOST_STAGES = 20  # that one page of code calls, each once a turn
+MOST_STAGES = 12
 Call = tuple[str, str]  # file and function
 
 

@@ -37,7 +37,7 @@ def error(task: tuple[str, int]) -> float:
     soils = Soils(settings.prior, settings.estimator, (), settings.wheels)
     closed, _ = stretches(StretchState.of(settings), found.rows, settings)
     assert closed is not None
-    soils.take(closed, int(found.rows.stamp[-1]))
+    soils.take(closed, found.rows)
     mean, covariance = law_of(soils.versions[-1])
     true = found.drive.ground.soil
     off = mean - np.array([true.pressure, true.n, true.m])

@@ -57,9 +57,8 @@ def driven(
         block = rows.take(part)
         first = len(soils.versions) - 1
         closed, loads = stretches(state, block, settings)
-        stamps = soils.take(closed, int(block.stamp[-1]))
+        number = soils.take(closed, block)[0]
         versions += [soils.versions[i] for i in range(first + 1, len(soils.versions))]
-        number = soils.version_of(block, first, stamps)[0]
         found.append(np.array([number, loads.load, loads.load_std]))
         if forget:
             soils.forget(number)

@@ -58,9 +58,8 @@ def driven(
             continue
         block = rows.take(part)
         closed, loads = stretches(stretched, block, settings)
-        first, told = len(soils.versions) - 1, len(strengths.believed) - 1
-        stamps = soils.take(closed, int(block.stamp[-1]))
-        law = soils.version_of(block, first, stamps)[0]
+        told = len(strengths.believed) - 1
+        law = soils.take(closed, block)[0]
         made = steps(stepped, block, loads.load, loads.load_std, law, soils, settings)
         ends = np.empty(0, dtype=np.int64) if made is None else strengths.take(made)
         known = np.isfinite(loads.load)
