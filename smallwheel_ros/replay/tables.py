@@ -30,7 +30,6 @@ from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.answers import VALID, Status
 from smallwheel_ros.pipeline.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.passes import Passes
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers, Readings
 from smallwheel_ros.pipeline.twist import Twists
 from smallwheel_ros.replay.new_bag import MOBILITY, SOIL
@@ -267,14 +266,12 @@ class SteadyStretches:
         self._readings: list[pd.DataFrame] = []
         self._waiting = 0
         self._done: list[pd.DataFrame] = []
-        self._passes = Passes(tuple(wheels))
         self._soil, self._changing = 0, False
         self.unsteady = self.at_changes = self.unusable = 0
 
     def starts_over(self) -> None:
-        """Note that all begins, or begins anew: another soil, and another way."""
+        """Note that all begins, or begins anew: another soil."""
         self._soil += 1
-        self._passes = Passes(tuple(self._wheels.values()))
 
     def add(self, rows: Readings, changing: Flags) -> None:
         """Take readings. changing: at which of them the soil just did."""
@@ -283,7 +280,6 @@ class SteadyStretches:
         begins = changing & ~np.concatenate([[self._changing], changing[:-1]])
         soil = self._soil + np.cumsum(begins)
         self._soil, self._changing = int(soil[-1]), bool(changing[-1])
-        numbers = self._passes.numbers(rows)
         moves = np.isfinite(rows.slip) & np.isfinite(rows.speed)
         usable = np.isfinite(rows.load) & np.isfinite(rows.sinkage)
         usable &= self._pressed[rows.wheel] | moves
@@ -293,7 +289,7 @@ class SteadyStretches:
         if not good.size:
             return
         kept = rows.take(good)
-        passes = np.nan_to_num(numbers[good]).astype(np.int64)
+        passes = np.nan_to_num(rows.pass_number[good]).astype(np.int64)
         table = pd.DataFrame(
             {
                 "soil": soil[good],

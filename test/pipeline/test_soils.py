@@ -224,6 +224,7 @@ def test_a_pressed_wheel_shows_the_soil_that_it_is_pressed_into() -> None:
         stamp=10_000_000 * np.arange(count), wheel=zero.astype(int),
         sinkage=depth + 1e-4 * rng.standard_normal(count), path=depth, distance=depth,
         load=load * (1.0 + 0.01 * rng.standard_normal(count)), pitch=zero, passes=zero, pass_doubt=zero,
+        pass_number=zero,
         onward=yes, forward=yes, stands=~yes, due=yes,
     )  # fmt: skip
     soils, versions, _ = driven(rows, settings, (500, 1700))

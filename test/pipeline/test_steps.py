@@ -44,7 +44,8 @@ def driven(
         "rim_speed": np.full(count, rim), "rim_std": np.full(count, 0.01 * abs(rim)),
         "stands": no, "forward": yes if at > 0.0 else no, "onward": yes, "slope": np.full(count, 0.3),
         "gained": np.zeros(count), "distance": abs(at) * time, "path": abs(at) * time,
-        "passes": np.zeros(count), "pass_doubt": np.zeros(count), "due": yes,
+        "passes": np.zeros(count), "pass_doubt": np.zeros(count),
+        "pass_number": np.full(count, np.nan), "due": yes,
     }  # fmt: skip
     return table_of(**(given | columns))
 

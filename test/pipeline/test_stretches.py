@@ -31,7 +31,7 @@ def rows(count: int, **columns: Array | float) -> Readings:
     given = {
         "stamp": 100_000_000 * index, "wheel": np.zeros(count, dtype=int), "sinkage": 0.012, "load": 60.0,
         "load_std": 1.2, "slip": unknown(count), "speed": unknown(count), "pitch": 0.0, "passes": 0.0,
-        "pass_doubt": 0.0, "distance": STEP * index, "path": STEP * index,
+        "pass_doubt": 0.0, "pass_number": np.nan, "distance": STEP * index, "path": STEP * index,
         "onward": np.ones(count, dtype=bool),
     } | columns  # fmt: skip
     full = {name: np.full(count, v) if np.ndim(v) == 0 else v for name, v in given.items()}
