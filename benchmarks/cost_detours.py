@@ -4,12 +4,12 @@
     python benchmarks/cost_detours.py --drives 20
 
 Simulated drives (truth simulator) that end stuck on slippery ground or a slope, one a seed, and as many
-that do not; their cost maps, and paths over them by the rules of Nav2's planners (`_grid_planner`): from 8 m
-before the place to 3 m behind it, back from there, and along the good drives, each end moved along the way
-to where no wheel stands on ground of 50 and more. Costs are spread as the node does it (`cost.spread`) and,
-to show what that is for, not at all. `m dear`: way of the outer wheels, beside base_link, on cells that the
-map without spread has at 50 and more; at the corners: of those in front and behind. Intervals (95 %):
-bootstrap over drives for means, Clopper-Pearson for counts.
+that do not; their cost maps, and paths over them by the rules of Nav2's planners (`_grid_planner`):
+straight past the place, from 8 m before it to 3 m behind it, out of there, and along the good drives, each
+end moved along that line to where no wheel stands on ground of 50 and more. Costs are spread as the node
+does it (`cost.spread`) and, to show what that is for, not at all. `m dear`: way of the outer wheels, beside
+base_link, on cells that the map without spread has at 50 and more; at the corners: of those in front and
+behind. Intervals (95 %): bootstrap over drives for means, Clopper-Pearson for counts.
 """
 
 from __future__ import annotations
@@ -83,11 +83,14 @@ def one_drive(seed: int, stuck: bool) -> Found:
     raw = made.grid()
     assert raw is not None
     blank = replace(raw, cells=np.full_like(raw.cells, -1))
-    near = np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE) if stuck else np.hypot(*(way - way[0]).T)
-    ahead = [tuple(pose.place(_BEHIND + more, 0.0)) for more in np.arange(0.0, 5.0, 0.2)]
-    ends = np.array(ahead) if stuck else way[::-1]
     # What stands on dear ground, or is to, can keep no wheel off it.
-    starts = way[np.argsort(near, kind="stable")]
+    starts, ends = way, way[::-1]
+    if stuck:
+        more = np.arange(0.0, 5.0, 0.2)
+        starts, ends = (
+            np.array([pose.place(x, 0.0) for x in line])
+            for line in (-_BEFORE - more, _BEHIND + more)
+        )
     start, behind = (tuple(on[_free(raw, made, on)][0]) for on in (starts, ends))
     for planner, reach in product(_PLANNERS, (reached, 0.0)):
         made.spread = reach

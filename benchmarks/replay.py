@@ -29,7 +29,7 @@ from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec, read_settings
 from smallwheel_ros.simulate import DriveSettings, sensors, simulate_drive, write_drive_bag
-from smallwheel_ros.simulate.terrain import ROVERS
+from smallwheel_ros.simulate.world import ROVERS
 
 TARGET = 20.0
 FLAT = 1.1

@@ -29,7 +29,7 @@ from smallwheel_ros.pipeline.ground_map import GroundMapper
 from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
-from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.stretches import Stretch, soil_of_pressure
 
 CLASSES = "terrain_classes"
 FIRM, SOFT = 0, 1
@@ -71,8 +71,7 @@ def simulated(folder: Path) -> tuple[Path, Grid]:
     bag = folder / "drive"
     write_drive_bag(drive, bag)
     x, y = np.meshgrid(np.arange(-1.9, 30.0, 0.2), np.arange(-5.9, 6.0, 0.2))
-    trip = drive.truth.travel
-    start, end = np.interp(BORDERS, trip.way, trip.x)
+    start, end = np.interp(BORDERS, drive.truth.path, drive.truth.course[0])
     patches = (start < x) & (x < end)
     patches |= np.hypot(x - 21.0, y - 2.5) < 2.5
     patches |= np.hypot(x - 25.5, y + 3.0) < 2.0

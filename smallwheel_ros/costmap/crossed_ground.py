@@ -31,9 +31,10 @@ class Outline:
     """The rectangle that the wheels stand on: from one axle to the other, over their outer edges.
 
     front, rear, left, right: its ends, m from base_link, ahead and left positive. radius: m, by which a
-    wheel may look out over it in front and behind. half_width: from base_link to the outermost edge, m:
-    whoever plans by base_link keeps so far off. length: from the front of the first wheels to the back of
-    the last, m.
+    wheel may look out over it in front and behind. half_width: from base_link to the outermost edge, m.
+    around: from base_link to the outermost corner, m: a planner that knows base_link alone keeps so far off,
+    since in a turn the wheels in front and behind swing out. length: from the front of the first wheels to
+    the back of the last, m.
     """
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
@@ -43,6 +44,7 @@ class Outline:
         self.left, self.right = max(edges), min(edges)
         self.radius = 0.5 * max(wheel.diameter for wheel in wheels)
         self.half_width = max(self.left, -self.right)
+        self.around = math.hypot(max(self.front, -self.rear), self.half_width)
         self.length = self.front - self.rear + 2.0 * self.radius
 
     def across(self, pose: Pose, wheel: Wheel) -> tuple[Line, Line]:

@@ -170,7 +170,7 @@ TABLE = (
     _number(
         "cost.spread", None, "m", 0.0, 10.0,
         "Each cell costs what the dearest within this distance does, for planners of every kind"
-        " (docs/nav2.md). Without it: to the outermost wheel.",
+        " (docs/nav2.md). Without it: to the outermost corner.",
     ),
     _text(
         "cost.unknown", "prior",

@@ -1,43 +1,122 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated drives of a small rover: what its sensors record, its bag, and the answer apart from it."""
+"""Simulated drives of a small rover: what its sensors record, and the answer apart from it.
+
+The ground and the vehicle are those of the worlds (`world_ground`, `vehicle`), with several soils in a row.
+Hidden effects act twice. The depth and resistance of a wheel without slip hold the vehicle back. What its
+instrument shows is worked out from each wheel's load, slip and speed by the stress at the points of its
+contact (`truth`). Digging in deepens the rut and does not hold the rover back: with the resistance of the
+greater depth as well, a rover that begins to slip in loose sand is stuck for good in many drives, and nothing
+would be left to record.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from tqdm import tqdm
 
-from smallwheel_ros.bags import BagMessage, BagWriter, Message, Storage, header
-from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.ride import DriveSettings, WheelTruth, ride
+from smallwheel_ros.common.options import Option
+from smallwheel_ros.simulate.hidden import (
+    FRACTION,
+    FormOfHidden,
+    Hidden,
+    Seed,
+    Strength,
+    check_settings,
+    draw_effects,
+    in_drives,
+)
 from smallwheel_ros.simulate.sensors import EPOCH, Readings, Sensors
-from smallwheel_ros.simulate.terrain import (
-    ROVERS,
-    Rover,
+from smallwheel_ros.simulate.stretches import (
+    FINISHES,
+    TERRAINS,
     Stretch,
     draw_finish,
-    draw_ground,
+    draw_patches,
     draw_stretches,
-    travel,
+    in_ground,
 )
-from smallwheel_ros.simulate.truth import Array, HiddenEffect
+from smallwheel_ros.simulate.truth import (
+    Array,
+    Circumstances,
+    Contact,
+    HiddenEffect,
+    Places,
+    SimulationError,
+    WheelsOnSoil,
+)
+from smallwheel_ros.simulate.vehicle import Truth, Vehicle, truth_of
+from smallwheel_ros.simulate.world import ROVERS, Leg, Rover, World
+from smallwheel_ros.simulate.world_ground import make_ground, texture
 
-# --- The drive
+_BLOCK = 4000  # wheels on soil at once, so that memory stays small on long drives
+_FINISH = 15.0  # m of ground on which a rover gets stuck
+_SLOWEST = 0.01  # m/s: a standing wheel keeps the state of a slow one
+_SPARE = 1.15  # of the rims' speed, since wheels on these soils slip by 0.13
+_ATTEMPTS = 20
+
+
+@dataclass(frozen=True)
+class DriveSettings:
+    """What drive to simulate: the options of `smallwheel simulate drive`.
+
+    The same seed gives the same drive, to the byte. `wheels` may be a rover of your own, and `stretches`,
+    where given, are driven over instead of `terrain`. A `finish` is what the drive ends in after
+    `distance`, stuck: a slope that steepens, or slippery ground. With dropouts above 0 one wheel's
+    sinkage is also missing for 1.5 s.
+    """
+
+    seed: Seed = 0
+    distance: Annotated[float, Option("Way, m.", (2.0, 20_000.0, "m"))] = 30.0
+    speed: Annotated[float, Option("Middle speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
+    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
+    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
+    stretches: tuple[Stretch, ...] | None = None
+    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.", FINISHES)] = (
+        "none"
+    )
+    hidden: Hidden = ()
+    strength: Strength = 1.0
+    form: FormOfHidden = "own"
+    noise: Annotated[float, Option("Factor on every sensor's noise.", (0.0, 20.0))] = 1.0
+    outliers: Annotated[
+        float, Option("Share of measured sinkages that are grossly wrong.", (0.0, 0.5), FRACTION)
+    ] = 0.0
+    dropouts: Annotated[
+        float, Option("Share of load and sinkage messages that are missing.", (0.0, 0.9), FRACTION)
+    ] = 0.01
+
+    def check(self) -> DriveSettings:
+        """Return the settings without `none` among the hidden effects.
+
+        Raises SimulationError, naming the setting, what it was, and what was expected.
+        """
+        hidden = check_settings(self)
+        for name in hidden:
+            if not in_drives(name):
+                raise SimulationError(
+                    f"hidden effect {name!r} cannot be in a drive: what it depends on or acts on"
+                    " has no sensor there; use `simulate rig`"
+                )
+        return replace(self, hidden=hidden)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive: readings by wheel name and of the whole rover, and what was true."""
+    """One drive: readings by wheel name and of the whole rover, and what was true.
+
+    truth: of its sinkage, what an instrument without noise would show. stretch: index of the stretch that
+    each wheel is on, shape (times, wheels).
+    """
 
     settings: DriveSettings
     rover: Rover
     stretches: tuple[Stretch, ...]
     effects: tuple[HiddenEffect, ...]
-    truth: WheelTruth
+    truth: Truth
+    stretch: Places
     load: Mapping[str, Readings]
     sinkage: Mapping[str, Readings]
     odometry: Readings
@@ -47,12 +126,14 @@ class Drive:
     def answer(self) -> dict[str, Any]:
         """Return what the bag must not say: soils, hidden effects, true values over time.
 
-        Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units.
+        Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units. Slip is 0
+        where a wheel stands.
         """
-        truth, trip = self.truth, self.truth.travel
-        time = trip.time
+        truth, time = self.truth, self.truth.time
         settings = asdict(self.settings) | {"wheels": [asdict(w) for w in self.rover.wheels]}
         settings.pop("stretches")
+        slip = np.nan_to_num(truth.slip)
+        x, y, _ = truth.course
         wheels = {}
         for j, wheel in enumerate(self.rover.wheels):
             readings = self.sinkage[wheel.name]
@@ -61,33 +142,35 @@ class Drive:
                 "time": _rounded(at, 9),
                 "sinkage": _rounded(np.interp(at, time, truth.sinkage[:, j]), 7),
                 "load": _rounded(np.interp(at, time, truth.load[:, j]), 4),
-                "slip": _rounded(np.interp(at, time, truth.slip), 5),
-                "drawbar_pull": _rounded(np.interp(at, time, truth.drawbar_pull[:, j]), 4),
+                "slip": _rounded(np.interp(at, time, slip[:, j]), 5),
+                "drawbar_pull": _rounded(np.interp(at, time, truth.pull[:, j]), 4),
                 "torque": _rounded(np.interp(at, time, truth.torque[:, j]), 4),
-                "stretch": truth.stretch[np.searchsorted(time, at, side="right") - 1, j].tolist(),
-                "moving": (np.interp(at, time, trip.speed) > 1e-3).tolist(),
+                "stretch": self.stretch[np.searchsorted(time, at, side="right") - 1, j].tolist(),
+                "moving": (np.interp(at, time, truth.speed) > 1e-3).tolist(),
                 "outlier": readings.outlier.tolist(),
             }
-        stuck = trip.stuck
         return {
             "kind": "drive",
             "epoch_ns": EPOCH,
             "settings": settings,
             "mass": self.rover.mass,
             "stuck": None
-            if stuck is None
-            else {"time": round(float(time[stuck]), 3), "way": round(float(trip.way[stuck]), 4)},
+            if truth.stuck is None
+            else {
+                "time": round(truth.stuck, 3),
+                "way": round(float(np.interp(truth.stuck, time, truth.path)), 4),
+            },
             "hidden": [effect.describe() for effect in self.effects],
             "stretches": [{"start": s.start} | asdict(s.soil) for s in self.stretches],
             "wheels": wheels,
             "rover": {
                 "time": _rounded(time, 3),
-                "way": _rounded(trip.way, 4),
-                "speed": _rounded(trip.speed, 4),
-                "slip": _rounded(truth.slip, 5),
-                "climb": _rounded(trip.climb, 5),
-                "x": _rounded(trip.x, 4),
-                "y": _rounded(trip.y, 4),
+                "way": _rounded(truth.path, 4),
+                "speed": _rounded(truth.speed, 4),
+                "slip": _rounded(slip.mean(axis=1), 5),
+                "climb": _rounded(truth.climb, 5),
+                "x": _rounded(x, 4),
+                "y": _rounded(y, 4),
             },
         }
 
@@ -103,19 +186,27 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     Raises
     ------
     SimulationError
-        If a setting is outside its range, or a wheel sinks to its axle.
+        If a setting is outside its range, a wheel sinks to its axle, or no ground lets the rover get on.
     """
     settings = settings.check()
     rover, distance = settings.wheels, settings.distance
     if isinstance(rover, str):
         rover = ROVERS[rover]
     # Streams of their own: more outliers do not change the ground, nor another soil the noise.
-    streams = [np.random.default_rng([settings.seed, purpose]) for purpose in (10, 11, 12, 13)]
-    effects = draw_effects(settings.hidden, streams[0], settings.strength, settings.form)
-    stretches = settings.stretches or draw_stretches(settings.terrain, distance, streams[1])
-    finish = draw_finish(settings.finish, distance, streams[3])
-    ground = replace(draw_ground(distance, streams[2]), finish=finish)
-    truth = ride(rover, ground, stretches, effects, travel(ground, distance, settings.speed))
+    effects = draw_effects(settings.hidden, _stream(settings, 10), settings.strength, settings.form)
+    stretches = settings.stretches or draw_stretches(
+        settings.terrain, distance, _stream(settings, 11)
+    )
+    for attempt in range(_ATTEMPTS):
+        wheels = _Wheels(settings, rover, stretches, effects, attempt)
+        truth = wheels.drive()
+        if (truth.stuck is None) == (settings.finish == "none") and truth.path[-1] >= distance:
+            break
+    else:
+        raise SimulationError(
+            f"the rover gets no farther than {truth.path[-1]:.1f} m: take a firmer soil, a lighter rover or"
+            " a smaller strength"
+        )
     sensors = Sensors(truth, rover, settings)
     names = [wheel.name for wheel in rover.wheels]
     return Drive(
@@ -124,6 +215,7 @@ def simulate_drive(settings: DriveSettings) -> Drive:
         stretches=stretches,
         effects=effects,
         truth=truth,
+        stretch=wheels.kinds(truth),
         load={name: sensors.load(j) for j, name in enumerate(names)},
         sinkage={name: sensors.sinkage(j) for j, name in enumerate(names)},
         odometry=sensors.odometry(),
@@ -132,108 +224,111 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     )
 
 
-# --- The bag
+def _stream(settings: DriveSettings, *purpose: int) -> np.random.Generator:
+    return np.random.default_rng([settings.seed, *purpose])
 
 
-def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap") -> int:
-    """Write the drive's readings as a bag in a new folder; return the number of messages.
-
-    Topics: ``/<wheel>/load`` (geometry_msgs/WrenchStamped, 50 Hz: force.z positive when the soil
-    pushes the wheel up, force.x what it pushes the wheel forward with), ``/<wheel>/sinkage``
-    (smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels),
-    ``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``, effort in N m at
-    the wheel) and ``/imu`` (sensor_msgs/Imu, 50 Hz, in base_link). Messages are recorded some
-    milliseconds after the instant in their header.
-
-    The folder appears when the bag is complete. A progress bar is shown on a terminal.
-
-    Raises
-    ------
-    BagError
-        If the folder exists, its parent does not, or it cannot be written.
-    """
-    with BagWriter(path, storage=storage) as writer:
-        # Header stamps and log times do not depend on the order of topics here; ties do.
-        messages = sorted(_messages(drive), key=lambda m: (m.log_time, m.topic))
-        for m in tqdm(messages, "writing the bag", unit=" messages", disable=None, leave=False):
-            writer.write(*m)
-    return len(messages)
+def _world(settings: DriveSettings, rng: np.random.Generator) -> World:
+    """Stand for 2 s, halt for 3 s on the way, go on until stuck. Two bends make an S."""
+    half = 0.5 * settings.distance
+    bend = min(rng.uniform(0.5, 1.0) / half, 0.1)
+    legs = Leg(half, bend, stand=3.0), Leg(half + _FINISH, -bend, stand=1.0)
+    return World(
+        "drive", way=legs, speed=_SPARE * settings.speed, ramp=0.35, slope=0.06, swing=1.6, grip=0.05,
+        own_grip=0.02, scatter=0.05, sticks=True, patience=4.0,
+    )  # fmt: skip
 
 
-def _messages(drive: Drive) -> Iterator[BagMessage]:
-    wrench, joint_state = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/JointState"
-    for wheel in (wheel.name for wheel in drive.rover.wheels):
-        yield from _topic(f"/{wheel}/load", wrench, wheel, drive.load[wheel], _load)
-        kind = "smallwheel_ros/msg/WheelSinkage"
-        yield from _topic(f"/{wheel}/sinkage", kind, wheel, drive.sinkage[wheel], _sinkage)
-    yield from _topic("/odom", "nav_msgs/msg/Odometry", "odom", drive.odometry, _odometry)
-    names = [f"{wheel.name}_joint" for wheel in drive.rover.wheels]
+class _Wheels:
+    """The wheels of a rover, on the soils of a drive and with what is hidden."""
 
-    def joints(of: Readings, i: int) -> dict[str, Any]:
-        states = {"position": of.position[i], "velocity": of.velocity[i], "effort": of.effort[i]}
-        return {"name": names, **states}
+    def __init__(
+        self,
+        settings: DriveSettings,
+        rover: Rover,
+        stretches: tuple[Stretch, ...],
+        effects: tuple[HiddenEffect, ...],
+        attempt: int,
+    ) -> None:
+        self.rover, self.stretches, self.effects = rover, stretches, effects
+        self.x = np.array([wheel.x for wheel in rover.wheels])
+        self.y = np.array([wheel.y for wheel in rover.wheels])
+        # A wheel that follows another in its track rolls in that one's rut.
+        ahead = (self.y[:, None] == self.y) & (self.x[:, None] > self.x)
+        self.passes = 1.0 + ahead.sum(axis=0)
+        self.rng = _stream(settings, 12, attempt)
+        distance, world = settings.distance, _world(settings, self.rng)
+        finish = draw_finish(settings.finish, distance, _stream(settings, 13))
+        started = *draw_patches(distance, self.rng), *finish
+        soils = [in_ground(stretch.soil) for stretch in stretches]
+        starts = [stretch.start for stretch in stretches]
+        self.ground = make_ground(world, rover, soils, starts, started, self.rng)
+        # The ground is as long with a finish as without; what comes before is the same.
+        first, last = world.legs
+        arrives = first, replace(last, metres=last.metres - _FINISH)
+        self.world = world if finish else replace(world, way=arrives)
+        self.unrecorded = np.tanh(texture(self.rng, self.ground.at, 1.0, 5.0))
+        self._settle(settings.speed)
 
-    yield from _topic("/joint_states", joint_state, "", drive.joints, joints)
-    yield from _topic("/imu", "sensor_msgs/msg/Imu", "base_link", drive.imu, _imu)
+    def drive(self) -> Truth:
+        """Drive over the ground, then work out what the wheels' instruments show without noise."""
+        vehicle = Vehicle(self.world, self.rover, self.ground, self.rng)
+        vehicle.run()
+        truth = truth_of(vehicle)
+        shown = np.empty_like(truth.sinkage)
+        for j in range(len(self.rover.wheels)):
+            cells = self.ground.cells(truth.place + self.x[j])
+            travel = np.abs(truth.speed - truth.rate * self.y[j])
+            slip = np.nan_to_num(truth.slip[:, j])
+            for rows, wheels in self._on_soil(j, cells, truth.load[:, j], slip, travel):
+                shown[rows, j] = wheels.response().shown_sinkage
+        if not np.isfinite(shown).all():
+            time, wheel = np.argwhere(~np.isfinite(shown))[0]
+            raise self._sunk(int(wheel), float(truth.place[time]), float(truth.load[time, wheel]))
+        return replace(truth, sinkage=shown)
 
+    def kinds(self, truth: Truth) -> Places:
+        """Index of the stretch that each wheel is on."""
+        return self.ground.kinds(truth.place[:, None] + self.x)
 
-def _topic(
-    topic: str,
-    kind: str,
-    frame: str,
-    readings: Readings,
-    fields: Callable[[Readings, int], dict[str, Any]],
-) -> Iterator[BagMessage]:
-    """Give a topic's messages. fields: those of a reading's message, besides its header."""
-    times = zip(readings.stamp.tolist(), readings.log_time.tolist(), strict=True)
-    for i, (stamp, log_time) in enumerate(times):
-        message = Message(header=header(stamp, frame), **fields(readings, i))
-        yield BagMessage(topic, kind, log_time, message)
+    def _settle(self, speed: float) -> None:
+        """How deep each wheel stands in each cell, and what resists it besides the pressure of the depth."""
+        ground, cells = self.ground, np.arange(self.ground.at.size)
+        for j, wheel in enumerate(self.rover.wheels):
+            nothing, same = np.zeros(cells.size), np.full(cells.size, speed)
+            for rows, wheels in self._on_soil(j, cells, ground.load[j], nothing, same):
+                found = wheels.response()
+                contact = Contact.at(wheels.at.diameter, found.depth)
+                stress = np.maximum(contact.depth, 0.0) ** wheels.soil.n
+                width = wheels.at.width
+                plain = contact.backward(stress, width) / contact.upward(stress, width)
+                ground.rest[j, rows] = found.depth
+                ground.dragging[j, rows] = found.resistance / wheels.at.load - plain
+            sunk = ~np.isfinite(ground.rest[j]) & (ground.at >= wheel.x)
+            if sunk.any():
+                cell = int(np.argmax(sunk))
+                raise self._sunk(j, float(ground.at[cell] - wheel.x), float(ground.load[j, cell]))
 
+    def _on_soil(
+        self, j: int, cells: Places, load: Array, slip: Array, speed: Array
+    ) -> Iterator[tuple[Places, WheelsOnSoil]]:
+        """A wheel in cells, by soil and in blocks: the rows of each, and the wheels."""
+        ground, wheel = self.ground, self.rover.wheels[j]
+        at = Circumstances.of(
+            load=load, diameter=wheel.diameter, width=wheel.width, slip=slip,
+            speed=np.maximum(speed, _SLOWEST), pass_number=self.passes[j],
+            hidden=self.unrecorded[cells],
+        )  # fmt: skip
+        factor, kind = np.exp(ground.modulus[j, cells]), ground.kind[j, cells]
+        for i in np.unique(kind):
+            whole = np.flatnonzero(kind == i)
+            for rows in np.array_split(whole, -(-whole.size // _BLOCK)):
+                soil = self.stretches[i].soil
+                yield rows, WheelsOnSoil(soil, self.effects, at.rows(rows), factor[rows])
 
-def _vector(x: float, y: float, z: float) -> Message:
-    return Message(x=float(x), y=float(y), z=float(z))
-
-
-def _orientation(of: Readings, i: int) -> Message:
-    return Message(**dict(zip("xyzw", of.orientation[i].tolist(), strict=True)))
-
-
-def _covariance(*deviations: float) -> Array:
-    """Row-major, three of each standard deviation: 6x6 of positions (m) and angles (rad), or 3x3."""
-    return np.diag(np.repeat(np.square(deviations), 3)).ravel()
-
-
-_POSE, _TWIST = _covariance(0.02, 0.002), _covariance(0.008, 0.005)
-_ANGLE, _RATE, _FELT = _covariance(6e-3), _covariance(3e-3), _covariance(0.1)
-
-
-def _load(of: Readings, i: int) -> dict[str, Any]:
-    force = _vector(of.pull[i], 0.0, of.normal[i])
-    return {"wrench": Message(force=force, torque=_vector(0.0, 0.0, 0.0))}
-
-
-def _sinkage(of: Readings, i: int) -> dict[str, Any]:
-    return {"sinkage": float(of.sinkage[i]), "variance": float(of.variance[i])}
-
-
-def _odometry(of: Readings, i: int) -> dict[str, Any]:
-    position = _vector(of.x[i], of.y[i], of.z[i])
-    speed, rate = _vector(of.forward_speed[i], 0.0, 0.0), _vector(0.0, 0.0, of.yaw_rate[i])
-    pose = Message(position=position, orientation=_orientation(of, i))
-    return {
-        "child_frame_id": "base_link",
-        "pose": Message(pose=pose, covariance=_POSE),
-        "twist": Message(twist=Message(linear=speed, angular=rate), covariance=_TWIST),
-    }
-
-
-def _imu(of: Readings, i: int) -> dict[str, Any]:
-    return {
-        "orientation": _orientation(of, i),
-        "orientation_covariance": _ANGLE,
-        "angular_velocity": _vector(0.0, 0.0, of.yaw_rate[i]),
-        "angular_velocity_covariance": _RATE,
-        "linear_acceleration": _vector(*of.acceleration[i]),
-        "linear_acceleration_covariance": _FELT,
-    }
+    def _sunk(self, j: int, place: float, load: float) -> SimulationError:
+        soil = self.stretches[int(self.ground.kinds(np.array([place]))[0])].soil
+        return SimulationError(
+            f"wheel {self.rover.wheels[j].name} sinks to its axle at {place:.1f} m in {soil.name}"
+            f" (load {load:.0f} N): take a firmer soil, a lighter rover or a smaller strength"
+        )

@@ -29,7 +29,7 @@ from smallwheel_ros.simulate.hidden import (
     draw_effects,
     extra_column,
 )
-from smallwheel_ros.simulate.terrain import soil_of_pressure
+from smallwheel_ros.simulate.stretches import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     HiddenEffect,

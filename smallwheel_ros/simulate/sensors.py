@@ -5,14 +5,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from smallwheel_ros.simulate.ride import DriveSettings, WheelTruth
-from smallwheel_ros.simulate.terrain import GRAVITY, STANDS, Rover
 from smallwheel_ros.simulate.truth import Array
+from smallwheel_ros.simulate.vehicle import TICK, Truth
+from smallwheel_ros.simulate.world import GRAVITY, Rover
+
+if TYPE_CHECKING:
+    from smallwheel_ros.simulate.drive import DriveSettings
 
 # 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
 EPOCH = 1_749_720_600 * 10**9
@@ -28,6 +32,7 @@ _DELAYS = {
 }
 _JITTER = {"load": 0.0003, "sinkage": 0.002, "odometry": 0.001, "joints": 0.0003, "imu": 0.0003}
 _GAP = 1.5  # s
+_STANDS = 1e-3  # m/s, below which nothing moves
 
 
 class Readings(SimpleNamespace):
@@ -52,7 +57,7 @@ class Readings(SimpleNamespace):
 class Sensors:
     """Reads a truth; each kind of reading has a random stream of its own, by the drive's seed."""
 
-    truth: WheelTruth
+    truth: Truth
     rover: Rover
     settings: DriveSettings
 
@@ -61,7 +66,7 @@ class Sensors:
 
     def _times(self, kind: str, rng: np.random.Generator) -> tuple[Array, Readings]:
         """When a sensor measures (s), and readings with nothing but their stamps."""
-        end = self.truth.travel.time[-1]
+        end = self.truth.time[-1]
         rate = _RATES[kind]
         count = int(end * rate) - 1
         time: Array = (np.arange(count, dtype=np.float64) + rng.uniform(0.0, 1.0)) / rate
@@ -75,7 +80,7 @@ class Sensors:
     def _at(self, time: Array, values: Array) -> Array:
         """Values of the truth at other times; of wheels, shape (times, wheels), each by itself."""
         if values.ndim == 1:
-            return np.interp(time, self.truth.travel.time, values)
+            return np.interp(time, self.truth.time, values)
         return np.stack([self._at(time, of_wheel) for of_wheel in values.T], axis=1)
 
     def _orientation(self, time: Array, wrong: Array) -> Array:
@@ -83,8 +88,8 @@ class Sensors:
 
         REP 103: positive about x lifts the left side, positive about y lowers the nose.
         """
-        trip = self.truth.travel
-        angles = wrong + [self._at(time, one) for one in (trip.roll, -trip.climb, trip.heading)]
+        truth = self.truth
+        angles = wrong + [self._at(time, one) for one in (truth.roll, -truth.climb, truth.yaw)]
         turned: Array = Rotation.from_euler("xyz", angles.T).as_quat()
         return turned
 
@@ -96,7 +101,7 @@ class Sensors:
         spread = noise * np.hypot(0.4, 0.012 * true)
         # An unloaded sensor can show a little less than nothing; this one clips, as many do.
         found.normal = np.maximum(true + rng.normal(0.0, 1.0, time.size) * spread, 0.1)
-        pull = self._at(time, self.truth.drawbar_pull[:, wheel])
+        pull = self._at(time, self.truth.pull[:, wheel])
         found.pull = pull + rng.normal(0.0, 1.0, time.size) * noise * 0.6
         keep = self._stream(2, wheel).uniform(size=time.size) >= self.settings.dropouts
         return _kept(found, keep)
@@ -119,7 +124,7 @@ class Sensors:
         found.sinkage = np.where(found.outlier, gross, read)
         gaps = self._stream(5, wheel)
         keep = gaps.uniform(size=time.size) >= self.settings.dropouts
-        start = gaps.uniform(0.3, 0.9) * self.truth.travel.time[-1]
+        start = gaps.uniform(0.3, 0.9) * self.truth.time[-1]
         if wheel == 1 and self.settings.dropouts > 0:
             keep &= (time < start) | (time > start + _GAP)
         # With its noise switched off an instrument still does not claim to be perfect.
@@ -128,16 +133,16 @@ class Sensors:
 
     def odometry(self) -> Readings:
         """Read the odometry: 8 mm/s (1 sigma) while moving, less when standing; the pose drifts."""
-        rng, noise, trip = self._stream(6), self.settings.noise, self.truth.travel
+        rng, noise, truth = self._stream(6), self.settings.noise, self.truth
         time, found = self._times("odometry", rng)
-        speed = self._at(time, trip.speed)
+        speed = self._at(time, truth.speed)
         still = np.where(speed > 1e-3, 1.0, 0.4) * noise
-        rate = self._at(time, trip.speed * trip.curvature)
+        rate = self._at(time, truth.rate)
         drift = np.cumsum(rng.normal(0.0, 2e-4, (2, time.size)) * still, axis=1)
         angles = rng.normal(0.0, 2e-3, (3, time.size)) * noise
-        height = np.concatenate([[0.0], np.cumsum(np.diff(trip.way) * np.sin(trip.climb[1:]))])
-        found.x = self._at(time, trip.x) + drift[0]
-        found.y = self._at(time, trip.y) + drift[1]
+        x, y, height = truth.course
+        found.x = self._at(time, x) + drift[0]
+        found.y = self._at(time, y) + drift[1]
         found.z = self._at(time, height)
         found.orientation = self._orientation(time, angles)
         found.forward_speed = speed + rng.normal(0.0, 0.008, time.size) * still
@@ -153,31 +158,30 @@ class Sensors:
         time, found = self._times("joints", rng)
         radius = np.array([wheel.diameter / 2 for wheel in self.rover.wheels])
         omega = self.truth.rim / radius
-        steps = np.diff(self.truth.travel.time, prepend=self.truth.travel.time[0])
-        found.position = self._at(time, np.cumsum(omega * steps[:, None], axis=0))
+        found.position = self._at(time, np.cumsum(omega * TICK, axis=0))
         velocity = self._at(time, omega)
         spread = noise * np.hypot(0.01 * (velocity > 1e-3), 0.004 * velocity)
         found.velocity = velocity + rng.normal(0.0, 1.0, velocity.shape) * spread
         rng = self._stream(8)
         scale = 1.0 + noise * rng.normal(0.0, 0.03, len(self.rover.wheels))
         torque = self._at(time, self.truth.torque)
-        turns = self._at(time, self.truth.rim[:, 0]) > STANDS
-        friction = 0.05 * noise * turns[:, None]
+        turns = np.abs(self._at(time, self.truth.rim)) > _STANDS
+        friction = 0.05 * noise * turns
         found.effort = (torque + friction) * scale + noise * rng.normal(0.0, 0.03, torque.shape)
         return found
 
     def imu(self) -> Readings:
         """Read the imu: angles 0.3 degrees off all the time and 0.2 more (1 sigma), 0.1 m/s^2."""
-        rng, noise, trip = self._stream(9), self.settings.noise, self.truth.travel
+        rng, noise, truth = self._stream(9), self.settings.noise, self.truth
         time, found = self._times("imu", rng)
         off = np.radians(0.3) * rng.normal(0.0, 1.0, (3, 1))
         wrong = noise * (off + np.radians(0.2) * rng.normal(0.0, 1.0, (3, time.size)))
-        climb, roll = self._at(time, trip.climb), self._at(time, trip.roll)
-        rate = self._at(time, trip.speed * trip.curvature)
-        turning = self._at(time, trip.speed) * rate
+        climb, roll = self._at(time, truth.climb), self._at(time, truth.roll)
+        rate = self._at(time, truth.rate)
+        turning = self._at(time, truth.speed) * rate
         felt = np.stack(
             [
-                GRAVITY * np.sin(climb) + self._at(time, trip.acceleration),
+                GRAVITY * np.sin(climb) + self._at(time, truth.acceleration),
                 GRAVITY * np.cos(climb) * np.sin(roll) + turning,
                 GRAVITY * np.cos(climb) * np.cos(roll),
             ],

@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.simulate.terrain import Rover
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.wheel_laws import DEPTHS, LAWS, SLIPS
-from smallwheel_ros.simulate.world import GRAVITY, WAYS, World
-from smallwheel_ros.simulate.world_ground import CELL, Frame, Ground, tilt
+from smallwheel_ros.simulate.world import GRAVITY, Rover, World
+from smallwheel_ros.simulate.world_ground import CELL, Frame, Ground, Soil, tilt
 
 TICK = 0.04  # s
 STUCK = 0.8  # slip that the vehicle does not get over
 REFERENCE_SLIP = 0.4
-_LASTS, _STUCK_FOR, _LONGEST = 0.5, 1.5, 900.0  # s: stuck since, drive ends, given up
+_LASTS = 0.5  # s that it slips so for before it is stuck
+_LONGEST, _SLOWEST = 900.0, 0.2  # s, or at this share of the speed, until a leg is given up
 _HARDLY = 0.35  # mean slip at speed over which a vehicle has not got over its ground with ease
 _STEPS = np.linspace(-1.0, 1.0, 25)  # of what a speed may change by in a tick
 _GAIN = 6.0  # m/s^2, most by which a speed may change
@@ -67,6 +67,20 @@ class Truth:
         return self.thrust - self.resistance
 
     @property
+    def acceleration(self) -> Array:
+        """Speed that is gained, m/s^2."""
+        return np.asarray(np.gradient(self.speed, self.time))
+
+    @property
+    def course(self) -> tuple[Array, Array, Array]:
+        """Where it is in the frame odom: x, y, and height, m."""
+        step = self.speed * TICK
+        level = step * np.cos(self.climb)
+        parts = level * np.cos(self.yaw), level * np.sin(self.yaw), step * np.sin(self.climb)
+        x, y, height = (np.cumsum(part) for part in parts)
+        return x, y, height
+
+    @property
     def margin(self) -> Array:
         """Of the vehicle: pull of all wheels at the reference slip over the load of all."""
         return np.asarray(self.held.sum(axis=1) / self.load.sum(axis=1))
@@ -98,16 +112,10 @@ class Vehicle:
         self.diameter = np.array([w.diameter for w in wheels])
         self.all = np.arange(len(wheels))
         self.side = (self.y < 0.0).astype(int)
-        sizes = {(w.diameter, w.width): i for i, w in enumerate(wheels)}
         weight = rover.mass * GRAVITY / len(wheels)
-        curves = {
-            size: LAWS[world.law](*size, weight, ground.soil.n, ground.soil.strength)
-            for size in sizes
-        }
-        of_wheel = [curves[w.diameter, w.width] for w in wheels]
-        # Thrust, resistance and torque, (wheels, depths, 3, slips); of this tick, (3, wheels, slips).
-        self.curves = np.stack([np.stack(one, axis=1) for one in of_wheel])
-        self.now = self.curves[:, 0].transpose(1, 0, 2)
+        # Thrust, resistance and torque, (soils, wheels, depths, 3, slips); of this tick, (3, wheels, slips).
+        self.curves = np.stack([self._curves_on(soil, weight) for soil in ground.soils])
+        self.now = self.curves[0, :, 0].transpose(1, 0, 2)
         self.frame = Frame(rover, world.spare)
         self.steep = np.gradient(ground.bumps, CELL, axis=1).clip(-0.5, 0.5)
         self.axles = [
@@ -137,7 +145,7 @@ class Vehicle:
     def run(self) -> None:
         """Stand for 2 s, then leg by leg until the end, or until it is stuck."""
         self._stand(2.0)
-        for leg in WAYS[self.world.way]:
+        for leg in self.world.legs:
             if leg.turn:
                 rate = math.copysign(self.world.turning, leg.turn)
                 for _ in range(round(abs(leg.turn) / self.world.turning / TICK)):
@@ -155,7 +163,7 @@ class Vehicle:
         """Drive so far along a bend, or until it is stuck."""
         sense, rim, begin = math.copysign(1.0, metres), 0.0, self.path
         gain = self.world.ramp * TICK
-        until = self.time + _LONGEST
+        until = self.time + max(_LONGEST, abs(metres) / (_SLOWEST * self.world.speed))
         while self.path - begin < abs(metres) - 1e-3 and self.stuck is None and not self.failed:
             left = abs(metres) - self.path + begin
             wish = self.world.speed * (1.0 + 0.12 * math.sin(0.5 * self.time))
@@ -181,7 +189,7 @@ class Vehicle:
         yields = 0.9 if hard and not self.world.skid else self.yields
         rate = turning * (yields if spot or self.world.skid else 1.0)
         depth = self._depth(cells, load)
-        self._look_up(depth)
+        self._look_up(depth, cells)
         if self.world.differential and rim:
             rims = self._by_torque(rims, rate, cells, load, sense)
         slip, thrust, resistance = self._standing(spot, yields, rims)
@@ -228,7 +236,7 @@ class Vehicle:
     def _depth(self, cells: NDArray[np.intp], load: Array) -> Array:
         """Sinkage of each wheel, m: of its load, in ruts, and what it dug."""
         ground, j = self.ground, self.all
-        power = 1.0 / (ground.soil.n + ground.exponent[j, cells] + 0.5)
+        power = 1.0 / (ground.exponent[j, cells] + 0.5)
         rest = ground.rest[j, cells] * (load / ground.load[j, cells]) ** power
         rest = rest * self.world.rut ** (self.passes / (0.5 + 0.5 * np.maximum(self.passes, 1.0)))
         return np.asarray(np.minimum(rest + self.dug, DEPTHS[-1] * self.diameter))
@@ -247,7 +255,7 @@ class Vehicle:
         if whole > 0.9 * self.world.speed:
             self.most = max(self.most, 1.0 - self.speed * sense / whole)
         self._spins = self._spins + 1 if spins else 0
-        if self._spins * TICK >= _STUCK_FOR:
+        if self._spins * TICK >= self.world.patience:
             self.stuck = self.time - self._spins * TICK + _LASTS
 
     @property
@@ -257,12 +265,21 @@ class Vehicle:
 
     # --- Forces, over the loads
 
-    def _look_up(self, depth: Array) -> None:
+    def _curves_on(self, soil: Soil, weight: float) -> Array:
+        """Curves of all wheels on a soil, shape (wheels, depths, 3, slips)."""
+        law, found = LAWS[self.world.law], {}
+        for size in {(w.diameter, w.width) for w in self.rover.wheels}:
+            found[size] = np.stack(law(*size, weight, soil.n, soil.strength), axis=1)
+        return np.stack([found[w.diameter, w.width] for w in self.rover.wheels])
+
+    def _look_up(self, depth: Array, cells: NDArray[np.intp]) -> None:
         """Curves at the wheels' sinkages."""
         place = (np.log(depth / self.diameter) - _LOWEST) / _RATIO
         low = np.clip(place.astype(int), 0, DEPTHS.size - 2)
         part = np.clip(place - low, 0.0, 1.0)[:, None, None]
-        found = self.curves[self.all, low] * (1.0 - part) + self.curves[self.all, low + 1] * part
+        kind = self.ground.kind[self.all, cells]
+        found = self.curves[kind, self.all, low] * (1.0 - part)
+        found = found + self.curves[kind, self.all, low + 1] * part
         self.now = found.transpose(1, 0, 2)
 
     def _forces(self, slips: Array, cells: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -275,7 +292,9 @@ class Vehicle:
         thrust = thrust * np.exp(ground.grip[j, cells])
         floor = ground.floor[j, cells]
         hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
-        resistance = np.where(floor, _HARD_RESISTANCE, resistance + self.dragging)
+        resistance = np.where(
+            floor, _HARD_RESISTANCE, resistance + self.dragging + ground.dragging[j, cells]
+        )
         return np.where(floor, hard, thrust), resistance
 
     def _torque(self, slip: Array, cells: NDArray[np.intp]) -> Array:
@@ -339,6 +358,11 @@ def driven(world: World, rover: Rover, ground: Ground, rng: np.random.Generator)
     least = 6.0 if world.sticks else 0.0
     if vehicle.failed or vehicle.path < least or (not world.sticks and vehicle.hardly):
         return None
+    return truth_of(vehicle)
+
+
+def truth_of(vehicle: Vehicle) -> Truth:
+    """What was true of a drive that is over."""
     columns: list[Any] = [np.array(column) for column in zip(*vehicle.rows, strict=True)]
     names = [field.name for field in fields(Truth)]
     return Truth(**dict(zip(names, [*columns, vehicle.stuck], strict=True)))

@@ -11,11 +11,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from smallwheel_ros.simulate.terrain import Rover, RoverWheel
-
 Range = tuple[float, float]  # a number is drawn between
 GRAVITY = 9.80665
 _SPOT = 0.5 * math.pi
+
+
+@dataclass(frozen=True)
+class RoverWheel:
+    """One wheel: size and place in base_link (x forward, y left), metres."""
+
+    name: str
+    diameter: float
+    width: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Rover:
+    """Wheels on a rigid frame. Mass in kg; centre of gravity in m, its height above the ground."""
+
+    wheels: tuple[RoverWheel, ...]
+    mass: float = 24.0
+    gravity_x: float = 0.02
+    gravity_y: float = -0.01
+    gravity_height: float = 0.33
 
 
 def _vehicle(
@@ -49,6 +69,10 @@ VEHICLES = {
     "200 kg": _vehicle(200.0, tuple((x, 0.50, 0.50, 0.20) for x in (0.65, -0.65)), 0.55),
     "300 kg, six": _vehicle(300.0, tuple((x, 0.55, 0.46, 0.20) for x in (0.80, 0.0, -0.80)), 0.51),
 }  # fmt: skip
+
+# Those of `smallwheel simulate drive`. The larger rear wheels run beside the front wheels' ruts: what ruts do
+# is not taken for wheel size.
+ROVERS = {name.replace(" ", "_"): Rover(VEHICLES[name].wheels) for name in ("four", "two sizes")}
 
 
 @dataclass(frozen=True)
@@ -160,13 +184,14 @@ class World:
     that no law of sinkage gives, over load. rut: factor on the sinkage of a wheel in a track, once. right:
     ln of a factor on k under the right wheels. skid: how much of a turn comes, where all turns are made by
     skidding. differential: whether the wheels of an axle share its torque. spare: share of the weight on a
-    wheel that nobody listed. sticks: whether it may get stuck. told: parameters. faults: of the sensors,
-    by name, put in by who drives it. said: what has to be said; "": nothing may be.
+    wheel that nobody listed. sticks: whether it may get stuck. patience: s
+    for which rims spin before the driver gives up. told: parameters. faults: of the sensors, by name, put in
+    by the code that drives it. said: what has to be said; "": nothing may be.
     """
 
     name: str
     vehicle: str = "four"
-    way: str = "plain"
+    way: str | tuple[Leg, ...] = "plain"
     speed: float = 0.3
     ramp: float = 0.6
     turning: float = 0.5
@@ -193,7 +218,13 @@ class World:
     differential: bool = False
     spare: float = 0.0
     sticks: bool = False
+    patience: float = 1.5
     sensors: Sensors = Sensors()
     told: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
     said: str = ""
+
+    @property
+    def legs(self) -> tuple[Leg, ...]:
+        """Of the way; a name is one of `WAYS`."""
+        return WAYS[self.way] if isinstance(self.way, str) else self.way

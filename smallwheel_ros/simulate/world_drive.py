@@ -19,11 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from smallwheel_ros.simulate.terrain import Rover
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.vehicle import TICK, Truth, driven
-from smallwheel_ros.simulate.world import GRAVITY, VEHICLES, World
-from smallwheel_ros.simulate.world_ground import Ground, make_ground
+from smallwheel_ros.simulate.world import GRAVITY, VEHICLES, Rover, World
+from smallwheel_ros.simulate.world_ground import (
+    Ground,
+    draw_features,
+    draw_soil,
+    make_ground,
+    settle,
+)
 
 Integers = NDArray[np.int64]
 Rows = dict[str, tuple[Integers, Array]]
@@ -55,7 +60,10 @@ def make_drive(world: World, seed: int) -> WorldDrive:
     rover = VEHICLES[world.vehicle]
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([seed, attempt, 50, *world.name.encode()])
-        ground = make_ground(world, rover, rng)
+        soil = draw_soil(world, rover, rng)
+        started = draw_features(world, rng)
+        ground = make_ground(world, rover, (soil,), (0.0,), started, rng)
+        settle(ground)
         truth = driven(world, rover, ground, rng)
         if truth is not None:
             rows = Measured(world, rover, truth, rng).rows()
@@ -96,7 +104,6 @@ class Measured:
         self.sensors, self.normal = world.sensors, rng.standard_normal
         self.end = float(truth.time[-1])
         self.half = np.array([0.5 * w.diameter for w in rover.wheels])
-        self.gained = np.gradient(truth.speed, truth.time)
 
     def rows(self) -> Rows:
         """Rows of every stream."""
@@ -218,7 +225,7 @@ class Measured:
         # Half of them use accelerations, half take the speed for constant.
         felt: Array = np.zeros(when.size)
         if self.rng.uniform() < 0.5:
-            felt = self._at(when, self.gained) + 0.05 * self.normal()
+            felt = self._at(when, self.truth.acceleration) + 0.05 * self.normal()
             felt = felt + 0.1 * self.normal(when.size)
         speed, gain = np.zeros(when.size), self.rng.uniform(0.15, 0.5)
         for i in range(1, when.size):
@@ -277,7 +284,7 @@ class Measured:
         shakes = _SHAKES * (np.abs(speed) > 0.02) if drives else np.zeros(time.size)
         felt = np.stack(
             [
-                GRAVITY * np.sin(climb + off[0]) + self._at(time, self.gained),
+                GRAVITY * np.sin(climb + off[0]) + self._at(time, truth.acceleration),
                 GRAVITY * np.cos(climb) * np.sin(roll + off[1]) + speed * turn,
                 GRAVITY * np.cos(climb) * np.cos(roll),
             ],

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from smallwheel_ros.simulate.terrain import Rover
 from smallwheel_ros.simulate.truth import Array, Contact, static_sinkage
 from smallwheel_ros.simulate.wheel_laws import RimStrength
-from smallwheel_ros.simulate.world import GRAVITY, WAYS, Feature, World
+from smallwheel_ros.simulate.world import GRAVITY, Feature, Rover, World
 
 CELL = 0.02  # m
 _BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
@@ -57,14 +56,16 @@ class Started:
 class Ground:
     """Arrays of shape (cells,), and (wheels, cells) for what each wheel finds.
 
-    common: ln of the factor on k that is no texture; modulus: that of k, and exponent what is added to n.
-    load (N): of the level, with slopes and twist. rest (m): sinkage under it, untouched by slip and ruts.
-    grip: ln. floor: hard. bumps: m, left and right.
+    soils: what is driven over, each from its place in `starts` (m) on; kind: index of it. common: ln of the
+    factor on k that is no texture; modulus: that of k; exponent: n. load (N): of the level, with slopes and
+    twist. rest (m): sinkage under it, untouched by slip and ruts; dragging: resistance over load that the
+    law of pressure does not give. grip: ln. floor: hard. bumps: m, left and right.
     """
 
     world: World
     rover: Rover
-    soil: Soil
+    soils: tuple[Soil, ...]
+    starts: tuple[float, ...]
     started: tuple[Started, ...]
     at: Array
     east: Array
@@ -72,6 +73,7 @@ class Ground:
     steepens: Array
     twist: Array
     common: Array
+    kind: NDArray[np.intp]
     modulus: Array
     exponent: Array
     grip: Array
@@ -79,6 +81,16 @@ class Ground:
     bumps: Array
     load: Array
     rest: Array
+    dragging: Array
+
+    @property
+    def soil(self) -> Soil:
+        """The first soil, of most worlds the only one."""
+        return self.soils[0]
+
+    def kinds(self, places: Array) -> NDArray[np.intp]:
+        """Index of the soil at places (m); the first one reaches back without end."""
+        return np.maximum(np.searchsorted(self.starts, places, side="right") - 1, 0)
 
     def cells(self, places: Array) -> NDArray[np.intp]:
         """Cells of places along the way (m)."""
@@ -142,50 +154,72 @@ def draw_soil(world: World, rover: Rover, rng: np.random.Generator) -> Soil:
     return Soil(pressure, n, m, strength)
 
 
-def make_ground(world: World, rover: Rover, rng: np.random.Generator) -> Ground:
-    """Draw the ground of a world."""
-    length = sum(abs(leg.metres) for leg in WAYS[world.way])
+def draw_features(world: World, rng: np.random.Generator) -> tuple[Started, ...]:
+    """Draw the numbers of the features of a world."""
+    length = sum(abs(leg.metres) for leg in world.legs)
+    return tuple(_started(feature, length, rng) for feature in world.features)
+
+
+def make_ground(
+    world: World,
+    rover: Rover,
+    soils: Sequence[Soil],
+    starts: Sequence[float],
+    started: Sequence[Started],
+    rng: np.random.Generator,
+) -> Ground:
+    """Draw the ground of a world; `rest` is not known yet (`settle`)."""
+    length = sum(abs(leg.metres) for leg in world.legs)
     at: Array = np.arange(-_BEFORE, length + _BEHIND, CELL, dtype=np.float64)
-    soil = draw_soil(world, rover, rng)
-    started = tuple(_started(feature, length, rng) for feature in world.features)
     names = [wheel.name for wheel in rover.wheels]
     x = np.array([wheel.x for wheel in rover.wheels])
     tracks = {y: blocks(rng, at, 1.0) for y in dict.fromkeys(w.y for w in rover.wheels)}
     waves = [_waves(rng, at, world.slope) for _ in range(2)]
     twist = 0.12 * world.swing * _waves(rng, at, 1.0, (2.6, 1.4))
     common: Array = np.cumsum(rng.standard_normal(at.size)) * world.drift * math.sqrt(CELL / 5.0)
-    own = {y: _texture(rng, at, world.scatter) for y in tracks}
+    own = {y: texture(rng, at, world.scatter) for y in tracks}
     grip = blocks(rng, at, world.grip)
     shape = len(names), at.size
-    modulus, exponent, slipped, load, rest = (np.zeros(shape) for _ in range(5))
+    modulus, exponent, slipped, load, rest, dragging = (np.zeros(shape) for _ in range(6))
     found = Ground(
-        world=world, rover=rover, soil=soil, started=started, at=at, east=waves[0], north=waves[1],
-        steepens=np.zeros(at.size), twist=twist, common=common, modulus=modulus, exponent=exponent,
+        world=world, rover=rover, soils=tuple(soils), starts=tuple(starts), started=tuple(started), at=at,
+        east=waves[0], north=waves[1], steepens=np.zeros(at.size), twist=twist, common=common,
+        kind=np.zeros(shape, dtype=np.intp), modulus=modulus, exponent=exponent,
         grip=slipped, floor=np.zeros(shape, dtype=bool), bumps=_bumps(world, rover, at, length, rng),
-        load=load, rest=rest,
+        load=load, rest=rest, dragging=dragging,
     )  # fmt: skip
     found.steepens = found.value("climb", at)
     found.common = common + found.value("modulus", at)
+    exponents = np.array([soil.n for soil in soils])
     for j, wheel in enumerate(rover.wheels):
         side = world.right if wheel.y < 0 else 0.0
         found.modulus[j] = found.common + own[wheel.y] + side
-        found.exponent[j] = found.value("exponent", at)
+        found.kind[j] = found.kinds(at)
+        found.exponent[j] = exponents[found.kind[j]] + found.value("exponent", at)
         found.grip[j] = grip + world.own_grip * tracks[wheel.y] + found.value("grip", at)
         found.floor[j] = (world.soil == "floor") | (found.value("floor", at) > 0.5)
     # Loads of the planned heading; what a turn or a start changes comes on top in time.
     yaw = _heading(world, at)
     climb, roll = tilt(found, np.arange(at.size), yaw)
     middle = Frame(rover, world.spare).loads(climb, roll, np.zeros(at.size), twist).T
-    for j, wheel in enumerate(rover.wheels):
+    for j in range(len(rover.wheels)):
         found.load[j] = np.interp(at - x[j], at, middle[j])
-        modulus = (
-            soil.pressure + found.modulus[j] - (soil.n + found.exponent[j]) * math.log(SINKAGE)
-        )
-        modulus = np.exp(modulus + soil.m * math.log(wheel.diameter / DIAMETER))
-        law = pressure_law(modulus, soil.n + found.exponent[j], world.hardpan)
-        size = np.full(at.size, wheel.diameter), np.full(at.size, wheel.width)
-        found.rest[j] = static_sinkage(law, found.load[j], *size)
     return found
+
+
+def settle(ground: Ground) -> None:
+    """Work out how deep each wheel stands in each cell."""
+    cells = ground.at.size
+    for j, wheel in enumerate(ground.rover.wheels):
+        pressure, m = (
+            np.array([getattr(soil, name) for soil in ground.soils])[ground.kind[j]]
+            for name in ("pressure", "m")
+        )
+        modulus = pressure + ground.modulus[j] - ground.exponent[j] * math.log(SINKAGE)
+        modulus = np.exp(modulus + m * math.log(wheel.diameter / DIAMETER))
+        law = pressure_law(modulus, ground.exponent[j], ground.world.hardpan)
+        size = np.full(cells, wheel.diameter), np.full(cells, wheel.width)
+        ground.rest[j] = static_sinkage(law, ground.load[j], *size)
 
 
 def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[Array], Array]:
@@ -219,7 +253,7 @@ def _heading(world: World, at: Array) -> Array:
     """Yaw at each place where the vehicle is there for the first time."""
     found, place, yaw = np.zeros(at.size), 0.0, 0.0
     farthest = 0.0
-    for leg in WAYS[world.way]:
+    for leg in world.legs:
         yaw += leg.turn
         fresh = (at >= farthest) & (at < max(place + leg.metres, farthest))
         found[fresh] = yaw + leg.bend * (at[fresh] - place)
@@ -247,9 +281,9 @@ def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
     return found
 
 
-def _texture(rng: np.random.Generator, at: Array, deviation: float) -> Array:
-    """Ln of a factor on k whose correlation falls over a quarter of a metre."""
-    keep, values = math.exp(-CELL / 0.25), deviation * rng.standard_normal(at.size)
+def texture(rng: np.random.Generator, at: Array, deviation: float, length: float = 0.25) -> Array:
+    """Values along the way whose correlation falls exponentially over a length (m)."""
+    keep, values = math.exp(-CELL / length), deviation * rng.standard_normal(at.size)
     for i in range(1, at.size):
         values[i] = keep * values[i - 1] + math.sqrt(1.0 - keep * keep) * values[i]
     return values

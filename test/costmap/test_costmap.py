@@ -468,16 +468,18 @@ def at(cost_map: CostMap, x: float, y: float) -> int:
 
 
 class TestVehicle:
-    def test_the_whole_swath_costs_and_it_is_spread_by_half_the_width(self) -> None:
+    def test_the_whole_swath_costs_and_it_is_spread_to_the_outermost_corner(self) -> None:
         plain, default = made(ROVER), made(ROVER, spread=None)
         for cost_map in (plain, default):
             drive(cost_map, 3.0, BAD, wheels=ROVER)
-        assert default.spread == pytest.approx(0.35)
+        # And from a cell's middle to its corner.
+        assert default.spread == pytest.approx(math.hypot(0.3, 0.35) + math.hypot(0.05, 0.05))
         for y in (0.0, 0.15, -0.25, 0.33):
             assert at(plain, 1.5, y) == at(default, 1.5, y) == 50
         assert at(plain, 1.5, 0.55) == -1
         assert at(default, 1.5, 0.55) == at(default, 1.5, -0.55) == 50
-        assert at(default, 1.5, 0.85) == -1
+        assert at(default, 1.5, 0.75) == 50
+        assert at(default, 1.5, 1.05) == -1
 
     def test_who_is_stuck_is_let_out_and_does_not_come_back_there(self) -> None:
         for settings_ in ({"spread": 0.0}, {"spread": None}):

@@ -10,9 +10,8 @@ import pytest
 from rows_of_drives import rover_of, rows_of, run
 
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
-from smallwheel_ros.simulate.drive import EPOCH, simulate_drive
-from smallwheel_ros.simulate.ride import DriveSettings
-from smallwheel_ros.simulate.terrain import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.drive import EPOCH, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.stretches import Stretch, soil_of_pressure
 
 BORDER = 8.0  # m
 
@@ -44,13 +43,13 @@ def crossed(request: pytest.FixtureRequest) -> Crossed:
     _, made = run(settings, rows, range(0, len(rows), 400))
     assert made is not None
     truth, time, wheel = drive.truth, (made.stamp - EPOCH) / 1e9, made.wheel
-    row = np.searchsorted(truth.travel.time, time, side="right") - 1
+    row = np.searchsorted(truth.time, time, side="right") - 1
     each = range(len(drive.rover.wheels))
-    depth = np.stack([np.interp(time, truth.travel.time, truth.sinkage[:, j]) for j in each])
+    depth = np.stack([np.interp(time, truth.time, truth.sinkage[:, j]) for j in each])
     ahead = np.array([w.x for w in drive.rover.wheels])[wheel]
-    way = np.interp(time, truth.travel.time, truth.travel.way)
+    way = np.interp(time, truth.time, truth.path)
     error = np.log(made.sinkage / depth[wheel, np.arange(len(made))])
-    return Crossed(made, truth.stretch[row, wheel], error, way + ahead)
+    return Crossed(made, drive.stretch[row, wheel], error, way + ahead)
 
 
 def test_a_wheel_behind_the_border_has_the_mobility_of_its_own_soil(crossed: Crossed) -> None:

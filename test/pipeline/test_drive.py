@@ -91,14 +91,15 @@ def test_it_finds_what_is_true(drive: Drive, whole: tuple[Pipeline, Readings, Es
     assert deviation < 0.15
     assert abs(soil.n - true.n) < 3 * math.sqrt(soil.covariance[1, 1])
     assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])
-    assert soil.distance == pytest.approx(8.0, rel=0.02)
+    assert 7.75 < soil.distance < 8.1  # the last of its stretches of 0.25 m may be open
     late = made.take(slice(len(made) // 2, None))
     error = (late.sinkage_measured - late.sinkage)[late.status != Status.REJECTED]
     assert np.sqrt(np.nanmean(error**2)) < 0.0012
-    trip = drive.truth.travel
+    truth = drive.truth
     time = (rows.stamp - EPOCH) / SECOND
-    moves = np.interp(time, trip.time, trip.speed) >= 0.2
-    true_slip = np.interp(time, trip.time, drive.truth.slip)
+    moves = np.interp(time, truth.time, truth.speed) >= 0.2
+    slips = [np.interp(time, truth.time, of_wheel) for of_wheel in np.nan_to_num(truth.slip).T]
+    true_slip = np.array(slips)[rows.wheel, np.arange(len(rows))]
     # 8 mm/s of noise at 0.2 m/s and more, and slip that changes between messages
     assert (np.abs(rows.slip - true_slip)[moves] < 0.2).all()
     assert moves.sum() > 100
@@ -204,7 +205,7 @@ def test_a_wheel_without_sinkage_sensor_is_predicted(drive: Drive, rows: list[Ro
     assert np.isnan(mine.sinkage_measured).all()
     assert np.isfinite(mine.sinkage[5:]).all()
     half, true = mine.take(slice(len(mine) // 2, None)), drive.truth
-    expected = np.interp((half.stamp - EPOCH) / SECOND, true.travel.time, true.sinkage[:, 2])
+    expected = np.interp((half.stamp - EPOCH) / SECOND, true.time, true.sinkage[:, 2])
     # 6 % scatter of k along the track, on 6 mm
     assert np.sqrt(np.mean((half.sinkage - expected) ** 2)) < 0.1 * np.mean(expected)
 

@@ -14,15 +14,10 @@ from smallwheel_ros.simulate import (
     write_drive_bag,
 )
 from smallwheel_ros.simulate.sensors import EPOCH
-from smallwheel_ros.simulate.terrain import (
-    GRAVITY,
-    ROVERS,
-    Rover,
-    RoverWheel,
-    Stretch,
-    soil_of_pressure,
-    wheel_loads,
-)
+from smallwheel_ros.simulate.stretches import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.vehicle import STUCK, TICK
+from smallwheel_ros.simulate.world import GRAVITY, ROVERS, Rover, RoverWheel
+from smallwheel_ros.simulate.world_ground import Frame
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
 
@@ -68,8 +63,8 @@ def test_topics_and_types_are_those_of_the_interface(bag):
 
 
 def test_default_drive_is_about_a_minute_and_30_metres(drive):
-    assert 50 < drive.truth.travel.time[-1] < 80
-    assert drive.truth.travel.way[-1] == pytest.approx(30.0, abs=0.01)
+    assert 50 < drive.truth.time[-1] < 80
+    assert drive.truth.path[-1] == pytest.approx(30.0, abs=0.01)
 
 
 def test_rates_stamps_and_delays(messages):
@@ -108,10 +103,10 @@ def test_orientation_says_the_slope_that_the_rover_climbs(drive, messages):
     time = (stamps(messages["/odom"]) - EPOCH) / 1e9
     q = [m.pose.pose.orientation for m in odometry]
     nose_down = np.arcsin([2 * (p.w * p.y - p.z * p.x) for p in q])
-    climb = np.interp(time, drive.truth.travel.time, drive.truth.travel.climb)
+    climb = np.interp(time, drive.truth.time, drive.truth.climb)
     assert np.max(np.abs(-nose_down - climb)) < 0.015
     height = np.array([m.pose.pose.position.z for m in odometry])
-    way = np.interp(time, drive.truth.travel.time, drive.truth.travel.way)
+    way = np.interp(time, drive.truth.time, drive.truth.path)
     slope = np.diff(height[::30]) / np.maximum(np.diff(way[::30]), 1e-6)
     moving = np.diff(way[::30]) > 0.2
     assert np.corrcoef(slope[moving], climb[::30][1:][moving])[0, 1] > 0.95
@@ -174,11 +169,12 @@ def test_the_drive_is_varied(drive):
     """What an estimator needs: other loads, other slips, other soils, standing still, skidding."""
     truth = drive.truth
     assert np.quantile(truth.load, 0.95) > 1.6 * np.quantile(truth.load, 0.05)
-    assert np.quantile(truth.slip, 0.95) - np.quantile(truth.slip, 0.05) > 0.15
-    assert np.max(truth.slip) > 0.4
-    soils = [np.median(truth.sinkage[truth.stretch == i]) for i in range(len(drive.stretches))]
+    slip = truth.slip[np.isfinite(truth.slip)]
+    assert np.quantile(slip, 0.95) - np.quantile(slip, 0.05) > 0.15
+    assert np.max(slip) > 0.4
+    soils = [np.median(truth.sinkage[drive.stretch == i]) for i in range(len(drive.stretches))]
     assert max(soils) > 2 * min(soils)
-    assert np.sum(truth.travel.speed < 1e-6) * 0.1 > 4.0
+    assert np.sum(truth.speed < 1e-6) * TICK > 4.0
     assert np.all(truth.sinkage < 0.3 * 0.25)
 
 
@@ -186,7 +182,7 @@ def test_loads_carry_the_rover_and_balance_on_slopes():
     rover = ROVERS["four"]
     climb, roll = np.radians([0.0, 8.0, 0.0]), np.radians([0.0, 0.0, -6.0])
     still, twist = np.zeros(3), np.array([0.2, 0.0, 0.0])
-    loads = wheel_loads(rover, climb, roll, still, twist)
+    loads = Frame(rover, spare=0.0).loads(climb, roll, still, twist)
     weight = rover.mass * GRAVITY
     assert loads.sum(axis=1) == pytest.approx(weight * np.cos(climb) * np.cos(roll), rel=1e-9)
     x = np.array([w.x for w in rover.wheels])
@@ -201,14 +197,14 @@ def test_loads_carry_the_rover_and_balance_on_slopes():
 @pytest.mark.parametrize("finish", ["none", "slope", "slippery"])
 def test_wheels_together_pull_what_the_rover_needs(finish):
     made = simulate_drive(DriveSettings(seed=2, distance=8.0, finish=finish))
-    truth, trip = made.truth, made.truth.travel
-    needed = made.rover.mass * (GRAVITY * np.sin(trip.climb) + trip.acceleration)
-    moves = trip.speed > 1e-3
-    assert truth.slip.max() > 0.64  # also where the slip is at the end of its range
-    assert truth.drawbar_pull.sum(axis=1)[moves] == pytest.approx(needed[moves], abs=0.1)
-    gained = np.gradient(trip.speed, trip.time)
-    driven = moves & (trip.time < trip.time[-1] - 0.5)
-    assert trip.acceleration[driven] == pytest.approx(gained[driven], abs=0.2)
+    truth = made.truth
+    gained = np.diff(truth.speed, prepend=0.0) / TICK
+    needed = made.rover.mass * (GRAVITY * np.sin(truth.climb) + gained)
+    moves = truth.speed > 0.1
+    off = np.abs(truth.pull.sum(axis=1) - needed)[moves]
+    # Speed is found between steps of 2 cm/s, over which pulls are not quite straight.
+    assert np.quantile(off, 0.95) < 1.0
+    assert off.max() < 0.015 * made.rover.mass * GRAVITY
 
 
 @pytest.mark.parametrize("finish", ["slope", "slippery"])
@@ -216,50 +212,46 @@ def test_wheels_together_pull_what_the_rover_needs(finish):
 def test_a_drive_ends_where_the_soil_does_not_give_what_it_takes(finish, wheels):
     settings = DriveSettings(seed=1, distance=4.0, finish=finish, wheels=wheels)
     made = simulate_drive(settings)
-    truth, trip = made.truth, made.truth.travel
-    stuck = made.answer()["stuck"]
+    truth, stuck = made.truth, made.answer()["stuck"]
     assert stuck is not None
-    assert 4.0 < stuck["way"] <= trip.way[-1] < 20.0
+    assert 4.0 < stuck["way"] <= truth.path[-1] < 20.0
     # The wheels turn on, and slip tells how little comes of it.
-    over = trip.time > stuck["time"]
-    assert np.all(truth.slip[over] > 0.9)
-    assert np.all(truth.rim[over] > 0.1)
-    assert trip.way[-1] - stuck["way"] < 0.2
-    free = np.isfinite(trip.rim) & ~over
-    share = 1.0 - trip.speed[free] / trip.rim[free]
-    assert truth.slip[free & (truth.slip > 0)] == pytest.approx(share[share > 0], abs=1e-9)
+    over = (truth.time > stuck["time"]) & (truth.rim.min(axis=1) > 0.1)
+    assert np.all(truth.slip[over].mean(axis=1) > STUCK)
+    assert truth.path[-1] - stuck["way"] < 0.2
+    assert 3.0 < np.sum(over) * TICK < 5.0  # then the driver gives up
     if finish == "slope":
-        assert trip.climb[-1] > trip.climb[free][0] + np.radians(5.0)
+        assert truth.climb[-1] > np.interp(4.0, truth.path, truth.climb) + np.radians(5.0)
     # Everything before is the same drive.
-    plain = simulate_drive(DriveSettings(seed=1, distance=4.0, wheels=wheels)).truth
-    early = trip.time < 4.0
-    assert np.array_equal(truth.load[early], plain.load[: early.sum()])
-    assert made.answer()["stuck"]
-    assert simulate_drive(DriveSettings(distance=4.0)).answer()["stuck"] is None
+    plain = simulate_drive(DriveSettings(seed=1, distance=4.0, wheels=wheels))
+    early = truth.time < 4.0
+    assert np.array_equal(truth.load[early], plain.truth.load[: early.sum()])
+    assert plain.answer()["stuck"] is None
 
 
 def test_imu_and_motors_tell_of_the_forces(drive, messages):
     truth, mass = drive.truth, drive.rover.mass
     at = (stamps(messages["/imu"]) - EPOCH) / 1e9
     felt = np.array([m.message.linear_acceleration.x for m in messages["/imu"]])
-    pull = np.interp(at, truth.travel.time, truth.drawbar_pull.sum(axis=1))
-    moves = np.interp(at, truth.travel.time, truth.travel.speed) > 0.05
+    pull = np.interp(at, truth.time, truth.pull.sum(axis=1))
+    moves = np.interp(at, truth.time, truth.speed) > 0.05
     off = mass * felt[moves] - pull[moves]
     assert abs(np.mean(off)) < 1.0
     assert np.std(off) == pytest.approx(mass * 0.1, rel=0.25)
-    pitch = [2.0 * (m.message.orientation.w * m.message.orientation.y) for m in messages["/imu"]]
-    climb = np.interp(at, truth.travel.time, truth.travel.climb)
-    assert np.abs(np.array(pitch) + climb).max() < np.radians(2.5)
+    turned = [m.message.orientation for m in messages["/imu"]]
+    pitch = np.arcsin([2.0 * (q.w * q.y - q.z * q.x) for q in turned])
+    climb = np.interp(at, truth.time, truth.climb)
+    assert np.abs(pitch + climb).max() < np.radians(2.5)
     joint = (stamps(messages["/joint_states"]) - EPOCH) / 1e9
     effort = np.array([m.message.effort for m in messages["/joint_states"]])
     assert effort.shape == (joint.size, 4)
     for j, wheel in enumerate(drive.rover.wheels):
-        true = np.interp(joint, truth.travel.time, truth.torque[:, j])
+        true = np.interp(joint, truth.time, truth.torque[:, j])
         assert np.std(effort[:, j] - true) < 0.05 + 0.1 * np.std(true)
         # What is left of the thrust after motion resistance pulls.
-        turning = truth.travel.speed > 0.05
+        turning = truth.speed > 0.05
         by_motor = truth.torque[turning, j] / (wheel.diameter / 2)
-        assert np.all(by_motor > truth.drawbar_pull[turning, j])
+        assert np.all(by_motor > truth.pull[turning, j])
 
 
 def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
@@ -326,8 +318,8 @@ def test_own_rover_and_own_soils():
     assert set(made.load) == {"probe", "main"}
     assert [s["name"] for s in made.answer()["stretches"]] == ["s0.0", "s3.0"]
     truth = made.truth
-    assert np.median(truth.sinkage[truth.stretch == 1]) > 1.4 * np.median(
-        truth.sinkage[truth.stretch == 0]
+    assert np.median(truth.sinkage[made.stretch == 1]) > 1.4 * np.median(
+        truth.sinkage[made.stretch == 0]
     )
 
 
@@ -337,11 +329,17 @@ def test_own_rover_and_own_soils():
 def test_hidden_effects_are_in_the_truth_and_in_the_answer_only(name, tmp_path):
     plain = simulate_drive(DriveSettings(seed=4, distance=6.0))
     hidden = simulate_drive(DriveSettings(seed=4, distance=6.0, hidden=(name,)))
-    ratio = hidden.truth.sinkage / plain.truth.sinkage
+    # At the same places: a rover that finds more resistance is there later.
+    places = np.arange(0.3, 5.7, 0.01)
+    there, before = (
+        np.stack([np.interp(places, of.truth.path, z) for z in of.truth.sinkage.T], axis=1)
+        for of in (hidden, plain)
+    )
+    ratio = there / before
     assert np.max(np.abs(ratio - 1.0)) > 0.05
     if name == "multipass":  # the front wheels make the rut in which the rear ones roll
-        assert np.all(ratio[:, :2] == pytest.approx(1.0, abs=1e-6))
-        assert np.all(ratio[:, 2:] > 1.1)
+        assert np.median(np.abs(ratio[:, :2] - 1.0)) < 0.005
+        assert np.quantile(ratio[:, 2:], 0.02) > 1.1
     assert hidden.answer()["hidden"][0]["effect"] == name
     write_drive_bag(hidden, tmp_path / "drive")
     recorded = b"".join(f.read_bytes() for f in (tmp_path / "drive").iterdir())

@@ -16,7 +16,7 @@ from smallwheel_ros.simulate.hidden import (
     draw_effects,
     hidden_names,
 )
-from smallwheel_ros.simulate.terrain import soil_of_pressure
+from smallwheel_ros.simulate.stretches import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     Contact,
