@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from benchmarks.drive_worlds import FIELD, ROBOTS, SLIP, SOIL, TRACTION
+from benchmarks.drive_worlds import FIELD, PRIORS, ROBOTS, SLIP, SOIL, TRACTION, drawn_by_priors
 from benchmarks.faults import FAULTS, Raw
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
@@ -27,7 +27,14 @@ from smallwheel_ros.simulate.world_drive import EPOCH, WorldDrive, make_drive
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE
 
 Line = dict[str, Any]
-WORLDS = {"soil": SOIL, "traction": TRACTION, "field": FIELD, "slip": SLIP, "robots": ROBOTS}
+WORLDS = {
+    "soil": SOIL,
+    "traction": TRACTION,
+    "priors": PRIORS,
+    "field": FIELD,
+    "slip": SLIP,
+    "robots": ROBOTS,
+}
 BEGINS = 0.3  # share of the way at which what dies dies
 SETTLE = 2.0  # m, before which nothing is scored
 ROLLS = 0.15  # m/s of a rim, from which slip should be known
@@ -44,7 +51,10 @@ _NUMBER = re.compile(r"[-+]?\d+\.?\d*")
 
 def trial(subject: str, world: str, seed: int) -> Line:
     """Make a drive, let the pipeline drive it, and judge."""
-    return judged(make_drive(WORLDS[subject][world], seed))[1]
+    found = WORLDS[subject][world]
+    if subject == "priors":
+        found = drawn_by_priors(found, seed)
+    return judged(make_drive(found, seed))[1]
 
 
 def with_faults(drive: WorldDrive) -> tuple[NodeSettings, Raw]:

@@ -2,8 +2,9 @@
 """Worlds of drives, a row each, by the subject whose rates they are for.
 
 `soil`: what is believed of k, n and m, with sensors as they are. `traction`: pull, margin and risk, by
-what tells of the strength. `field`: the whole vehicle, its stops, ruts, wiring and dying sensors. `slip`:
-vehicles that measure neither sinkage nor load. `robots`: what real drives taught (docs/real_robots.md).
+what tells of the strength. `priors`: everything is off by as much as the node's priors say. `field`: the
+whole vehicle, its stops, ruts, wiring and dying sensors. `slip`: vehicles that measure neither sinkage nor
+load. `robots`: what real drives taught (docs/real_robots.md).
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
-from smallwheel_ros.simulate.world import PLAIN, Feature, Sensors, World
+import numpy as np
+
+from smallwheel_ros.simulate.world import GRAVITY, PLAIN, VEHICLES, Feature, Sensors, World
 
 Worlds = dict[str, World]
 
@@ -120,6 +123,40 @@ TRACTION = _named(
     for kind, (sensors, told) in KINDS.items()
     if kind in ("balance", "balance and torque") or ground.name in ("cruise", "patch", "slope", "uneven")
 )  # fmt: skip
+
+# --- Everything off by as much as the node allows for
+
+PRIORS = _named(
+    replace(SOIL["nominal"], name=f"{vehicle}, {kind}", vehicle=vehicle, grip=0.25,
+            sensors=_with(**KINDS[kind][0]), told=KINDS[kind][1])
+    for vehicle in ("two sizes", "six")
+    for kind in ("balance", "balance and torque", "pull sensor")
+)  # fmt: skip
+
+
+def drawn_by_priors(world: World, seed: int) -> World:
+    """What is off of sensors and soil, drawn with the deviations that the node's priors state.
+
+    Those of docs/estimator.md: of the sinkage sensors' zero 2 mm, of all loads' scale 0.1 and of each wheel's
+    half of that, of their zero 0.03 of a wheel's load, of the sides of a vehicle a factor of 1.8 in k, of the
+    delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the sinkage. Slip digs, at one deviation, as deep
+    as half of that of its prior: it cannot fill up.
+    """
+    normal = np.random.default_rng([seed, *world.name.encode()]).standard_normal
+    rover = VEHICLES[world.vehicle]
+    count = len(rover.wheels)
+    scales = np.exp(0.1 * normal() + 0.05 * normal(count))
+    sensors = replace(
+        world.sensors, zero=0.002 * normal(), load_scale=tuple(scales.tolist()),
+        tare=0.03 * rover.mass * GRAVITY / count * normal(), delay=0.1 * abs(normal()),
+        pitch_error=0.01 * normal(), torque_scale=0.1, friction=0.05,
+    )  # fmt: skip
+    digging = 0.05 * abs(normal())
+    return replace(
+        world, sensors=sensors, rut=math.exp(0.3 * normal()), right=math.log(1.8) * normal(),
+        digging=(digging, digging),
+    )  # fmt: skip
+
 
 # --- In the field
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subjects whose trials are drives: soil, traction, field, slip without soil sensors, what robots taught.
+"""Subjects whose trials are drives: soil, traction, priors, field, slip, and what robots taught.
 
 What is scored of a drive is in `drive_trial`; here is what is counted of it, and what that should be.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from benchmarks.drive_trial import NAMES, SIGMAS, THRESHOLDS, TRUE_THRESHOLD, WORLDS, trial
@@ -40,6 +41,12 @@ def band(quantity: str, least: float | None = None, each: str = "$^") -> list[Ju
         Judge(f"{quantity}: rms error", ratio(squares, counts, root=True)),
         Judge(f"{quantity}: stated over true error", ratio(stated, squares, root=True)),
     ]
+
+
+def sharp(quantity: str, least: float | None, most: float | None) -> list[Judge]:
+    """As `band`, with limits on how much of the error is stated."""
+    inside, error, stated = band(quantity, 0.9)
+    return [inside, error, replace(stated, least=least, most=most)]
 
 
 def held(line: Line, quantity: str) -> float:
@@ -255,6 +262,13 @@ TRACTION_JUDGES = [
     *map(_risk, range(5)),
     *warnings(),
 ]
+# Faults as drawn from the priors: no sharper and no wider than what is known, in the mean over many drives.
+PRIOR_JUDGES = [
+    *sharp("sinkage", 0.85, 1.3),
+    *sharp("pull", 0.85, 1.3),
+    *sharp("margin", 0.85, None),
+    *FLAGS,
+]
 FIELD_JUDGES = [
     *(judge for name in ("sinkage", "resistance", "pull", "margin") for judge in band(name, 0.88)),
     *FLAGS,
@@ -283,11 +297,19 @@ ROBOT_JUDGES = [
 _SUBJECTS = {
     "soil": (SOIL_JUDGES, 8.0),
     "traction": (TRACTION_JUDGES, 7.0),
+    "priors": (PRIOR_JUDGES, 8.0),
     "field": (FIELD_JUDGES, 8.0),
     "slip": (SLIP_JUDGES, 5.0),
     "robots": (ROBOT_JUDGES, 5.0),
 }
 SUBJECTS = [
-    Subject(name, list(WORLDS[name]), partial(trial, name), judges, 3, seconds)
+    Subject(
+        name,
+        list(WORLDS[name]),
+        partial(trial, name),
+        judges,
+        8 if name == "priors" else 3,
+        seconds,
+    )
     for name, (judges, seconds) in _SUBJECTS.items()
 ]
