@@ -6,7 +6,8 @@
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
               the same of three messages in a row; the larger one
     lag       by how much the turning and the speed follow gyro and rims: largest correlation
-    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip
+    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip; until
+              5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
 
 Each row depends on messages up to its own stamp alone, and sums go on over cuts.
@@ -59,20 +60,24 @@ _OWN, _PIECE, _PIECES = (
     0.5,
     10,
 )  # of the way, m: the best odometries wander by so much (KITTI)
+_FEW = 2  # pieces, of which a factor leaves something over
 _MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
+_RADII = 0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
 
 
 @dataclass
 class Trust:
     """What is known of the speed at each of some instants.
 
-    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do; of_wheels; since: s for
-    which the message has been the same; way: m by the rims meanwhile.
+    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do; of_wheels: whether it is made
+    of them; may_be: whether it is not known yet to be, or not to be; since: s for which the message has been
+    the same; way: m by the rims meanwhile.
     """
 
     variance: Array
     lag: Array
     of_wheels: Flags
+    may_be: Flags
     since: Array
     way: Array
     mean: Array
@@ -93,6 +98,7 @@ class _Sums:
     last: Array = field(default_factory=lambda: np.zeros(4))
     pieces: list[Array] = field(default_factory=list)
     of_wheels: bool = False
+    may_be: bool = True
 
 
 class Ground:
@@ -109,7 +115,7 @@ class Ground:
         self._own = Stream(
             "own", 4
         )  # of each message: ns back to its speed's stamp, the speed, yaw rate, new
-        self._trust = Stream("trust", 6)
+        self._trust = Stream("trust", 7)
         self.posed = True
         self._way, self._said = 0.0, False
         self._up = self._looks_down = 0
@@ -135,13 +141,14 @@ class Ground:
 
     def trust(self, instants: Integers) -> Trust:
         """How far the speed is believed at instants up to which has been learnt."""
-        stamps, (variance, lag, of_wheels, since, way, mean) = self._last(instants)
+        stamps, (variance, lag, of_wheels, may_be, since, way, mean) = self._last(instants)
         seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
         usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
         return Trust(
             usual,
             np.nan_to_num(lag),
             of_wheels > 0.0,
+            (may_be != 0.0) & (self.source == ODOMETRY),
             np.nan_to_num(since) + seconds,
             np.nan_to_num(way),
             np.nan_to_num(mean),
@@ -277,9 +284,11 @@ class Ground:
         lag = self._lag(middle, speed, turn, mean[:, : LAGS.size])
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
-        of_wheels = self._made_of_wheels(ways_before, way, parts)
+        made, may_be = self._made_of_wheels(ways_before, way, parts)
         since = (stamps - changed) / SECOND
-        rows = np.column_stack([variance, lag, of_wheels, since, way - changed_way, back / SECOND])
+        rows = np.column_stack(
+            [variance, lag, made, may_be, since, way - changed_way, back / SECOND]
+        )
         self._trust.extend(stamps, rows)
 
     def _spread(self, middle: Integers, back: Array, speed: Array, rims: Array) -> Array:
@@ -342,26 +351,31 @@ class Ground:
             found = np.maximum(found, np.where(told, LAGS[best] / SECOND, 0.0))
         return found
 
-    def _made_of_wheels(self, before: Array, way: Array, parts: Array) -> Flags:
-        """Whether the last pieces of way are those of the rims, straight on or in turning."""
+    def _made_of_wheels(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags]:
+        """Whether the last pieces of way are those of the rims, straight on or in turning; and may be."""
         sums = self._sums
+        if self.source != ODOMETRY:
+            return np.zeros(way.size, dtype=bool), np.zeros(way.size, dtype=bool)
         total = np.cumsum(np.concatenate([sums.parts[None], parts]), axis=0)[1:]
-        found = np.empty(way.size, dtype=bool)
+        found, may_be = np.empty((2, way.size), dtype=bool)
         ends = np.flatnonzero(np.floor(way / _PIECE) > np.floor(before / _PIECE))
         begin = 0
         for end in ends.tolist():
-            found[begin:end] = sums.of_wheels
+            found[begin:end], may_be[begin:end] = sums.of_wheels, sums.may_be
             sums.pieces = [*sums.pieces[1 - _PIECES :], total[end] - sums.last]
             sums.last, begin = total[end], end
-            if len(sums.pieces) == _PIECES:
-                off = _scatter(np.array(sums.pieces))
+            off, whole = _scatter(np.array(sums.pieces)), len(sums.pieces) == _PIECES
+            rims, moves = total[end, :2]
+            near = abs(moves - rims) <= _RADII * max(abs(rims), _PIECE)
+            sums.may_be = not whole and near and (off < _OWN or len(sums.pieces) < _FEW)
+            if whole:
                 sums.of_wheels = off < (2.0 * _OWN if sums.of_wheels else _OWN)
                 if sums.of_wheels and (self.source, "of_wheels") not in self.streams.words:
                     text = f"it is made of the wheels (the same way to {off:.2%}): it shows no slip"
                     self.streams.note(self.source, "of_wheels", text)
-        found[begin:] = sums.of_wheels
+        found[begin:], may_be[begin:] = sums.of_wheels, sums.may_be
         sums.parts = total[-1]
-        return found if self.source == ODOMETRY else np.zeros(way.size, dtype=bool)
+        return found, may_be
 
 
 def _scatter(pieces: Array) -> float:

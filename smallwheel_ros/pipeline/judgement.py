@@ -41,6 +41,7 @@ _OF_VEHICLE = {
 _SPINS = (
     0.8  # slip with which nothing is gained any more: a wheel turns five times as far as it gets
 )
+_HIDDEN = 0.3  # slip that an odometry of the wheels may hide: what the twist takes slip for, too
 _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some tenths later
 
 
@@ -95,6 +96,14 @@ class Judgement:
         if last:
             found += self.checks.flush()
         return tuple(found)
+
+    def unsure(self, rows: Readings, align: Align) -> Readings:
+        """Rows whose slip may be that of an odometry made of the wheels: it says as little as none at all."""
+        may_be = align.ground.trust(rows.stamp).may_be
+        if not may_be.any():
+            return rows
+        spread = np.maximum(rows.slip_std, np.where(may_be, _HIDDEN, 0.0))
+        return replace(rows, slip_std=spread)
 
     def blanked(self, rows: Readings) -> Readings:
         """Rows of which nothing is known by streams that were doubted at their stamps."""

@@ -118,6 +118,19 @@ def test_odometry_made_of_the_wheels_gives_no_slip() -> None:
     assert "shows no slip" in pipeline.streams.words["odom", "of_wheels"]
 
 
+def test_until_it_is_known_what_the_odometry_is_made_of_slip_is_as_unsure_as_it_may_hide() -> None:
+    of_wheels, _ = _drive(seconds=40.0, of_wheels=True, slip=0.3)
+    known = np.isfinite(of_wheels.slip)
+    assert known.any()
+    inside = np.abs(of_wheels.slip - 0.3) < 1.96 * of_wheels.slip_std
+    assert inside[known].mean() > 0.98  # but for the first instants of the start
+    # One of its own is told by the first metres: it wanders, or shows more than radii are off by.
+    for slip, noise in ((0.1, 0.05), (0.25, 1e-4)):
+        own, _ = _drive(seconds=40.0, slip=slip, noise=noise)
+        after = own.distance > 1.2
+        assert np.median(own.slip_std[after & np.isfinite(own.slip)]) < 0.25
+
+
 def test_nor_on_the_spot() -> None:
     rows, pipeline = _drive(
         seconds=60.0,
