@@ -5,7 +5,8 @@
               the heading, in the middle of both
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
               the same of three messages in a row; the larger one
-    lag       by how much the turning and the speed follow gyro and rims: largest correlation
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation. Until
+              anything follows, it may be half a second
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip; until
               5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
@@ -54,6 +55,7 @@ _TURNS, _ALIKE, _BETTER = (
     1.1,
 )  # rad/s; correlation; what a lag has to explain more than none
 _VARIES = 1e-6  # of the mean square: a thousandth of the mean
+_LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 _ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
 _OWN, _PIECE, _PIECES = (
     0.005,
@@ -62,14 +64,16 @@ _OWN, _PIECE, _PIECES = (
 )  # of the way, m: the best odometries wander by so much (KITTI)
 _FEW = 2  # pieces, of which a factor leaves something over
 _MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
-_RADII = 0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
+_RADII = (
+    0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
+)
 
 
 @dataclass
 class Trust:
     """What is known of the speed at each of some instants.
 
-    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do; of_wheels: whether it is made
+    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels: whether it is made
     of them; may_be: whether it is not known yet to be, or not to be; since: s for which the message has been
     the same; way: m by the rims meanwhile.
     """
@@ -146,7 +150,7 @@ class Ground:
         usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
         return Trust(
             usual,
-            np.nan_to_num(lag),
+            np.where(np.isnan(lag), _LATE, lag),
             of_wheels > 0.0,
             (may_be != 0.0) & (self.source == ODOMETRY),
             np.nan_to_num(since) + seconds,
@@ -318,14 +322,14 @@ class Ground:
         return np.asarray(found)
 
     def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
-        """How much later (s) the speed comes than gyro and rims, the larger one; 0: not known to.
+        """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
 
         rims: their mean speed `LAGS` before, (rows, lags).
         """
         count = middle.size
         instants = (middle[:, None] - LAGS).ravel()
         gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
-        found = np.zeros(count)
+        found, known = np.zeros(count), np.zeros(count, dtype=bool)
         for i, (late, early) in enumerate(((turn, gyro), (speed, rims))):
             good = np.isfinite(late) & np.isfinite(early).all(axis=1)
             good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -347,9 +351,10 @@ class Ground:
             best = square.argmax(axis=1)
             most = square.max(axis=1)
             told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
+            known |= told
             told &= 1.0 - square[:, 0] > _BETTER * (1.0 - most)
             found = np.maximum(found, np.where(told, LAGS[best] / SECOND, 0.0))
-        return found
+        return np.where(known, found, _LATE)
 
     def _made_of_wheels(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags]:
         """Whether the last pieces of way are those of the rims, straight on or in turning; and may be."""

@@ -85,6 +85,10 @@ def test_late_poses_are_not_taken_for_slip() -> None:
     rows, pipeline = _drive(seconds=60.0, late=0.5, speed=speed, turn=turn, noise=0.01)
     lag = pipeline.align.ground.trust(np.array([rows.stamp[-1]])).lag[0]
     assert lag == pytest.approx(0.5, abs=0.11)
+    # Before it is known how late they come, they may be late.
+    first = _while(rows, 0.5, 12.0)
+    known = np.isfinite(first.slip) & (np.abs(first.rim_speed) > 0.1)
+    assert (np.abs(first.slip - 0.1) <= 1.96 * first.slip_std)[known].mean() > 0.85
     learnt = _while(rows, 25.0, 59.0)
     known = np.isfinite(learnt.slip)
     moves = np.abs(learnt.rim_speed) > 0.1
