@@ -5,10 +5,10 @@
               the heading, in the middle of both
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
               the same of three messages in a row; the larger one
-    lag       by how much the turning and the speed follow gyro and rims: largest correlation. Until
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation; until
               anything follows, it may be half a second
-    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip; until
-              5 m of way are there it may be, unless it is further off, or no constant near 1
+    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
+              until 5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
 
 Each row depends on messages up to its own stamp alone, and sums go on over cuts.
@@ -73,9 +73,9 @@ _RADII = (
 class Trust:
     """What is known of the speed at each of some instants.
 
-    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels: whether it is made
-    of them; may_be: whether it is not known yet to be, or not to be; since: s for which the message has been
-    the same; way: m by the rims meanwhile.
+    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
+    whether it is made of them; may_be: whether it is not known yet to be, or not to be; since: s for which
+    the message has been the same; way: m by the rims meanwhile.
     """
 
     variance: Array
