@@ -66,9 +66,9 @@ class Judgement:
     warned: of the newest turn; None: no tenth of a second was over.
     """
 
-    def __init__(self, settings: OnboardSettings) -> None:
+    def __init__(self, settings: OnboardSettings, align: Align) -> None:
         self.settings = settings
-        self.checks = Checks(settings)
+        self.checks = Checks(settings, align.ground)
         self.warnings = Warnings(settings.wheels, IMU in settings.streams)
         self.ground = AnyGround(self.warnings.side)
         self.warned: Warned | None = None
