@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 from benchmarks.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
+from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.checks import Checks, Finding
+from smallwheel_ros.pipeline.ground import Ground
+from smallwheel_ros.pipeline.streams import Streams
 from smallwheel_ros.simulate.world import World
 from smallwheel_ros.simulate.world_drive import make_drive
 
@@ -59,8 +62,13 @@ class Raw:
 
 def heard(drive: Raw) -> list[tuple[Finding, float]]:
     """What is said of a drive, with the way at which it is."""
-    checks = Checks(drive.settings)
+    streams = Streams(widths_of(drive.settings), rules_of(drive.settings))
+    for name, stream in streams.all.items():
+        stream.extend(*drive.rows[name])
     until = max(int(stamps[-1]) for stamps, _ in drive.rows.values() if stamps.size)
+    ground = Ground(drive.settings, streams)
+    ground.advance(until)
+    checks = Checks(drive.settings, ground)
     found = [*checks.take(drive.rows, until), *checks.flush()]
     stamps, way = drive.way()
     return [(finding, float(np.interp(finding.stamp, stamps, way))) for finding in found]

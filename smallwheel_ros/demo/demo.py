@@ -38,6 +38,8 @@ _LOG = "node.log"
 _PICTURES = ("drive.png", "cost.png")
 _TABLES = ("mobility.csv", "soil.csv")
 _BAND = 1.96  # standard deviations: 95 %
+_RISKY = 0.5  # risk over the first level of the warning, at least
+_PAUSE = 1.0  # s without a warning that end it
 
 
 class DemoError(SmallwheelError):
@@ -206,7 +208,7 @@ def summary(full: Clip, answer: dict[str, Any]) -> str:
         "",
         _pull(full, answer),
         "",
-        _stuck(found, answer),
+        _stuck(full.mobility, answer),
         _cost(found),
         "",
         f"{found.published} messages played, {len(full.mobility)} estimates,"
@@ -269,23 +271,28 @@ def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Ar
     return np.concatenate(off), np.concatenate(deviations)
 
 
-def _stuck(found: Recording, answer: dict[str, Any]) -> str:
+def _stuck(table: pd.DataFrame, answer: dict[str, Any]) -> str:
+    """How long before it is stuck the estimates warn without a pause, at both levels.
+
+    By the stamps of the estimates: diagnostics come once a second, which is several seconds of a bag that
+    is played faster than it was recorded.
+    """
     stuck = answer["stuck"]
     if stuck is None:
         return "never stuck"
-    warned = [((stamp - answer["epoch_ns"]) / 1e9, text) for stamp, text in found.warnings]
-    warned = [(time, text) for time, text in warned if time < stuck["time"]]
-    if not warned:
-        return f"stuck at {stuck['way']:.1f} m, without a warning before"
-    # The last warnings without a long pause: diagnostics come once a second, of a bag that is played
-    # several times as fast as recorded.
-    pauses = np.flatnonzero(np.diff([time for time, _ in warned]) > 12.0)
-    time, text = warned[pauses[-1] + 1 if pauses.size else 0]
-    way = np.interp(time, answer["rover"]["time"], answer["rover"]["way"])
-    return (
-        f"stuck on the slope at {stuck['way']:.1f} m, warned of {stuck['way'] - way:.1f} m and"
-        f" {stuck['time'] - time:.0f} s before: {text!r}"
-    )
+    rover, words = answer["rover"], []
+    for name, on in (
+        ("risk of a half", table["risk_of_getting_stuck"] >= _RISKY),
+        ("digging in", table["digging_in"]),
+    ):
+        times = table["time"][on & (table["time"] <= stuck["time"])].to_numpy()
+        if not times.size or stuck["time"] - times[-1] > _PAUSE:
+            continue
+        begins = float(times[np.flatnonzero(np.diff(times, prepend=-np.inf) > _PAUSE)[-1]])
+        way = stuck["way"] - np.interp(begins, rover["time"], rover["way"])
+        words.append(f"{way:.1f} m and {stuck['time'] - begins:.0f} s before ({name})")
+    warned = f"warned of {', '.join(words)}" if words else "without a warning before"
+    return f"stuck on the slope at {stuck['way']:.1f} m, {warned}"
 
 
 def _cost(found: Recording) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of sensors: one table of rules, each of which speaks only where nothing but a fault explains it.
 
-    checks = Checks(settings)
+    checks = Checks(settings, ground)  # which has learnt of the rows before they are taken
     for finding in checks.take(rows, watermark): ...      # raw rows of all streams since checks.done
     checks.doubted        # streams that are not to be used now, and since when (ns)
 
@@ -64,8 +64,6 @@ from .checks_odometry import (
     LATE,
     LATE_ALIKE,
     NO_TWIST_WAY,
-    OWN,
-    OWN_PIECES,
     REPEAT_WAY,
     STANDS,
     TILT,
@@ -80,10 +78,10 @@ from .checks_odometry import (
 )  # fmt: skip
 from .checks_sums import Said
 from .checks_window import AROUND, SPAN, Memory, Raw, Vehicle, Window
+from .ground import DOWN, OWN, PIECES, Ground
 from .tables import SECOND, Array, Integers
 
 _NEVER = -(1 << 62)
-OF_WHEELS = "of wheels"
 
 
 class Judge(Protocol):
@@ -113,22 +111,22 @@ class Rule:
 # Those that other rules hear of come first: odometry made of wheels, and an imu that looks down.
 RULES: tuple[Rule, ...] = (
     Rule(
-        OF_WHEELS,
-        "half metres of the rims",
+        "of wheels",
+        "the last half metres of the rims",
         "way of the odometry against that of the rims, or its turn against right less left: rms over the way",
-        f"under {OWN:g}, {OWN_PIECES} pieces",
+        f"under {OWN:g}, {PIECES} pieces",
         "the best odometries of their own wander by so much; worst good drive 0.14",
         "the odometry is made of the wheels and shows no slip",
-        OfWheels,
+        lambda vehicle: OfWheels(),
     ),
     Rule(
         "z down",
         "all of the imu",
-        "median of the acceleration along z",
-        f"under {-0.5 * GRAVITY:.1f} m/s^2",
+        "rows that feel gravity down along z less those that feel it up",
+        f"over 0; felt: over {DOWN:.1f} m/s^2",
         "no vehicle drives beyond 60 degrees",
         "z of the imu looks down; it is turned over",
-        ZDown,
+        lambda vehicle: ZDown(),
     ),
     Rule(
         "mirrored",
@@ -191,7 +189,7 @@ RULES: tuple[Rule, ...] = (
         f"over {NO_TWIST_WAY:g} m",
         "exact",
         "speed is taken from the pose",
-        NoTwist,
+        lambda vehicle: NoTwist(),
     ),
     Rule(
         "repeats",
@@ -311,8 +309,8 @@ class Checks:
         What is complained of in the newest span.
     """
 
-    def __init__(self, settings: OnboardSettings) -> None:
-        self.vehicle = Vehicle.of(settings)
+    def __init__(self, settings: OnboardSettings, ground: Ground) -> None:
+        self.vehicle, self.ground = Vehicle.of(settings), ground
         self.memory = Memory()
         self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]
         self.doubted: dict[str, int] = {}
@@ -377,6 +375,7 @@ class Checks:
         doubted: dict[str, int] = {}
         unusable: set[str] = set()
         self.memory.doubted.clear()
+        self.memory.known = self.ground.known(begin + SPAN)
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # rows of NaN alone have no median
             window = Window(self.vehicle, self._rows, begin, self.memory)
@@ -384,8 +383,7 @@ class Checks:
                 for said in judge.take(window):
                     since = 0 if math.isnan(said.since) else round(said.since * SECOND)
                     self.memory.doubted.update(said.doubts)
-                    # Odometry of the wheels shows no slip, and where the vehicle is all the same.
-                    unusable |= set(said.doubts) if rule != OF_WHEELS else set()
+                    unusable |= set() if said.places else set(said.doubts)
                     for stream in said.doubts:
                         doubted[stream] = min(since, doubted.get(stream, since))
                     holds.append(Finding(begin + SPAN, rule, said.subject, _words(said, begin)))

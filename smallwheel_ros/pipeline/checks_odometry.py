@@ -10,7 +10,7 @@ import numpy as np
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.physics.wheel import GRAVITY
 
-from .checks_sums import Medians, Pieces, Run, Said
+from .checks_sums import Run, Said
 from .checks_window import (
     AHEAD,
     GAP,
@@ -18,7 +18,6 @@ from .checks_window import (
     LEFT,
     MOVES,
     SPEED,
-    UP,
     Rows,
     Vehicle,
     Window,
@@ -27,7 +26,6 @@ from .checks_window import (
 )  # fmt: skip
 from .tables import Array
 
-OWN, OWN_PIECE, OWN_PIECES = 0.005, 0.5, 10  # of the way, m
 LATE, LATE_ALIKE = 0.2, 0.8  # s, correlation
 ALIKE = 0.1  # of their speed: what wheels of one side differ by on even ground
 JUMP, JUMP_FACTOR = 1.0, 3.0  # m, 1
@@ -39,42 +37,25 @@ TILT, TILT_SURE, STANDS = 0.03, 4.0, 4  # rad, standard deviations, standstills
 class NoTwist:
     """Way of the pose while the twist is 0 throughout."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.way = 0.0
-
     def take(self, window: Window) -> list[Said]:
         """Said while no twist has come at all."""
-        o = window.odometry
-        if o is None or window.memory.twist:
-            return []
-        step = np.hypot(*np.diff(o.x[:, [X, Y]], axis=0, prepend=o.x[:1, [X, Y]]).T)
-        self.way += float(np.nansum(step[o.inside]))
+        way = window.memory.known.no_twist
         text = (
             "the odometry has no twist (0 throughout while its pose moves): its speed is taken from"
             " differences of the pose; let the driver fill in the twist if it can"
         )
-        return [Said(ODOMETRY, self.way, text)] if self.way > NO_TWIST_WAY else []
+        return [Said(ODOMETRY, way, text)] if way > NO_TWIST_WAY else []
 
 
 class ZDown:
-    """Acceleration along z, the median of medians of spans."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.up = Medians(31)
+    """Whether most of the imu's rows say that z looks down: then its gyro is turned over for all rules."""
 
     def take(self, window: Window) -> list[Said]:
-        """Turns the gyro over for all other rules, from the first span on."""
-        imu = window.imu
-        if imu is not None:
-            self.up.extend(imu.x[imu.inside][:, [UP]])
-        if not len(self.up):
-            return []
-        value = float(self.up.value[0])
-        window.memory.down = -1.0 if value < -0.5 * GRAVITY else 1.0
+        """Said while it is so."""
         text = (
             "z of the imu looks down: it is turned over; publish it in base_link's axes for others"
         )
-        return [Said("imu", value, text)] if window.memory.down < 0.0 else []
+        return [Said("imu", 1.0, text)] if window.memory.known.down else []
 
 
 class Repeats:
@@ -100,52 +81,18 @@ class Repeats:
 
 
 class OfWheels:
-    """Scatter of the way, or on the spot the turn, of each half metre of the rims against the odometry's."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.left, self.right = vehicle.y > 0, vehicle.y < 0
-        self.pieces = Pieces(OWN_PIECE, 4)
-        self.share = np.inf
+    """Whether the odometry is made of the wheels: then no rule takes it for a witness."""
 
     def take(self, window: Window) -> list[Said]:
-        """Once recognised it stays: then no rule takes the odometry for a witness."""
-        if (
-            not window.memory.made_of_wheels
-            and window.odometry is not None
-            and window.rims is not None
-        ):
-            self._add(window, window.moves)
-            if len(self.pieces) >= OWN_PIECES:
-                way, speed, turn, rate = self.pieces.rows.T
-                self.share = min(_scatter(way, speed), _scatter(turn, rate))
-                window.memory.made_of_wheels = self.share < OWN
-        if not window.memory.made_of_wheels:
+        """Its places are of use all the same."""
+        known = window.memory.known
+        if not known.of_wheels:
             return []
         text = (
-            f"it agrees with the wheels to {self.share:.2%} of the way: it is made of them and shows no slip:"
-            " give an odometry of its own (camera, lidar, GNSS), or velocity_topic"
+            f"it agrees with the wheels to {known.share:.2%} of the way: it is made of them and shows no"
+            " slip: give an odometry of its own (camera, lidar, GNSS), or velocity_topic"
         )
-        return [Said("odometry", self.share, text, (ODOMETRY,))]
-
-    def _add(self, window: Window, moves: Rows) -> None:
-        rows = moves.inside
-        a, v, w, dt = window.rims_at(moves.t[rows]), *moves.x[rows, :2].T, moves.dt[rows]
-        good = np.isfinite(a).all(axis=1) & np.isfinite(v) & np.isfinite(w)
-        a, v, w, dt = a[good], v[good], w[good], dt[good]
-        turn = np.zeros(len(v))
-        if self.left.any() and self.right.any():
-            turn = (a[:, self.right].mean(axis=1) - a[:, self.left].mean(axis=1)) / 2
-        columns = np.column_stack([a.mean(axis=1), v, turn, w]) * dt[:, None]
-        self.pieces.extend(np.abs(a).mean(axis=1) * dt, columns)
-
-
-def _scatter(one: Array, two: Array) -> float:
-    """Root mean square of what one, by its best factor, leaves of the other, over the way of one."""
-    if not np.abs(one).mean() > 0.3 * OWN_PIECE or not two.any():
-        return np.inf
-    factor = (one @ two) / (one @ one)
-    off = np.sqrt(np.mean((two - factor * one) ** 2)) / max(abs(factor), 1e-9)
-    return float(off / np.abs(one).mean())
+        return [Said("odometry", known.share, text, (ODOMETRY,), places=True)]
 
 
 class Late:
@@ -162,7 +109,7 @@ class Late:
     def take(self, window: Window) -> list[Said]:
         """Sums of products for each lag, while the wheels of each side agree: one that spins leads all."""
         moves, step = window.moves, self.STEP
-        if window.rims is None or len(moves.t) < 3 or window.memory.made_of_wheels:
+        if window.rims is None or len(moves.t) < 3 or window.memory.known.of_wheels:
             return []
         first = round(-1.0 / step)
         t: Array = np.asarray(np.arange(first, round(4.0 / step)) * step, dtype=np.float64)

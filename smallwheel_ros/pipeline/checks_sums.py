@@ -22,7 +22,8 @@ class Said:
     """What a rule complains of now.
 
     subject: a wheel, or a source. value: of the statistic. doubts: streams that are not to be used. since: s
-    from the beginning of the span; NaN: since the beginning of the drive.
+    from the beginning of the span; NaN: since the beginning of the drive. places: whether of these streams
+    the speed alone is not to be used.
     """
 
     subject: str
@@ -30,6 +31,7 @@ class Said:
     text: str
     doubts: tuple[str, ...] = ()
     since: float = np.nan
+    places: bool = False
 
 
 class Run:

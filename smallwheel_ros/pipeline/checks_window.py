@@ -16,7 +16,7 @@ import numpy as np
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 
-from .streams import Streams
+from .ground import Known
 from .tables import SECOND, Array, Flags, Integers
 
 SPAN = 2 * SECOND  # ns, between judgements: long against the work of one, short against a fault
@@ -111,16 +111,13 @@ class Rows:
 class Memory:
     """What is known of the whole drive, and changes how a span is read.
 
-    twist, turns: whether the odometry ever had a speed or a yaw rate that is not 0. down: -1 of an imu whose
-    z axis looks down. way: m by the rims, up to the span. made_of_wheels: whether the odometry is. doubted:
-    streams that the rules before have named in this span.
+    known: what has turned out of odometry and imu. turns: whether the odometry ever had a yaw rate that is
+    not 0. way: m by the rims, up to the span. doubted: streams that the rules before have named in this span.
     """
 
-    twist: bool = False
+    known: Known = field(default_factory=Known)
     turns: bool = False
-    down: float = 1.0
     way: float = 0.0
-    made_of_wheels: bool = False
     doubted: set[str] = field(default_factory=set)
 
 
@@ -137,7 +134,6 @@ class Window:
         self.odometry = self._source(ODOMETRY, 6)
         self.velocity = self._source(VELOCITY, 2)
         if self.odometry is not None:
-            memory.twist |= bool(np.nan_to_num(self.odometry.x[:, :2]).any())
             memory.turns |= bool(np.nan_to_num(self.moves.x[:, YAW_RATE]).any())
 
     def _cut(self, stamps: Integers, values: Array) -> Rows:
@@ -176,7 +172,7 @@ class Window:
         if o is None:
             return Rows(np.zeros(0), np.zeros((0, 3)))
         heading = np.unwrap(np.arctan2(o.x[:, SINE], o.x[:, COSINE]))
-        if self.memory.twist:
+        if self.memory.known.twist:
             return Rows(o.t, np.column_stack([o.x[:, SPEED], o.x[:, YAW_RATE], heading]))
         dx, dy, turn = (
             (np.interp(o.t + GAP, o.t, c) - np.interp(o.t - GAP, o.t, c)) / (2 * GAP)
@@ -217,16 +213,16 @@ class Window:
         nothing: Array = np.full(len(rims.t), np.nan)
         v: Array = nothing
         w: Array = nothing
-        if self.odometry is not None and not memory.made_of_wheels:
+        if self.odometry is not None and not memory.known.of_wheels:
             moves = Rows(self.moves.t, np.where(self.odometry.stale[:, None], np.nan, self.moves.x))
             v = moves.at(rims.t, SPEED)
             w = moves.at(rims.t, YAW_RATE) if memory.turns else nothing
-        elif self.velocity is not None and not memory.made_of_wheels:
+        elif self.velocity is not None and not memory.known.of_wheels:
             v = self.velocity.at(rims.t, SPEED)
         gyro: Array = nothing
         if self.imu is not None:
             imu = Rows(self.imu.t, np.where(self.imu.stale[:, None], np.nan, self.imu.x))
-            gyro = memory.down * imu.at(rims.t, GYRO)
+            gyro = imu.at(rims.t, GYRO) * (-1.0 if memory.known.down else 1.0)
         yaw = np.fmax(np.abs(w), np.abs(gyro))
         half = float(np.ptp(self.vehicle.y)) / 2
         straight = (np.abs(v) > MOVES) & ~(yaw * half >= STRAIGHT * np.abs(v)) & np.isfinite(yaw)
@@ -245,14 +241,3 @@ class Motion:
     gyro: Array
     straight: Flags
     inside: Flags
-
-
-def rows_of(streams: Streams, after: int, until: int) -> dict[str, tuple[Integers, Array]]:
-    """Raw rows of all streams with stamps after one and up to another (ns)."""
-    found = {}
-    for name, stream in streams.all.items():
-        stamps = stream.stamps
-        first, last = np.searchsorted(stamps, [after, until], side="right")
-        if last > first:
-            found[name] = stamps[first:last], stream.values[first:last]
-    return found

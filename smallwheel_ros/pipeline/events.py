@@ -12,6 +12,7 @@ from .identifiability import SoilEstimate
 from .pipeline import Pipeline, Turn
 from .statements import DIGGING_IN, statements
 from .tables import SECOND, Estimates, Flags, Integers, Readings, none_of
+from .warnings import WORDS
 
 _PAUSE = 5.0  # s: what is not said for so long begins anew
 _Place = tuple[float, float] | None
@@ -67,6 +68,7 @@ class DriveEvents:
         if len(rows):
             self.travel = max(self.travel, float(rows.distance.max()))
         changing = self._watch_soil(rows, turn)
+        self._warn(turn)
         self.newest = newest_of(self.newest, estimates)
         self._look(turn)
         return changing
@@ -106,6 +108,18 @@ class DriveEvents:
         if soil.distance > self._until:
             self._note_change()
 
+    def _warn(self, turn: Turn) -> None:
+        """Note each episode in which the vehicle may get stuck, also one that is over within the turn."""
+        warned, rows = turn.warned, turn.readings
+        if warned is None or not len(rows):
+            return
+        for i in np.flatnonzero(warned.level > 0).tolist():
+            row = max(int(np.searchsorted(rows.stamp, warned.stamp[i], side="right")) - 1, 0)
+            text = WORDS[int(warned.level[i])].format(slip=warned.slip[i])
+            time = self._since(int(warned.stamp[i]))
+            way = float(rows.distance[row])
+            self._say("stuck", Event(time, way, "stuck", text, _place(rows, row)), time)
+
     def _look(self, turn: Turn) -> None:
         """Note what begins to be said."""
         rows, now = turn.estimates, self._since(turn.until)
@@ -118,7 +132,7 @@ class DriveEvents:
                 event.about, Event(time, way, event.kind, event.text, _place(rows, first)), now
             )
         for statement in statements(self._pipeline, self.newest):
-            if statement is not DIGGING_IN:
+            if statement is not DIGGING_IN and statement.kind != "stuck":
                 event_now = Event(now, self.travel, statement.kind, statement.text, place)
                 self._say(statement.about, event_now, now)
 

@@ -5,8 +5,10 @@
               the heading, in the middle of both
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
               the same of three messages in a row; the larger one
-    lag       by how much the turning and the speed follow gyro and rims: largest correlation
-    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation; until
+              anything follows, it may be half a second
+    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
+              until 5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
 
 Each row depends on messages up to its own stamp alone, and sums go on over cuts.
@@ -14,6 +16,8 @@ Each row depends on messages up to its own stamp alone, and sums go on over cuts
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,8 +39,7 @@ SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL =
 WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
-_DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
-_POSED = 2.0  # m of the pose without a twist: then it is reported
+DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
 _STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
 _PLACE = (
     0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
@@ -53,26 +56,56 @@ _TURNS, _ALIKE, _BETTER = (
     1.1,
 )  # rad/s; correlation; what a lag has to explain more than none
 _VARIES = 1e-6  # of the mean square: a thousandth of the mean
+_LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 _ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
-_OWN, _PIECE, _PIECES = (
+OWN, _PIECE, PIECES = (
     0.005,
     0.5,
     10,
 )  # of the way, m: the best odometries wander by so much (KITTI)
+_FEW = 2  # pieces, of which a factor leaves something over
 _MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
+_RADII = (
+    0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
+)
+
+
+@dataclass(frozen=True)
+class Known:
+    """What has turned out of odometry and imu, for those that report it.
+
+    share: of the way by which an odometry that is made of the wheels is no multiple of them; NaN: of its own.
+    no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
+    """
+
+    share: float = math.nan
+    no_twist: float = 0.0
+    down: bool = False
+
+    @property
+    def of_wheels(self) -> bool:
+        """Whether the odometry is made of the wheels."""
+        return math.isfinite(self.share)
+
+    @property
+    def twist(self) -> bool:
+        """Whether a twist has come."""
+        return math.isnan(self.no_twist)
 
 
 @dataclass
 class Trust:
     """What is known of the speed at each of some instants.
 
-    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do; of_wheels; since: s for
-    which the message has been the same; way: m by the rims meanwhile.
+    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
+    whether it is made of them; may_be: whether it is not known yet to be, or not to be; since: s for which
+    the message has been the same; way: m by the rims meanwhile.
     """
 
     variance: Array
     lag: Array
     of_wheels: Flags
+    may_be: Flags
     since: Array
     way: Array
     mean: Array
@@ -93,6 +126,8 @@ class _Sums:
     last: Array = field(default_factory=lambda: np.zeros(4))
     pieces: list[Array] = field(default_factory=list)
     of_wheels: bool = False
+    share: float = math.nan
+    may_be: bool = True
 
 
 class Ground:
@@ -107,12 +142,13 @@ class Ground:
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
         self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
         self._own = Stream(
-            "own", 4
-        )  # of each message: ns back to its speed's stamp, the speed, yaw rate, new
-        self._trust = Stream("trust", 6)
+            "own", 5
+        )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist
+        self._trust = Stream("trust", 9)
         self.posed = True
-        self._way, self._said = 0.0, False
+        self._way = 0.0
         self._up = self._looks_down = 0
+        self._turned = [NEVER]  # stamps at which the imu was turned over, and back
         self._sums = _Sums()
 
     def advance(self, until: int) -> None:
@@ -135,17 +171,27 @@ class Ground:
 
     def trust(self, instants: Integers) -> Trust:
         """How far the speed is believed at instants up to which has been learnt."""
-        stamps, (variance, lag, of_wheels, since, way, mean) = self._last(instants)
+        stamps, (variance, lag, of_wheels, may_be, since, way, mean, *_) = self._last(instants)
         seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
         usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
         return Trust(
             usual,
-            np.nan_to_num(lag),
+            np.where(np.isnan(lag), _LATE, lag),
             of_wheels > 0.0,
+            (may_be != 0.0) & (self.source == ODOMETRY),
             np.nan_to_num(since) + seconds,
             np.nan_to_num(way),
             np.nan_to_num(mean),
         )
+
+    def known(self, stamp: int) -> Known:
+        """What has turned out up to a stamp (ns) up to which has been learnt."""
+        down = bisect_right(self._turned, stamp) % 2 == 0
+        stamps, values = self._last(np.array([stamp], dtype=np.int64))
+        if stamps[0] == NEVER:
+            return Known(down=down)
+        of_wheels, no_twist, share = values[[2, 7, 8], 0].tolist()
+        return Known(share if of_wheels else math.nan, no_twist, down)
 
     def _last(self, instants: Integers) -> tuple[Integers, Array]:
         stamps, values = self._trust.last(instants)
@@ -177,16 +223,19 @@ class Ground:
         if stream is None or stream.newest <= self.felt.newest:
             return
         stamps, values = stream.between(self.felt.newest, stream.newest)
-        along = np.where(np.isnan(values[:, 6]), values[:, 3], GRAVITY * values[:, 6])
-        up = self._up + np.cumsum(along > _DOWN)
-        looks_down = self._looks_down + np.cumsum(along < -_DOWN)
+        # Gravity is felt; a driver without it in its acceleration may have it in the orientation.
+        felt, told = values[:, 3], GRAVITY * values[:, 6]
+        along = np.where(np.abs(felt) > DOWN, felt, told)
+        up = self._up + np.cumsum(along > DOWN)
+        looks_down = self._looks_down + np.cumsum(along < -DOWN)
         self._up, self._looks_down = int(up[-1]), int(looks_down[-1])
         over = looks_down > up
-        if over[-1] and (IMU, "z_down") not in self.streams.words:
-            text = f"its z axis looks down ({along[-1]:.1f} m/s^2 along it): it is turned over"
-            self.streams.note(IMU, "z_down", text)
+        before = np.concatenate([[len(self._turned) % 2 == 0], over[:-1]])
+        self._turned += stamps[over != before].tolist()
         sign = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # about x: y, z and yaw change
-        self.felt.extend(stamps, np.where(over[:, None], sign * values, values))
+        turned = np.repeat(over[:, None], sign.size, axis=1)
+        turned[:, 4:] &= told[:, None] < 0.0  # an orientation may be that of the vehicle already
+        self.felt.extend(stamps, np.where(turned, sign * values, values))
 
     def _speeds(self) -> None:
         """Give the rows of speed and yaw rate."""
@@ -201,6 +250,7 @@ class Ground:
         new[0] |= first == 0
         back: Array = np.zeros(stamps.size)
         speed, turn = values[:, SPEED], values[:, YAW_RATE]
+        way: Array = np.full(stamps.size, np.nan)
         if self.source == ODOMETRY and self.posed:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
@@ -227,23 +277,17 @@ class Ground:
             speed = np.where(posed, speeds, speed)
             turn = np.where(posed, np.where(near, turned, np.nan), turn)
             back = np.where(posed, (span // 2).astype(float), 0.0)
-            self._say(all_values[max(first - 1, 0) :], bool(posed[-1]))
+            places = all_values[np.maximum(rows[first:] - 1, 0)][:, [X, Y]]
+            steps = np.nan_to_num(np.hypot(*(values[:, [X, Y]] - places).T))
+            way = np.where(posed, steps_of(steps, self._way), np.nan)
+            self._way = float(way[-1])
             self.posed = bool(posed[-1])
-        self._own.extend(stamps, np.column_stack([back, speed, turn, new]))
+        self._own.extend(stamps, np.column_stack([back, speed, turn, new, way]))
         middle = stamps - back.astype(np.int64)
         # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
         before_it = np.concatenate([[self.moves.newest], middle[:-1]])
         rising = middle > np.maximum.accumulate(before_it)
         self.moves.extend(middle[rising], np.column_stack([speed, turn])[rising])
-
-    def _say(self, values: Array, posed: bool) -> None:
-        """Say once that the speed is from the pose, where the vehicle has moved and no twist has said so."""
-        steps = np.hypot(*np.diff(values[:, [X, Y]], axis=0).T)
-        self._way += float(np.nan_to_num(steps).sum()) if posed else 0.0
-        if posed and not self._said and self._way > _POSED:
-            self._said = True
-            text = f"its twist is 0 throughout, its pose moved {self._way:.1f} m: speed is from the pose"
-            self.streams.note(self.source, "no_twist", text)
 
     # --- What is learnt
 
@@ -253,7 +297,7 @@ class Ground:
         if not stamps.size:
             return
         sums = self._sums
-        back, speed, turn, new = own.T
+        back, speed, turn, new, no_twist = own.T
         middle = stamps - back.astype(np.int64)
         back_to = np.array([*LAGS, _APART, 2 * _APART])
         mean, size, half_turn = (
@@ -277,10 +321,11 @@ class Ground:
         lag = self._lag(middle, speed, turn, mean[:, : LAGS.size])
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
-        of_wheels = self._made_of_wheels(ways_before, way, parts)
+        made, may_be, share = self._made_of_wheels(ways_before, way, parts)
         since = (stamps - changed) / SECOND
-        rows = np.column_stack([variance, lag, of_wheels, since, way - changed_way, back / SECOND])
-        self._trust.extend(stamps, rows)
+        same = since, way - changed_way
+        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share]
+        self._trust.extend(stamps, np.column_stack(rows))
 
     def _spread(self, middle: Integers, back: Array, speed: Array, rims: Array) -> Array:
         """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
@@ -309,14 +354,14 @@ class Ground:
         return np.asarray(found)
 
     def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
-        """How much later (s) the speed comes than gyro and rims, the larger one; 0: not known to.
+        """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
 
         rims: their mean speed `LAGS` before, (rows, lags).
         """
         count = middle.size
         instants = (middle[:, None] - LAGS).ravel()
         gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
-        found = np.zeros(count)
+        found, known = np.zeros(count), np.zeros(count, dtype=bool)
         for i, (late, early) in enumerate(((turn, gyro), (speed, rims))):
             good = np.isfinite(late) & np.isfinite(early).all(axis=1)
             good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -338,30 +383,40 @@ class Ground:
             best = square.argmax(axis=1)
             most = square.max(axis=1)
             told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
+            known |= told
             told &= 1.0 - square[:, 0] > _BETTER * (1.0 - most)
             found = np.maximum(found, np.where(told, LAGS[best] / SECOND, 0.0))
-        return found
+        return np.where(known, found, _LATE)
 
-    def _made_of_wheels(self, before: Array, way: Array, parts: Array) -> Flags:
-        """Whether the last pieces of way are those of the rims, straight on or in turning."""
+    def _made_of_wheels(
+        self, before: Array, way: Array, parts: Array
+    ) -> tuple[Flags, Flags, Array]:
+        """Whether the last pieces of way are those of the rims, or in turning; may be; by how much not."""
         sums = self._sums
+        if self.source != ODOMETRY:
+            no = np.zeros(way.size, dtype=bool)
+            return no, no, unknown(way.size)
         total = np.cumsum(np.concatenate([sums.parts[None], parts]), axis=0)[1:]
-        found = np.empty(way.size, dtype=bool)
+        found, may_be = np.empty((2, way.size), dtype=bool)
+        share: Array = np.empty(way.size)
         ends = np.flatnonzero(np.floor(way / _PIECE) > np.floor(before / _PIECE))
         begin = 0
         for end in ends.tolist():
-            found[begin:end] = sums.of_wheels
-            sums.pieces = [*sums.pieces[1 - _PIECES :], total[end] - sums.last]
+            found[begin:end], may_be[begin:end] = sums.of_wheels, sums.may_be
+            share[begin:end] = sums.share
+            sums.pieces = [*sums.pieces[1 - PIECES :], total[end] - sums.last]
             sums.last, begin = total[end], end
-            if len(sums.pieces) == _PIECES:
-                off = _scatter(np.array(sums.pieces))
-                sums.of_wheels = off < (2.0 * _OWN if sums.of_wheels else _OWN)
-                if sums.of_wheels and (self.source, "of_wheels") not in self.streams.words:
-                    text = f"it is made of the wheels (the same way to {off:.2%}): it shows no slip"
-                    self.streams.note(self.source, "of_wheels", text)
-        found[begin:] = sums.of_wheels
+            off, whole = _scatter(np.array(sums.pieces)), len(sums.pieces) == PIECES
+            rims, moves = total[end, :2]
+            near = abs(moves - rims) <= _RADII * max(abs(rims), _PIECE)
+            sums.may_be = not whole and near and (off < OWN or len(sums.pieces) < _FEW)
+            sums.share = off
+            if whole:
+                sums.of_wheels = off < (2.0 * OWN if sums.of_wheels else OWN)
+        found[begin:], may_be[begin:] = sums.of_wheels, sums.may_be
+        share[begin:] = sums.share
         sums.parts = total[-1]
-        return found if self.source == ODOMETRY else np.zeros(way.size, dtype=bool)
+        return found, may_be, share
 
 
 def _scatter(pieces: Array) -> float:

@@ -41,6 +41,7 @@ _OF_VEHICLE = {
 _SPINS = (
     0.8  # slip with which nothing is gained any more: a wheel turns five times as far as it gets
 )
+_HIDDEN = 0.3  # slip that an odometry of the wheels may hide: what the twist takes slip for, too
 _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some tenths later
 
 
@@ -65,9 +66,9 @@ class Judgement:
     warned: of the newest turn; None: no tenth of a second was over.
     """
 
-    def __init__(self, settings: OnboardSettings) -> None:
+    def __init__(self, settings: OnboardSettings, align: Align) -> None:
         self.settings = settings
-        self.checks = Checks(settings)
+        self.checks = Checks(settings, align.ground)
         self.warnings = Warnings(settings.wheels, IMU in settings.streams)
         self.ground = AnyGround(self.warnings.side)
         self.warned: Warned | None = None
@@ -95,6 +96,14 @@ class Judgement:
         if last:
             found += self.checks.flush()
         return tuple(found)
+
+    def unsure(self, rows: Readings, align: Align) -> Readings:
+        """Rows whose slip may be that of an odometry made of the wheels: it says as little as none at all."""
+        may_be = align.ground.trust(rows.stamp).may_be
+        if not may_be.any():
+            return rows
+        spread = np.maximum(rows.slip_std, np.where(may_be, _HIDDEN, 0.0))
+        return replace(rows, slip_std=spread)
 
     def blanked(self, rows: Readings) -> Readings:
         """Rows of which nothing is known by streams that were doubted at their stamps."""

@@ -5,8 +5,9 @@
 
 slip: of the middle wheel, what is in use of the grip; slope: pull over weight that goes on being asked for;
 loss of speed: pull that is missing already. All along the way that the rims go. Two levels: over 0.4 it is
-on the way to get stuck; over 0.5 it gets stuck. Slip over 0.3 behind the same gates is no second condition of
-the first level: it adds more other warnings than drives in time (docs/without_soil_sensors.md).
+on the way to get stuck; over 0.5 it gets stuck. On the way it is as well where slip is over 0.3 by two
+deviations, behind the same gates: ground that gives way at once takes away no speed before
+(docs/without_soil_sensors.md).
 
 Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is taken, so that
 what comes out does not depend on where blocks were cut, nor on which sensor comes when.
@@ -28,6 +29,11 @@ HELD = 0.5  # s, for which a wheel's row is taken on
 SLIP_S, TREND_S, READINGS = 0.5, 1.0, 5  # s: of a mean, of a line; readings of the speed in a mean
 SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a pull of 0.2
 FIRST, SECOND_LEVEL = 0.4, 0.5  # of the hazard
+SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
+WORDS = {
+    1: "the wheels slip by {slip:.2f}: the vehicle may get stuck",
+    2: "the wheels slip by {slip:.2f}: the vehicle gets stuck, its wheels dig in: stop",
+}
 DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
 DEVIATIONS = 1.0  # of the hazard, that are taken off
 ROLLED = 0.30  # slip under which a start is over
@@ -180,10 +186,10 @@ class Warnings:
         level, told = np.zeros((2, count), dtype=np.int64)
         for i in range(first, len(done)):
             k = i - first
-            hazard[k], slip[k] = self._hazard(done, i)
+            hazard[k], slip[k], surely = self._hazard(done, i)
             if hazard[k] > SECOND_LEVEL:
                 level[k] = 2
-            elif hazard[k] > FIRST:
+            elif hazard[k] > FIRST or surely > SLIPS:
                 level[k] = 1
             told[k] = self._told(float(done.stamp[i] / SECOND), int(level[k]))
         return Warned(done.stamp[first:], hazard, slip, level, told)
@@ -198,8 +204,8 @@ class Warnings:
                 self._last[one] = now
         return told
 
-    def _hazard(self, done: Instants, i: int) -> tuple[float, float]:
-        """Hazard and slip of an instant; NaN where it is not judged."""
+    def _hazard(self, done: Instants, i: int) -> tuple[float, float, float]:
+        """Hazard, slip, and what slip surely is, of an instant; NaN where it is not judged."""
         time = done.time[: i + 1] - done.time[i]
         rate = self._rate(int(done.stamp[i]))
         slip_s, trend_s = max(SLIP_S, READINGS / rate), max(TREND_S, 2 * READINGS / rate)
@@ -209,7 +215,7 @@ class Warnings:
         known = np.isfinite(rim) & np.isfinite(ground)
         if not known.sum() * 2 > known.size:
             self._rolled = False
-            return np.nan, np.nan
+            return np.nan, np.nan, np.nan
         rim, ground = rim[known], ground[known]
         along = -1.0 if rim.mean() < 0.0 else 1.0
         rim, ground = rim * along, ground * along
@@ -221,13 +227,14 @@ class Warnings:
         value = slip + SLIP_PER_PULL * (max(rise, 0.0) + max(-gain, 0.0) / GRAVITY)
         of_slip = scatter / max(float(rim.mean()), DRIVES) / np.sqrt(rate * slip_s)
         of_loss = SLIP_PER_PULL * scatter / GRAVITY * np.sqrt(12.0 / (rate * trend_s)) / trend_s
-        value -= DEVIATIONS * float(np.hypot(of_slip, of_loss))
+        deviation = float(np.hypot(of_slip, of_loss))
+        value -= DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
         runs = bool(rim.mean() > DRIVES and rim.min() > -0.05)
         self._rolled = runs and (self._rolled or slip < ROLLED)
         judged = self._rolled and -BRAKES * GRAVITY < gain < GAINS
         if not judged or _unfelt(time, done, along):
-            return np.nan, np.nan
-        return float(value), slip
+            return np.nan, np.nan, np.nan
+        return float(value), slip, slip - SURELY * deviation
 
     def _rate(self, stamp: int) -> float:
         """Messages of the speed a second, over the last five."""
@@ -239,11 +246,11 @@ class Warnings:
 
 
 def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
-    """Slope (1/s) of a line and the scatter about it; 0 until half of the span is there."""
+    """Slope (1/s) of a line and the scatter about it; 0 and NaN until half of the span is there."""
     good = np.isfinite(values)
     time, values = time[good], values[good]
     if len(time) < 4 or not time[-1] - time[0] > 0.5 * seconds:
-        return 0.0, 0.0
+        return 0.0, np.nan
     t, v = time - time.mean(), values - values.mean()
     slope = float(t @ v / (t @ t))
     return slope, float(np.sqrt(np.sum((v - slope * t) ** 2) / (len(t) - 2)))

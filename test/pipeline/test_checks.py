@@ -23,19 +23,38 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder, settings
 
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
+from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.checks import RULES, Checks, Finding, table
 from smallwheel_ros.pipeline.checks_loads import impossible_soil
+from smallwheel_ros.pipeline.ground import Ground
+from smallwheel_ros.pipeline.streams import Streams
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "checks.md"
 BEGIN, END = "<!-- rules -->\n", "<!-- end of rules -->\n"
 LEFT = "front_left/wheel_speed"
 
 
-def heard(rows: Rows, checks: Checks | None = None) -> list[Finding]:
-    checks = checks or Checks(settings())
+class Listening:
+    """Checks that are given blocks of rows, as a pipeline gives them."""
+
+    def __init__(self, onboard: OnboardSettings | None = None) -> None:
+        onboard = onboard or settings()
+        self.streams = Streams(widths_of(onboard), rules_of(onboard))
+        self.ground = Ground(onboard, self.streams)
+        self.checks = Checks(onboard, self.ground)
+
+    def take(self, rows: Rows, until: int) -> list[Finding]:
+        for name, block in rows.items():
+            self.streams.all[name].extend(*block)
+        self.ground.advance(until)
+        return self.checks.take(rows, until)
+
+
+def heard(rows: Rows, onboard: OnboardSettings | None = None) -> list[Finding]:
+    listening = Listening(onboard)
     until = max(int(stamps[-1]) for stamps, _ in rows.values())
-    return [*checks.take(rows, until), *checks.flush()]
+    return [*listening.take(rows, until), *listening.checks.flush()]
 
 
 def said(rows: Rows) -> set[tuple[str, str]]:
@@ -145,16 +164,17 @@ def test_a_vehicle_that_spins_on_a_diagonal_has_good_encoders() -> None:
 
 @hypothesis_settings(max_examples=6)
 @given(
-    st.lists(st.floats(0.0, 90.0), max_size=12), st.sampled_from(["radius", "load frozen", "late"])
+    st.lists(st.floats(0.0, 90.0), max_size=12),
+    st.sampled_from(["radius", "load frozen", "late", "of wheels"]),
 )
 def test_findings_do_not_depend_on_where_blocks_are_cut(edges: list[float], name: str) -> None:
     rows = drive()
     FAULTS[name][2](rows)
     whole = heard(rows)
-    checks = Checks(settings())
+    listening = Listening()
     ends = START + np.sort(np.round(np.array(edges) * 1e9)).astype(np.int64)
-    found = [f for block, until in cut(rows, ends) for f in checks.take(block, until)]
-    assert [*found, *checks.flush()] == whole
+    found = [f for block, until in cut(rows, ends) for f in listening.take(block, until)]
+    assert [*found, *listening.checks.flush()] == whole
     assert whole
 
 
@@ -163,31 +183,30 @@ def test_doubted_is_a_stream_from_when_it_was_so_and_while_it_lasts(good: Rows) 
     stamps, values = rows[LEFT]
     begin, end = np.searchsorted(stamps, [START + 30_000_000_000, START + 60_000_000_000])
     values[begin:end] = values[begin]
-    checks, seen = Checks(settings()), {}
+    listening, seen = Listening(), {}
     for block, until in cut(rows, START + np.arange(1, 90) * 1_000_000_000):
-        checks.take(block, until)
-        seen[until] = dict(checks.doubted)
+        listening.take(block, until)
+        seen[until] = dict(listening.checks.doubted)
     assert seen[START + 25_000_000_000] == {}
     assert abs(seen[START + 45_000_000_000][LEFT] - stamps[begin]) <= 34_000_000
     assert seen[START + 80_000_000_000] == {}
 
 
 def test_memory_does_not_grow_with_the_drive() -> None:
-    checks = Checks(settings())
+    listening = Listening()
     sizes = []
     for lap in range(4):
         shift = lap * 90_000_000_000
         rows = {name: (stamps + shift, values) for name, (stamps, values) in drive().items()}
         heard_of = max(int(stamps[-1]) for stamps, _ in rows.values())
-        checks.take(rows, heard_of)
-        sizes.append(sum(stamps.size for stamps, _ in checks._rows.values()))
+        listening.take(rows, heard_of)
+        sizes.append(sum(stamps.size for stamps, _ in listening.checks._rows.values()))
     assert max(sizes) < 8 * (30 * 4 + 20 * 4 + 10 * 4 + 15 + 50)
 
 
 def test_loads_that_are_given_are_not_weighed(good: Rows) -> None:
     rows = {name: rows for name, rows in good.items() if not name.endswith("/load")}
-    checks = Checks(settings(**{"load.source": "static", "vehicle.mass": MASS}))
-    assert heard(rows, checks) == []
+    assert heard(rows, settings(**{"load.source": "static", "vehicle.mass": MASS})) == []
 
 
 def test_a_silent_wheel_and_values_that_are_not_known_are_no_fault(good: Rows) -> None:
@@ -200,9 +219,9 @@ def test_a_silent_wheel_and_values_that_are_not_known_are_no_fault(good: Rows) -
 
 
 def test_nothing_at_all_is_no_fault() -> None:
-    checks = Checks(settings())
-    assert checks.take({}, START) == []
-    assert checks.flush() == []
+    listening = Listening()
+    assert listening.take({}, START) == []
+    assert listening.checks.flush() == []
 
 
 def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:

@@ -94,6 +94,22 @@ def test_slope_counts_as_pull_that_will_be_asked_for() -> None:
     assert down.hazard[100] == pytest.approx(level.hazard[100], abs=1e-9)
 
 
+def test_slip_that_is_surely_high_is_of_the_first_level_by_itself() -> None:
+    """Ground that gives way at once takes away no speed before: the hazard stays under its level."""
+
+    def gives_way(t: float) -> float:
+        return 0.57 if t < 5.0 else 0.39
+
+    def shaken(t: float) -> float:
+        return gives_way(t) + (0.15 if round(20.0 * t) % 2 else -0.15)
+
+    steady, noisy = (warned(rows_of(0.60, speed))[1] for speed in (gives_way, shaken))
+    late = steady.stamp > START + 10 * 10**9
+    assert np.nanmax(steady.hazard[late]) < 0.4
+    assert (steady.level[late] == 1).all()
+    assert not noisy.level[late].any()  # the same slip, less sure
+
+
 def test_backwards_is_as_forwards() -> None:
     ahead = warned(rows_of(0.52, slips_in))[1]
     back = warned(rows_of(-0.52, lambda t: -slips_in(t)))[1]

@@ -75,6 +75,11 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     assert begin + 0.3 * LENGTH < event["time"] < begin + LENGTH
     assert event["text"] in said
 
+    # Warned before, at the first level, however many messages are replayed at a time.
+    (first,) = [event for event in summary["events"] if event["kind"] == "stuck"]
+    assert begin < first["time"] < event["time"]
+    assert "may get stuck" in first["text"]
+
     digging = table[table["digging_in"]]
     assert set(digging["wheel"]) == set(table["wheel"])  # all that roll: the vehicle gets stuck
     assert digging["time"].min() == pytest.approx(event["time"], abs=0.2)
