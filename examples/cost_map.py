@@ -62,7 +62,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
 def simulated(folder: Path) -> tuple[Path, Grid]:
     """Write a bag of a drive over firm and soft sand, and draw the classifier's grid of the field."""
     firm = soil_of_pressure("firm", 36e3, 0.75, 0.3, friction_angle=0.60, cohesion=1200.0)
-    soft = soil_of_pressure("soft", 3.2e3, 0.95, 0.3, friction_angle=0.52, cohesion=300.0)
+    soft = soil_of_pressure("soft", 1.5e3, 0.95, 0.3, friction_angle=0.40, cohesion=300.0)
     stretches = tuple(
         Stretch(start, kind)
         for start, kind in zip((0.0, *BORDERS), (firm, soft, firm), strict=True)
