@@ -70,14 +70,14 @@ def simulated(folder: Path) -> tuple[Path, Grid]:
     drive = simulate_drive(DriveSettings(seed=4, distance=16.0, stretches=stretches))
     bag = folder / "drive"
     write_drive_bag(drive, bag)
-    x, y = np.meshgrid(np.arange(-1.9, 30.0, 0.2), np.arange(-5.9, 6.0, 0.2))
+    x, y = np.meshgrid(np.arange(-1.9, 30.0, 0.2), np.arange(-3.9, 8.0, 0.2))
     start, end = np.interp(BORDERS, drive.truth.path, drive.truth.course[0])
     patches = (start < x) & (x < end)
     patches |= np.hypot(x - 21.0, y - 2.5) < 2.5
     patches |= np.hypot(x - 25.5, y + 3.0) < 2.0
     cells = np.where(patches, SOFT, FIRM).astype(np.int8)
-    cells[y > 5.0] = -1  # the camera did not see that far
-    return bag, Grid("odom", 0.2, (-2.0, -6.0), cells)
+    cells[y > 7.5] = -1  # the camera did not see that far
+    return bag, Grid("odom", 0.2, (-2.0, -4.0), cells)
 
 
 def main() -> int:
