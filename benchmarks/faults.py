@@ -2,8 +2,8 @@
 """Faults put into copies of drives: rows of what is done, and by which rule and subject it should be named.
 
 Subject `faults`: when each is named, what is reported beside it, and what is reported of drives on which all
-sensors are good. Held values, zeros and repeats begin at 30 % of the way of the rims, a jump at 50 %; all else is
-there from the beginning. Way: of the rims from the beginning until it is reported.
+sensors are good. Held values, zeros and repeats begin at 30 % of the way of the rims, a jump at 50 %; all
+else is there from the beginning. Way: of the rims from the beginning until it is reported.
 """
 
 from __future__ import annotations
