@@ -60,7 +60,8 @@ def draw(seed: int, picture: Path) -> None:
     grid = made.grid()
     assert pose is not None
     assert grid is not None
-    path = plan(grid, tuple(way[0]), pose.place(_BEHIND, 0.0), made.outline, "NavFn")
+    start = way[np.argmin(np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE))]
+    path = plan(grid, tuple(start), pose.place(_BEHIND, 0.0), made.outline, "NavFn")
     draw_cost(grid, picture, way=way, planned=path, title="Stuck there; a path to behind it")
 
 

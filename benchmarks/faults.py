@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults put into copies of drives: rows of what is done, and by which rule and subject it should be named.
 
-Subject `faults`: when each is named, what is said beside it, and what drives on which all sensors are good
-hear. Held values, zeros and repeats begin at 30 % of the way of the rims, a jump at 50 %; all else is
-there from the beginning. Way: of the rims from the beginning until it is said.
+Subject `faults`: when each is named, what is reported beside it, and what is reported of drives on which all
+sensors are good. Held values, zeros and repeats begin at 30 % of the way of the rims, a jump at 50 %; all
+else is there from the beginning. Way: of the rims from the beginning until it is reported.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Raw:
 
 
 def heard(drive: Raw) -> list[tuple[Finding, float]]:
-    """What is said of a drive, with the way at which it is."""
+    """What is reported of a drive, with the way at which it is."""
     streams = Streams(widths_of(drive.settings), rules_of(drive.settings))
     for name, stream in streams.all.items():
         stream.extend(*drive.rows[name])
@@ -237,7 +237,7 @@ def good_drive(seed: int) -> Raw:
 
 
 def trial(name: str, seed: int) -> Line:
-    """Put one fault into a drive: the way at which it is named, and what is said beside it."""
+    """Put one fault into a drive: the way at which it is named, and what is reported beside it."""
     drive = good_drive(seed)
     before = {(finding.rule, finding.subject) for finding, _ in heard(drive)}
     if name == NOTHING:

@@ -56,7 +56,7 @@ def held(line: Line, quantity: str) -> float:
 
 
 def accusations(world: Callable[[Line], str], line: Line) -> int:
-    """What is said of sensors that is not so."""
+    """What is reported about sensors that is not true."""
     said = world(line)
     return sum(not (said and re.search(said, words)) for words in line["findings"])
 
@@ -95,7 +95,7 @@ def checks(subject: str, most: float | None, each: str = "$^") -> list[Judge]:
             each,
         ),
         Judge(
-            f"what is so is said within {SOON:g} m",
+            f"what is true of the sensors is reported within {SOON:g} m",
             share(lambda one: has_fault(one) and said_soon(one), has_fault),
             0.75,
             None,
@@ -275,7 +275,7 @@ FIELD_JUDGES = [
     *(judge for judge in warnings(most=10.0) if judge.what == "false in 500 m by first level"),
     SLIP_KNOWN,
     *checks("field", 0.1, "."),
-    Judge("metres until it is said", middle(lambda one: one["said"])),
+    Judge("metres until it is reported", middle(lambda one: one["said"])),
 ]
 SLIP_JUDGES = [
     *band("slip", 0.88),

@@ -121,7 +121,7 @@ class Row:
         ]
 
     def said(self) -> str:
-        """What was said of its sensors."""
+        """What was reported about its sensors."""
         return "; ".join(self.accusations)
 
     @property
@@ -382,7 +382,7 @@ def markdown(table: pd.DataFrame) -> str:
     lines = [HEADER, ["---"] * len(HEADER), *table[HEADER].astype(str).to_numpy().tolist()]
     text = "".join("| " + " | ".join(cells) + " |\n" for cells in lines)
     told = [f"- {row.drive}: {row.said}\n" for row in table.itertuples() if row.said]
-    return text + "\nSaid of sensors:\n\n" + "".join(told)
+    return text + "\nReported about sensors:\n\n" + "".join(told)
 
 
 def main() -> int:

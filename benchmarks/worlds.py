@@ -9,7 +9,6 @@ so in `family`. All truth is from `smallwheel_ros.simulate`; nothing of the mode
 
 from __future__ import annotations
 
-import fnmatch
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -262,20 +261,3 @@ WORLDS: dict[str, World] = {
     for group in (_soils, _designs, _published, _faults, _curves, _labs, _pulls, _odd, _misfits)
     for world in group()
 }
-
-
-def matching(patterns: str) -> tuple[World, ...]:
-    """Worlds whose name matches one of the shell patterns, separated by commas.
-
-    Raises
-    ------
-    ValueError
-        If a pattern matches none.
-    """
-    found: dict[str, World] = {}
-    for pattern in patterns.split(","):
-        names = fnmatch.filter(WORLDS, pattern.strip())
-        if not names:
-            raise ValueError(f"no world is named {pattern!r}; there is: {', '.join(WORLDS)}")
-        found |= {name: WORLDS[name] for name in names}
-    return tuple(found.values())

@@ -62,7 +62,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
 def simulated(folder: Path) -> tuple[Path, Grid]:
     """Write a bag of a drive over firm and soft sand, and draw the classifier's grid of the field."""
     firm = soil_of_pressure("firm", 36e3, 0.75, 0.3, friction_angle=0.60, cohesion=1200.0)
-    soft = soil_of_pressure("soft", 3.2e3, 0.95, 0.3, friction_angle=0.52, cohesion=300.0)
+    soft = soil_of_pressure("soft", 1.5e3, 0.95, 0.3, friction_angle=0.40, cohesion=300.0)
     stretches = tuple(
         Stretch(start, kind)
         for start, kind in zip((0.0, *BORDERS), (firm, soft, firm), strict=True)
@@ -70,14 +70,14 @@ def simulated(folder: Path) -> tuple[Path, Grid]:
     drive = simulate_drive(DriveSettings(seed=4, distance=16.0, stretches=stretches))
     bag = folder / "drive"
     write_drive_bag(drive, bag)
-    x, y = np.meshgrid(np.arange(-1.9, 30.0, 0.2), np.arange(-5.9, 6.0, 0.2))
+    x, y = np.meshgrid(np.arange(-1.9, 30.0, 0.2), np.arange(-3.9, 8.0, 0.2))
     start, end = np.interp(BORDERS, drive.truth.path, drive.truth.course[0])
     patches = (start < x) & (x < end)
     patches |= np.hypot(x - 21.0, y - 2.5) < 2.5
     patches |= np.hypot(x - 25.5, y + 3.0) < 2.0
     cells = np.where(patches, SOFT, FIRM).astype(np.int8)
-    cells[y > 5.0] = -1  # the camera did not see that far
-    return bag, Grid("odom", 0.2, (-2.0, -6.0), cells)
+    cells[y > 7.5] = -1  # the camera did not see that far
+    return bag, Grid("odom", 0.2, (-2.0, -4.0), cells)
 
 
 def main() -> int:

@@ -481,6 +481,26 @@ class TestVehicle:
         assert at(default, 1.5, 0.75) == 50
         assert at(default, 1.5, 1.05) == -1
 
+    @pytest.mark.parametrize("resolution", [0.05, 0.1])
+    def test_where_the_middle_is_cheap_no_wheel_stands_on_dear_ground(
+        self, resolution: float
+    ) -> None:
+        """Whichever way the vehicle looks; so a planner that goes by base_link keeps all wheels off."""
+        cost_map = made(ROVER, spread=None, resolution=resolution)
+        cells = np.full((61, 61), 0, np.int8)
+        cells[30, 30] = 100
+        dear = spread(cells, cost_map.spread / resolution) == 100
+        outline = cost_map.outline
+        rows, columns = np.nonzero(~dear)
+        for yaw in np.arange(0.0, math.pi, 0.05):
+            for ahead in (outline.rear, outline.front):
+                for left in (outline.right, outline.left):
+                    x, y = Pose(0.0, 0.0, float(yaw)).place(ahead, left)
+                    at_row = np.floor((rows + 0.5) + y / resolution).astype(int)
+                    at_column = np.floor((columns + 0.5) + x / resolution).astype(int)
+                    assert not np.any((at_row == 30) & (at_column == 30)), yaw
+        assert dear.sum() < 1.5 * math.pi * (cost_map.spread / resolution) ** 2  # and no more
+
     def test_who_is_stuck_is_let_out_and_does_not_come_back_there(self) -> None:
         for settings_ in ({"spread": 0.0}, {"spread": None}):
             cost_map = made(ROVER, **settings_)

@@ -11,7 +11,7 @@ from pandas.testing import assert_frame_equal
 from benchmarks._bench import correlated, heavy_tailed
 from benchmarks._world_curves import DENSITIES, ornstein_uhlenbeck, random_fourier, selected
 from benchmarks._world_labs import drawn
-from benchmarks.worlds import INSTRUMENTS, WORLDS, matching
+from benchmarks.worlds import INSTRUMENTS, WORLDS
 from smallwheel_ros.effects.registry import families, is_of_column
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import write_table
@@ -173,14 +173,3 @@ def test_pull_of_another_law_leaves_the_rest_alone():
         assert tables[0][column].equals(tables[2][column])
     assert not np.allclose(tables[0]["drawbar_pull [N]"], tables[1]["drawbar_pull [N]"], atol=5)
     assert "resistance [N]" not in WORLDS["pull/hump-without-R-nothing"](2)[0]
-
-
-def test_worlds_by_pattern():
-    assert [world.name for world in matching("lab/2x5-*,few/*")] == [
-        "lab/2x5-nothing",
-        "lab/2x5-slip_sinkage",
-        "lab/2x5-load_offset=-4",
-        "few/5-runs-slip_sinkage",
-    ]
-    with pytest.raises(ValueError, match="no world is named 'soil/gravity'"):
-        matching("soil/*,soil/gravity")

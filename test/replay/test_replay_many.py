@@ -300,8 +300,9 @@ def test_a_cluster_of_two_processes(bags, rover, tmp_path):
     bad.write_bytes(b"no bag at all")
     out = tmp_path / "out"
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster:
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
+        local_directory=tmp_path,
+    ) as cluster:  # fmt: skip
         arguments = ("replay", bad, *bags[:2], "--config", rover, "-o", out,
                      "--scheduler", cluster.scheduler_address)  # fmt: skip
         result = smallwheel(*arguments, code=1)
