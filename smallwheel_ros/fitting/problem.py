@@ -290,7 +290,9 @@ class Problem:
         if not rows.size:
             return self
         outliers = np.union1d(self.outliers, rows)
-        return Problem(points_of(self.measurements, outliers), outliers, self.base)
+        points = points_of(self.measurements, outliers)
+        points = points.only([n for n in points.channels if n in self.points.channels])
+        return replace(self, points=points, outliers=outliers)
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
         """The same with one effect more in the base; told: as `Base.told`."""

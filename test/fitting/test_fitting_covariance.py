@@ -92,7 +92,7 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
     expected = np.sqrt(np.diag(scaled)) * scale
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), expected, rtol=0.02)
     # What is reported adds what the components' own uncertainty brings, and never takes away.
-    reported = np.sqrt(np.diag(posterior_covariance(fitter, fit)))
+    reported = np.sqrt(np.diag(posterior_covariance(fitter, fit, fit.scatter)))
     assert np.all(reported > 0.9 * expected)
     assert np.all(reported < 2.0 * expected)
 
