@@ -103,9 +103,7 @@ class Runs:
         rolling = conditions.rolling[points.row].any()
         contact = np.full(count, ROLLING if rolling else conditions.contact[points.row[0]])
         covariates = {name: made[name] for name in conditions.covariates}
-        there = Conditions(
-            made["load"], made["diameter"], made["width"], contact, soil, covariates
-        )
+        there = Conditions(made["load"], made["diameter"], made["width"], contact, soil, covariates)
         shown = {name: made[name] for name in dict.fromkeys(("load", "diameter", "width", *used))}
         near = np.ones((count, len(points)), dtype=bool)
         for name in (n for n in shown if n in columns):

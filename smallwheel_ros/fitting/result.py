@@ -257,7 +257,9 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     ]
     deviations = scatter.deviations
     run_scatter = {"ln k": deviations["tau"]}
-    run_scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
+    run_scatter |= {
+        n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")
+    }
     found = FitResult(
         model,
         points.measurements,

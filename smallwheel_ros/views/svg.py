@@ -64,7 +64,8 @@ def frame(panel: Panel) -> tuple[str, list[float]]:
         {"svg.fonttype": "none", "svg.hashsalt": "plot", "path.simplify_threshold": 0.5}
     ):
         # Not `savefig`, which draws all twice, the first time for nothing.
-        FigureCanvasSVG(axes.figure).print_svg(out, metadata={"Date": None})
+        canvas: Any = FigureCanvasSVG(axes.figure)  # type: ignore[arg-type]  # no SubFigure
+        canvas.print_svg(out, metadata={"Date": None})
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
     scale: list[Any] = [x0, x1 - x0, 72.0 * height - y0, y0 - y1]
     return _shorter(out.getvalue()), [float(f"{value:.6g}") for value in scale]
