@@ -40,9 +40,9 @@ class Kind:
     """A kind of argument, as it is typed on the command line.
 
     type: of each value. within: its lowest and highest, None: none. several: it may be given several times.
-    unnamed: it stands without a name. names: of the option, where they are not the parameter's. say: a text
-    behind that of the docstring. read: makes of what was typed what the function takes. of_table: levels of
-    settings of the table that is read.
+    unnamed: it stands without a name where it is the first of its function. names: of the option, where they
+    are not the parameter's. say: a text behind that of the docstring. read: makes of what was typed what the
+    function takes. of_table: levels of settings of the table that is read.
     """
 
     metavar: str | None = None
@@ -157,3 +157,12 @@ Remaps = Annotated[
 ]
 Copied = Annotated[Copy, Kind()]
 Hertz = Annotated[float, Kind("HZ", type=float, within=(0.0, 1000.0))]
+
+DataSets = Annotated[str | PathLike[str], Kind(type=Path, unnamed=True)]
+OwnLaws = Annotated[str | PathLike[str], Kind("FILE", type=Path)]
+BagOrUrdf = Annotated[str | PathLike[str], Kind("[BAG|URDF]", type=Path, unnamed=True)]
+Urdf = Annotated[str | PathLike[str], Kind("FILE", type=Path)]
+Count = Annotated[int, Kind("N", type=int)]
+Distance = Annotated[float, Kind(type=float, within=(2.0, 500.0))]
+Pace = Annotated[float, Kind(type=float, within=(0.001, 1000.0))]
+Seconds = Annotated[float, Kind(type=float, within=(0.0, 86400.0))]

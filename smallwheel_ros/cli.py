@@ -26,12 +26,12 @@ COMMANDS = {
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "benchmark": ("commands.bench:benchmark", "A table of laws on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
-    "init": ("init.from_bag:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
+    "init": ("commands.init:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
     "node": ("ros:node", "The node on the robot, without the command line of ROS."),
     "replay": ("commands.replay:replay", "The node's estimator over recorded drives, without ROS."),
     "simulate": ("simulate.command:simulate", "Data or a drive from the truth simulator."),
-    "demo": ("demo.command:demo", "Play a simulated drive into the node over DDS, draw what it finds."),
-    "play": ("demo.command:play", "Publish a bag over DDS."),
+    "demo": ("demo.command:demo_command", "Play a simulated drive into the node, draw what it finds."),
+    "play": ("demo.command:play_command", "Publish a bag over DDS."),
 }  # fmt: skip
 
 

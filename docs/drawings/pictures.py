@@ -39,11 +39,6 @@ def draw_rig(target: Path, folder: Path) -> None:
     run("docs/drawings/rig.py")
 
 
-def draw_cost_map(target: Path, folder: Path) -> None:
-    """A field with soft patches after a drive."""
-    run("examples/cost_map.py", "-o", target)
-
-
 def draw_cost_detour(target: Path, folder: Path) -> None:
     """A path past where a robot got stuck."""
     run("benchmarks/cost_detours.py", "--picture", target)
@@ -61,18 +56,19 @@ def draw_real_drive(target: Path, folder: Path) -> None:
 
 
 def draw_demo(target: Path, folder: Path) -> None:
-    """What the node finds in the demo's drive; needs ROS."""
+    """What the node finds in the demo's drive, and what its soil costs: pictures of one run. Needs ROS."""
     run("-m", "smallwheel_ros", "demo", "-o", folder)
-    shutil.copy(folder / "drive.png", target)
+    for name, made in {"demo.png": "drive.png", "cost_map.png": "cost.png"}.items():
+        shutil.copy(folder / made, target.with_name(name))
 
 
 PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "learnt.png": draw_learnt,
     "rig_sinkage.png": draw_rig,
-    "cost_map.png": draw_cost_map,
     "cost_detour.png": draw_cost_detour,
     "odometry.png": draw_odometry,
     "demo.png": draw_demo,
+    "cost_map.png": draw_demo,
     "real_drive.png": draw_real_drive,
 }
 
@@ -82,10 +78,11 @@ def main(names: list[str]) -> None:
     unknown = [name for name in names if name not in PICTURES]
     if unknown:
         sys.exit(f"no picture {unknown[0]}: there is {', '.join(PICTURES)}")
-    for name in names or PICTURES:
+    # Two that are of one run are drawn once.
+    for draw, name in {PICTURES[name]: name for name in names or PICTURES}.items():
         print(f"{IMAGES / name}", flush=True)
         with tempfile.TemporaryDirectory() as folder:
-            PICTURES[name](IMAGES / name, Path(folder))
+            draw(IMAGES / name, Path(folder))
 
 
 if __name__ == "__main__":

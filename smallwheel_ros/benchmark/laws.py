@@ -21,7 +21,7 @@ from smallwheel_ros.benchmark.own import LawError, OwnLaw
 from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.problem import Base, Problem, fit_points
+from smallwheel_ros.fitting.problem import Base, Problem, fit_from, fitter_of
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
@@ -79,7 +79,8 @@ class Fold:
 
 def _closed_form(points: Points) -> tuple[Fitter, Fit]:
     base = Base(geometry="closed_form", thrust_form="integrated")
-    return fit_points(points, base.vector(points))
+    fitter = fitter_of(points)
+    return fitter, fit_from(fitter, base.vector(points))
 
 
 def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from smallwheel_ros.benchmark.laws import INTEGRAL, OURS, Fold, predictions
 from smallwheel_ros.benchmark.own import OwnLaw
@@ -64,7 +64,7 @@ class Errors:
             return None
         if d.std is None or d.parts < _FEWEST:
             return "cannot tell"
-        if abs(d.mean) <= d.std * student.ppf(1.0 - ALARM / 2.0, d.parts - 1):
+        if abs(d.mean) <= d.std * stdtrit(d.parts - 1, 1.0 - ALARM / 2.0):
             return "cannot tell"
         return "wins" if d.mean > 0 else "loses"
 

@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
+from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
 from smallwheel_ros.commands.command import CommandError, command, options_of, taken, with_table
 from smallwheel_ros.commands.outputs import (
     HTML,
     JSON,
-    PATH,
     PLOTS,
     Options,
     check_outputs,
@@ -20,8 +19,7 @@ from smallwheel_ros.commands.outputs import (
     output,
     progress_bar,
 )
-from smallwheel_ros.common.console import show, tell
-from smallwheel_ros.common.files import check_targets
+from smallwheel_ros.common.console import tell
 from smallwheel_ros.compare.compare import compare as compare_models
 from smallwheel_ros.diagnosis.add import add as add_effect
 from smallwheel_ros.diagnosis.diagnose import diagnose as diagnose_data
@@ -140,41 +138,34 @@ def report(**options: Any) -> None:
     tell({"schema": 1, **found}, f"written: {options['output']}", options["json_file"])
 
 
-@click.command()
-@click.argument("folder", type=PATH)
-@click.option("--law", type=PATH, metavar="FILE",
-              help="Python file with laws of your own, which is run.")  # fmt: skip
-@click.option("-o", "--output", type=PATH, metavar="FILE",
-              help="Write the errors as a table (CSV).")  # fmt: skip
-@JSON
-@HTML
-def benchmark(
-    folder: Path, law: Path | None, output: Path | None, json_file: str | None, html: Path | None
-) -> None:
-    """Hold laws of sinkage, pull and torque against the measured data sets in FOLDER.
-
-    A data set is a folder with its licence (a file LICENSE) and its tables. One size of plate, level of
-    slip, wheel, run or soil after the other is left out, and every law is fitted to the rest: the mean of
-    the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece where pull or
-    torque was measured, the contact integral, and ours: that with the effects which a diagnosis of the rest
-    names. What is printed, of each table as soon as it is done, is the error on what was left out, and
-    whether ours wins, loses, or cannot be told from each other law.
-
-    --law enters a law of your own: a class of about ten lines (docs/benchmark.md).
-    """
+def _tables_shown(asked: Options) -> Options:
+    """Each table of the benchmark is printed as soon as it is done."""
     from tqdm import tqdm
 
-    from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
-    from smallwheel_ros.benchmark.table import LawTable
-    from smallwheel_ros.views.benchmark import ending, table_text
+    from smallwheel_ros.views.benchmark import table_text
 
-    def done(table: LawTable) -> None:
-        if json_file != "-":
+    def done(table: Any) -> None:
+        if asked["json_file"] != "-":
             with tqdm.external_write_mode():
                 click.echo(f"{table_text(table)}\n")
 
-    check_targets([output, json_file, html], [law])
-    with progress_bar("benchmark", unit="fit") as progress:
-        result = laws_on_data(folder, progress, done, law)
-    written = [result.save(path) for path in (output, html) if path is not None]
-    show(result, json_file, written, ending(result))
+    return {"done": done}
+
+
+def _benchmarked(result: Any, asked: Options) -> None:
+    from smallwheel_ros.views.benchmark import ending
+
+    finish(result, asked, ending(result))
+
+
+benchmark = command(
+    laws_on_data,
+    output("Write the errors as a table (CSV)."),
+    JSON,
+    HTML,
+    words="Each table is printed as soon as it is done.\n\n"
+    "--law enters a law of your own: a class of about ten lines (docs/benchmark.md).",
+    heard=_tables_shown,
+    finish=_benchmarked,
+    bar={"what": "benchmark", "unit": "fit"},
+)

@@ -76,7 +76,7 @@ def _option(function: Function, name: str, kind: Kind, type: Any) -> Decorator:
     required = parameter.default is parameter.empty and parameter.kind is not parameter.VAR_KEYWORD
     how: Given = {"type": _type_of(kind, type), "metavar": kind.metavar, "required": required}
     how["callback"] = _callback(kind)
-    if kind.unnamed and required:
+    if _is_unnamed(function, name, kind):
         return click.argument(name, nargs=-1 if kind.several else 1, **how)
     if parameter.default not in (None, (), parameter.empty):
         how |= {"default": parameter.default, "show_default": type is not bool or parameter.default}
@@ -128,11 +128,13 @@ def command(
     begin: Callable[[Given], None] = lambda asked: None,
     finish: Finish = finish,
     bar: Mapping[str, Any] | None = None,
+    heard: Callable[[Given], Given] = lambda asked: {},
 ) -> click.Command:
     """The command of a function of the API: it reads the table, calls the function, and shows the result.
 
     outputs: options beside those of the function, which `begin` checks before the work and `finish` gets
-    after it. words: behind those of the docstring. bar: of the progress, as `progress_bar` has it.
+    after it. words: behind those of the docstring. bar: of the progress, as `progress_bar` has it. heard:
+    what else the function tells, by its arguments' names, made of the options.
     """
     kinds = kinds_of(function)
     listens = "progress" in inspect.signature(function).parameters
@@ -141,8 +143,11 @@ def command(
         given = taken(function, options)
         begin(options)
         check_outputs(given, options)
-        with progress_bar(**(bar or {"what": function.__name__})) as progress:
-            called = with_table(function, given) | ({"progress": progress} if listens else {})
+        called = with_table(function, given) | heard(options)
+        if listens:
+            with progress_bar(**(bar or {"what": function.__name__})) as progress:
+                result = function(**called, progress=progress)
+        else:
             result = function(**called)
         finish(result, options)
 
@@ -151,13 +156,13 @@ def command(
         made = output(made)
     made = options_of(function)(made)
     said, texts = described(function)
-    unnamed = [n for n, (kind, _) in kinds.items() if kind.unnamed and _is_required(function, n)]
+    unnamed = [n for n, (kind, _) in kinds.items() if _is_unnamed(function, n, kind)]
     arguments = [f"{name.upper()}: {texts[name]}" for name in unnamed]
     return click.command(function.__name__, help="\n\n".join([said, *arguments, words]))(made)
 
 
-def _is_required(function: Function, name: str) -> bool:
-    return inspect.signature(function).parameters[name].default is inspect.Parameter.empty
+def _is_unnamed(function: Function, name: str, kind: Kind) -> bool:
+    return kind.unnamed and name == next(iter(inspect.signature(function).parameters))
 
 
 def taken(function: Function, options: Given) -> Given:

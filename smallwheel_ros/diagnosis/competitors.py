@@ -89,10 +89,10 @@ class Competitor:
             return False
         kind = type(other.effect)
         if self.stage == "pressure":
-            return kind.overrides("pressure_factor")
+            return "pressure_factor" in kind.acts
         if self.span.column not in other.drivers or self.span.side * kind.side < 0:
             return False
-        return any(kind.overrides(stage) for stage in self.stands_for)
+        return not set(self.stands_for).isdisjoint(kind.acts)
 
 
 def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:

@@ -105,7 +105,7 @@ def document_of(
     learnt = found.field.learnt_from(measurements)
     left = residuals_left(fitter, best)
     worst = worst_left(left, measurements)
-    alone = errors_alone(problem, found, verdict.probabilities)
+    alone = errors_alone(problem, found, evidence.held_out, verdict.probabilities)
     ranking = _ranking(found, verdict, alone, base, learnt)
     if told is not None:
         others = [row for row in ranking if row["effect"] != told.part.id]
@@ -268,7 +268,7 @@ def _row(
     if model is not None:
         competitor = next(c for c in model.competitors if c.family == name)
         law, form = competitor.effect, competitor.form
-        covariance = posterior_covariance(found.fitter, model)
+        covariance = posterior_covariance(found.fitter, model, model.scatter)
         parameters = _parameters(model, covariance, competitor.part.id, law)
     probability = verdict.probabilities.get(name, 0.0)
     return _entry(law, parameters, base, errors) | {

@@ -220,11 +220,16 @@ def _any_helps(problem: Problem, found: Search, rivals: Collection[str]) -> bool
 
 
 def errors_alone(
-    problem: Problem, found: Search, probabilities: Mapping[str, float]
+    problem: Problem, found: Search, held: HeldOut, probabilities: Mapping[str, float]
 ) -> dict[str, CvErrors]:
-    """Held-out errors of the most probable families, each alone in its best form."""
+    """Held-out errors of the most probable families, each alone in its best form.
+
+    Of one that is the first step this is the error of the step.
+    """
+    known = {step.added: step.errors for step in held.steps[1:2] if step.added is not None}
     families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))
-    models = {f: alone[0] for f in families if (alone := found.all_alone(f))}
-    shown = list(models)[:_LISTED]
-    choose = _as_they_are(problem.judged, [models[f] for f in shown])
-    return dict(zip(shown, errors_of(problem, choose, len(shown)), strict=True))
+    alone = {f: found.all_alone(f) for f in families}
+    shown = [f for f in families if alone[f]][:_LISTED]
+    models = {f: alone[f][0] for f in shown if f not in known}
+    choose = _as_they_are(problem.judged, list(models.values()))
+    return known | dict(zip(models, errors_of(problem, choose, len(models)), strict=True))

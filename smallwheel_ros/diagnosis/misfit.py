@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_law
+from scipy.special import fdtrc
 
 from smallwheel_ros.diagnosis.held_out import HeldOut
 from smallwheel_ros.diagnosis.posterior import Posterior
@@ -157,7 +157,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
         worst = mine[setting == int(np.argmax(np.abs(mean) * np.sqrt(count)))]
         found[name] = LackOfFit(
             float(np.sqrt(off / noise)),
-            float(f_law.sf(off / noise, spare, repeats)),
+            float(fdtrc(spare, repeats, off / noise)),
             float(np.sqrt(np.mean(mean**2))),
             setting_of(points, worst),
         )

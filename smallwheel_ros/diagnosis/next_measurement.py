@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from smallwheel_ros.diagnosis.search import Candidate, Search
 from smallwheel_ros.diagnosis.settings import independent
@@ -68,84 +68,85 @@ def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def candidate_runs(points: Points, limits: Limits) -> tuple[Conditions, list[dict[str, float]]]:
-    """A grid of what can be set: the given levels, else low, middle and high of what was varied.
+@dataclass(frozen=True)
+class Runs:
+    """A grid of what can be measured. settings: shown, by name. known: of which the table has enough runs."""
 
-    limits: by setting (SI), the levels that the user can set.
-    """
-    columns, conditions = independent(points), points.conditions
-    columns.pop(points.order, None)  # nobody sets the time
-    order = [*(n for n in limits if n in conditions), *(n for n in columns if n not in limits)]
-    order.sort(key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width")))
-    used = order[:_MOST_SETTINGS]
-    choices = [_levels(columns.get(n, points.column(n)), n, limits) for n in used]
-    combined = np.array([[_rounded(v) for v in run] for run in itertools.product(*choices)])
-    count = len(combined)
-    made = dict(zip(used, combined.T, strict=True))
-    for name in ("load", "diameter", "width", *conditions.covariates):
-        column = points.column(name)
-        middle = column[np.argmin(np.abs(column - np.median(column)))]  # one that exists
-        made.setdefault(name, np.full(count, middle))
-    shown = dict.fromkeys(("load", "diameter", "width", *used))
-    settings = [{name: _rounded(made[name][i]) for name in shown} for i in range(count)]
-    soil = None
-    if conditions.soil is not None:
-        names, counts = np.unique(conditions.soil[points.row], return_counts=True)
-        soil = np.full(count, names[np.argmax(counts)])
-    rolling = conditions.rolling[points.row].any()
-    contact = np.full(count, ROLLING if rolling else conditions.contact[points.row[0]])
-    load, diameter, width = (made.pop(name) for name in ("load", "diameter", "width"))
-    covariates = {name: made[name] for name in conditions.covariates}
-    return Conditions(load, diameter, width, contact, soil, covariates), settings
+    conditions: Conditions
+    settings: Mapping[str, Array]
+    known: NDArray[np.bool_]
 
+    @classmethod
+    def of(cls, points: Points, limits: Limits) -> Runs:
+        """The given levels of each setting, else low, middle and high of what was varied.
 
-def _enough(points: Points, there: Conditions, used: Sequence[str]) -> NDArray[np.bool_]:
-    """Candidate settings of which the table has as many runs as would be proposed."""
-    near = np.ones((len(there), len(points)), dtype=bool)
-    for name in used:
-        column = points.column(name)
-        span = max(float(np.ptp(column)), 1e-12)
-        near &= np.abs(there[name][:, None] - column[None, :]) <= _SAME * span
-    return np.array([np.unique(points.run[row]).size >= RUNS for row in near])
+        limits: by setting (SI), the levels that the user can set.
+        """
+        columns, conditions = independent(points), points.conditions
+        settable = [n for n in columns if n != points.order]  # a time is not set
+        order = [*(n for n in limits if n in conditions), *(n for n in settable if n not in limits)]
+        order.sort(key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width")))
+        used = order[:_MOST_SETTINGS]
+        choices = [_levels(columns.get(n, points.column(n)), n, limits) for n in used]
+        rounded = [[_rounded(v) for v in levels] for levels in choices]
+        combined = np.array([*itertools.product(*rounded)])
+        count = len(combined)
+        made = dict(zip(used, combined.T, strict=True))
+        for name in ("load", "diameter", "width", *conditions.covariates):
+            column = points.column(name)
+            middle = column[np.argmin(np.abs(column - np.median(column)))]  # one that exists
+            made.setdefault(name, np.full(count, middle))
+        soil = None
+        if conditions.soil is not None:
+            names, counts = np.unique(conditions.soil[points.row], return_counts=True)
+            soil = np.full(count, names[np.argmax(counts)])
+        rolling = conditions.rolling[points.row].any()
+        contact = np.full(count, ROLLING if rolling else conditions.contact[points.row[0]])
+        covariates = {name: made[name] for name in conditions.covariates}
+        there = Conditions(made["load"], made["diameter"], made["width"], contact, soil, covariates)
+        shown = {name: made[name] for name in dict.fromkeys(("load", "diameter", "width", *used))}
+        near = np.ones((count, len(points)), dtype=bool)
+        for name in (n for n in shown if n in columns):
+            column = points.column(name)
+            span = max(float(np.ptp(column)), 1e-12)
+            near &= np.abs(there[name][:, None] - column) <= _SAME * span
+        known = np.array([np.unique(points.run[row]).size >= RUNS for row in near])
+        return cls(there, shown, known)
 
 
 def propose(
-    fitter: Fitter,
-    first: Fit,
-    second: Fit,
-    names: tuple[str, str],
-    hint: str = "",
-    limits: Limits | None = None,
+    fitter: Fitter, runs: Runs, first: Fit, second: Fit, names: tuple[str, str], hint: str = ""
 ) -> Proposal | None:
     """The setting that tells two models apart best, made in six runs; None where none does.
 
-    hint: a sentence on how to check one of the two. limits: what the user can set.
+    hint: a sentence on how to check one of the two.
     """
-    points = fitter.points
-    there, settings = candidate_runs(points, limits or {})
-    count, channels = len(there), len(points.channels)
-    channel, row = np.divmod(np.arange(channels * count), count)
-    predictor = Predictor(there, points.channels, channel, row)
-    a = predictor(first.vector, first.theta).reshape(channels, count)
+    there, channels = runs.conditions, fitter.points.channels
+    shape = len(channels), len(there)
+    channel, row = (index.reshape(-1) for index in np.indices(shape))
+    predictor = Predictor(there, channels, channel, row)
+    a = predictor(first.vector, first.theta).reshape(shape)
     predicted, slopes = predictor.with_slopes(second.vector, second.theta)
-    b = predicted.reshape(channels, count)
-    stiff = replace(second, slopes=slopes).stiffness.reshape(channels, count)
-    slopes = slopes.reshape(channels, count, -1)
+    b = predicted.reshape(shape)
+    stiff = replace(second, slopes=slopes).stiffness.reshape(shape)
+    slopes = slopes.reshape(*shape, -1)
     spread = np.einsum("cip,pq,diq->icd", slopes, second.covariance, slopes)
     variance = spread + _scatter(fitter, second, b, stiff) / RUNS
     gain = np.einsum("ic,icd,id->i", (a - b).T, np.linalg.inv(variance), (a - b).T)
-    bad = _enough(points, there, [n for n in settings[0] if n in independent(points)])
+    bad = runs.known
     for model in (first.model, second.model):
         said = predict(model, there, with_forces=False)
-        bad |= said.immobilised | ~(said.sinkage > 0) | (said.sinkage > _DEEPEST * there.diameter)
+        too_deep = ~(said.sinkage > 0) | (said.sinkage > _DEEPEST * there.diameter)
+        bad = bad | said.immobilised | too_deep
     gain = np.where(bad | ~np.isfinite(gain), -1.0, gain)
     best = int(np.argmax(gain))
     if gain[best] <= 0:
         return None
-    power = float(norm.cdf(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
-    shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings[best].items())
+    power = float(ndtr(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
+    settings = {name: _rounded(column[best]) for name, column in runs.settings.items()}
+    shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings.items())
     text = f"{RUNS} runs at {shown} tell {effect_words(names[0])} from {effect_words(names[1])}"
-    return Proposal(settings[best], names, RUNS, power, text + (f"; {hint}" if hint else ""))
+    return Proposal(settings, names, RUNS, power, text + (f"; {hint}" if hint else ""))
 
 
 def _scatter(fitter: Fitter, fit: Fit, level: Array, stiff: Array) -> Array:
@@ -168,7 +169,7 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
     known = [m for m in models if m is not None]
     pairs = [(known[0], other) for other in known[1:]]
     pairs += [(first, m) for m in ordered if m.families != first.families][:_MOST_PROPOSALS]
-    made: list[Proposal] = []
+    runs, made = Runs.of(found.fitter.points, limits), list[Proposal]()
     for one, other in pairs:
         apart = one.families - other.families, other.families - one.families
         names = tuple(min(families, default="none") for families in apart)
@@ -178,7 +179,7 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
                  if c.family in names and c.effect is not None and c.effect.next_step]  # fmt: skip
         hint = hints[0] if hints else ""
         try:
-            one_of = propose(found.fitter, one, other, (names[0], names[1]), hint, limits)
+            one_of = propose(found.fitter, runs, one, other, (names[0], names[1]), hint)
         except FAILURES:
             continue
         made += [one_of] if one_of is not None and one_of.expected_power > LEAST_POWER else []

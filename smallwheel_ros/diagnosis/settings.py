@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from smallwheel_ros.fitting.constants import ANSWERS, SAME_ORDER, WAVERS
 from smallwheel_ros.fitting.points import Points
@@ -100,5 +99,6 @@ def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
 def _ranks(column: Array) -> Array:
     """Ranks between -1 and 1; what agrees to a hundredth of the range has one rank."""
     steps = cluster(column, _ONE_RANK * float(np.ptp(column)))
-    ranks = rankdata(steps)
+    _, place, count = np.unique(steps, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(count) - 0.5 * count)[place.reshape(-1)]
     return np.asarray(2.0 * (ranks - ranks.mean()) / max(float(np.ptp(ranks)), 1.0))

@@ -21,7 +21,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.problem import Base, Problem, fit_points
+from smallwheel_ros.fitting.problem import Base, Problem, fit_from, fitter_of
 from smallwheel_ros.physics.conditions import Conditions
 
 _SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
@@ -71,7 +71,8 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
         return None
     if not points.forces or len(mine := _as_measured(points)) < 2:
         return None
-    fitter, none = fit_points(mine, Base(effects=(_AsShown(),)).vector(mine), working=False)
+    fitter = fitter_of(mine, working=False)
+    none = fit_from(fitter, Base(effects=(_AsShown(),)).vector(mine))
     share = constants.EXPECTED_EFFECTS / len(registry.families)
     faults = _faults(registry, {*without, *problem.base.names})
     made = [one for fault in faults if (one := _with(fitter, none, fault)) is not None]

@@ -164,6 +164,8 @@ class Effect:
     learnt_from: ClassVar[str] = ""
     # Known physics of this package is applied wherever its columns are there: never a discovery.
     known_physics: ClassVar[bool] = False
+    # The stages that it acts at, in their order: those whose methods it has.
+    acts: ClassVar[tuple[str, ...]] = ()
     _drivers_stated: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
@@ -172,13 +174,13 @@ class Effect:
             cls._drivers_stated = True
         elif not cls._drivers_stated:
             cls.drivers = cls.needs
-        acts = cls._acts()
+        cls.acts = tuple(s for s in STAGES if getattr(cls, s) is not getattr(Effect, s))
         if "form" not in own:
             cls.form = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
         if "stage" not in own:
-            cls.stage = acts[0] if acts else ""
+            cls.stage = cls.acts[0] if cls.acts else ""
         if "channels" not in own:
-            touched = {name for stage in acts for name in _CHANNELS[stage]}
+            touched = {name for stage in cls.acts for name in _CHANNELS[stage]}
             cls.channels = tuple(name for name in _ALL_CHANNELS if name in touched)
 
     def __post_init__(self) -> None:
@@ -191,16 +193,6 @@ class Effect:
                     f"effect '{self.id}': {known.name} is {value!r}, "
                     f"expected {low:g} to {high:g} [{known.unit}]"
                 )
-
-    @classmethod
-    def overrides(cls, stage: str) -> bool:
-        """Whether the effect acts at that stage."""
-        return getattr(cls, stage) is not getattr(Effect, stage)
-
-    @classmethod
-    def _acts(cls) -> list[str]:
-        """The stages that it acts at, in their order."""
-        return [stage for stage in STAGES if cls.overrides(stage)]
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -267,8 +259,7 @@ class Effect:
     @classmethod
     def _reached(cls, conditions: Conditions) -> NDArray[np.bool_]:
         """Rows that the effect can act on: rolling ones, unless it has a stage for all."""
-        acts = cls._acts()
-        everywhere = not acts or any(stage not in ROLLING_STAGES for stage in acts)
+        everywhere = not cls.acts or any(stage not in ROLLING_STAGES for stage in cls.acts)
         return np.ones(len(conditions), dtype=bool) if everywhere else conditions.rolling
 
     def corrected_load(self, load: Array, conditions: Conditions) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
 from smallwheel_ros.fitting.parameters import soil_from, soil_numbers
 from smallwheel_ros.fitting.points import Index, Mask, Points, filled
+from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
 
@@ -165,7 +166,8 @@ def row_errors(
 ) -> dict[str, Array]:
     """Measured less predicted of these rows, by channel, shape (rows of the table,), else NaN."""
     used = np.unique(np.concatenate(list(rows.values())))
-    predicted = predict(model, filled(measurements.conditions).take(used))
+    there, forces = filled(measurements.conditions).take(used), not set(FORCES).isdisjoint(rows)
+    predicted = predict(model, there, with_forces=forces)
     found: dict[str, Array] = {}
     for name, index in rows.items():
         found[name] = np.full(len(measurements), np.nan)

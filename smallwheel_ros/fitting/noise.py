@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from smallwheel_ros.fitting.constants import CLEAN, FORCE_LUGS, FORCE_WHEEL, OUTLIER, ROW_NOISE
 from smallwheel_ros.fitting.line import Line
@@ -186,7 +186,7 @@ def outlier_limit(count: int) -> float:
     `OUTLIER`, and more where so few values know their deviation that chance alone would exceed it in one
     table of `1 / CLEAN`: a median knows about half as much as a sum of squares.
     """
-    return max(OUTLIER, float(student.isf(0.5 * CLEAN / max(count, 1), max(0.5 * count, 1.0))))
+    return max(OUTLIER, -float(stdtrit(max(0.5 * count, 1.0), 0.5 * CLEAN / max(count, 1))))
 
 
 def outlier_rows(points: Points) -> Index:

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
-from scipy.stats import t as student
+from scipy.special import gammaln, stdtr
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.constants import STUDENT
@@ -49,7 +48,7 @@ class Prior:
         if not self.heavy:
             return float(np.log(self.deviation) + 0.5 * np.log(2.0 * np.pi))
         low, high = ((b - self.centre) / self.deviation for b in (self.low, self.high))
-        inside = max(float(student.cdf(high, STUDENT) - student.cdf(low, STUDENT)), 1e-9)
+        inside = max(float(stdtr(STUDENT, high) - stdtr(STUDENT, low)), 1e-9)
         constant = gammaln((STUDENT + 1) / 2) - gammaln(STUDENT / 2)
         return float(np.log(inside * self.deviation) + 0.5 * np.log(STUDENT * np.pi) - constant)
 

@@ -112,13 +112,13 @@ class Points:
         """A setting at each value, shape (values,)."""
         return np.asarray(self.conditions[name][self.row])
 
-    @property
+    @cached_property
     def settings(self) -> dict[str, Array]:
         """Everything that was set by name, at each value, and when it was."""
         names = (*setting_columns(self.measurements), *([self.order] if self.order else []))
         return {name: self.column(name) for name in names}
 
-    @property
+    @cached_property
     def varied(self) -> dict[str, Array]:
         """The settings that were varied, by name, at each value."""
         found = self.settings.items()

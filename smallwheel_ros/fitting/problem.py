@@ -239,20 +239,19 @@ def opening(points: Points, vector: ParameterVector) -> Array:
     return theta
 
 
-def fit_points(
-    points: Points, vector: ParameterVector, start: Array | None = None, *, working: bool = True
-) -> tuple[Fitter, Fit]:
-    """A fitter of these points, and the fit of that model with it. start: theta. working: see `Fitter`.
-
-    Raises FittingError where there are too few values.
-    """
+def fitter_of(points: Points, *, working: bool = True) -> Fitter:
+    """A fitter of these points. working: see `Fitter`. Raises FittingError where there are too few values."""
     if len(points) < 2:
         raise FittingError("one measurement cannot be fitted: measure at least a few loads")
     level = levels_of(points)
-    working = working and points.share_errors
-    fitter = Fitter(points, level, repeats_of(points, level), working=working)
-    fit = fitter.fit(vector, opening(points, vector) if start is None else start, turns=1)
-    return fitter, settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
+    return Fitter(points, level, repeats_of(points, level), working=working and points.share_errors)
+
+
+def fit_from(fitter: Fitter, vector: ParameterVector, start: Array | None = None) -> Fit:
+    """A model fitted until it rests. start: theta; that of `opening` if not given."""
+    start = opening(fitter.points, vector) if start is None else start
+    fit = fitter.fit(vector, start, turns=1)
+    return settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
 
 
 def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
@@ -290,7 +289,9 @@ class Problem:
         if not rows.size:
             return self
         outliers = np.union1d(self.outliers, rows)
-        return Problem(points_of(self.measurements, outliers), outliers, self.base)
+        points = points_of(self.measurements, outliers)
+        points = points.only([n for n in points.channels if n in self.points.channels])
+        return replace(self, points=points, outliers=outliers)
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
         """The same with one effect more in the base; told: as `Base.told`."""
@@ -308,18 +309,14 @@ class Problem:
         return self.base.vector(self.points)
 
     @cached_property
-    def _made(self) -> tuple[Fitter, Fit]:
-        return fit_points(self.points, self.vector, working=not self.judging)
-
-    @property
     def fitter(self) -> Fitter:
-        """Fits models to the points, all under the same levels."""
-        return self._made[0]
+        """Fits models to the points, all under the same levels. Raises FittingError for a single value."""
+        return fitter_of(self.points, working=not self.judging)
 
-    @property
+    @cached_property
     def fit(self) -> Fit:
         """The base, fitted."""
-        return self._made[1]
+        return fit_from(self.fitter, self.vector)
 
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
         """A fitter of a fold's training points, and the base fitted to them from where it was."""

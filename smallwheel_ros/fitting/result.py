@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW
-from smallwheel_ros.fitting.fit import Fit, Fitter, inverse
+from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.named import (
     FittedParameter,
@@ -29,7 +29,7 @@ from smallwheel_ros.fitting.parameters import (
     WHEEL_PARAMETERS,
 )
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.variance import settings_repeated
+from smallwheel_ros.fitting.variance import Scatter, settings_repeated
 from smallwheel_ros.measurements.display import percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, Prediction, predict
@@ -183,8 +183,8 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return predict(self.bare, conditions)
 
 
-def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
-    """Covariance of theta with the components' own uncertainty in it.
+def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
+    """Covariance of theta with the components' own uncertainty in it. scatter: `Fitter.true_scatter`.
 
     C(phi) = (J' V(phi)^-1 J + P)^-1 is averaged over ln phi ~ N(found, its covariance) by the 2 q
     points found +- sqrt(q) times the columns of its root (the cubature rule, Arasaratnam and Haykin
@@ -192,21 +192,21 @@ def posterior_covariance(fitter: Fitter, fit: Fit) -> Array:
     bound has zero rows and columns. Where the fit worked with another covariance V_0 than the true V
     (`Fitter`), C = (J' V_0^-1 J + P)^-1 (J' V_0^-1 V V_0^-1 J + P) (J' V_0^-1 J + P)^-1.
     """
-    model, stiff, scatter = fitter.true_variance, fit.stiffness, fitter.true_scatter(fit)
+    model, stiff = fitter.true_variance, fit.stiffness
     free = np.flatnonzero(~fit.at_bound)
     slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
     away = fit.away(fitter.points.value)
     root = np.linalg.cholesky(model.uncertainty(away, fit.taken_up, stiff, scatter))
     size = len(root)
     total = np.zeros((free.size, free.size))
+    working = fitter.covariance(fit) if fitter.working else None
     for column in np.sqrt(size) * np.hstack([root, -root]).T:
         true = model.covariance(
             replace(scatter, log_deviation=scatter.log_deviation + column), stiff
         )
-        weights = fitter.covariance(fit) if fitter.working else true
-        weighted = weights.solve(slopes)
+        weighted = (working or true).solve(slopes)
         one = inverse(slopes.T @ weighted + precision)
-        if fitter.working:
+        if working is not None:
             one = one @ (weighted.T @ true.matrix @ weighted + precision) @ one
             # Nothing is less known after the data than before, whatever the weights were.
             least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(one)))
@@ -238,10 +238,12 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     return found
 
 
+@one_thread
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
     """Turn a fit into a result for people and for model files."""
     points, model = fitter.points, fit.model
-    covariance = posterior_covariance(fitter, fit)
+    scatter = fitter.true_scatter(fit)
+    covariance = posterior_covariance(fitter, fit, scatter)
     # Strength that nothing reads is no part of the result.
     used = [j for j, p in enumerate(fit.vector.free)
             if p.field not in _STRENGTH or np.any(fit.slopes[:, j])]  # fmt: skip
@@ -253,9 +255,11 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         for soil in fit.vector.soils
         if f"{soil.name}.m" not in names
     ]
-    deviations = fitter.true_scatter(fit).deviations
-    scatter = {"ln k": deviations["tau"]}
-    scatter |= {n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")}
+    deviations = scatter.deviations
+    run_scatter = {"ln k": deviations["tau"]}
+    run_scatter |= {
+        n.removeprefix("own:"): v for n, v in deviations.items() if n.startswith("own:")
+    }
     found = FitResult(
         model,
         points.measurements,
@@ -263,7 +267,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         tuple(fit.vector.free[j].name for j in used),
         covariance[np.ix_(used, used)],
         dict(fitter.repeats.channels),
-        scatter,
+        run_scatter,
         in_sample(points, model),
         outliers,
         fit.evidence,

@@ -196,11 +196,10 @@ class VarianceModel:
         for _ in range(_STEPS):
             assert s is not None
             inverse, sizes = s.solve(np.eye(error.size)), 2.0 * np.exp(2.0 * ln)
-            pulled, moved = _moved(s, error, ln, kernels)
-            traces = np.tensordot(kernels, inverse, 2)
-            gradient = 0.5 * (pulled @ moved - sizes * traces)
+            rise, information = self._information(s, error, ln, kernels)
+            gradient = rise - 0.5 * sizes * np.tensordot(kernels, inverse, 2)
             gradient -= (ln - self.log_median) / constants.SPREAD**2
-            step = np.linalg.solve(self._information(s, moved), gradient)
+            step = np.linalg.solve(information, gradient)
             step, share = np.clip(step, -1.5, 1.5), 1.0
             while (tried := objective(ln + share * step))[0] <= value:
                 share *= 0.4
@@ -213,22 +212,22 @@ class VarianceModel:
                 break
         return value, ln
 
-    def _information(self, s: Covariance, moved: Array) -> Array:
-        """Average information on ln phi and its prior's precision, shape (components,) * 2."""
+    def _information(
+        self, s: Covariance, error: Array, ln: Array, kernels: Array
+    ) -> tuple[Array, Array]:
+        """Slopes of -1/2 |e|^2_S by ln phi, and the average information on it with its prior's precision."""
+        pulled = s.solve(error)
+        # Of each component dS / d ln phi S^-1 e, shape (values, components).
+        moved = (kernels @ pulled).T * (2.0 * np.exp(2.0 * ln))
         white = s.whiten(moved)
-        return np.asarray(0.5 * white.T @ white + np.eye(len(self.names)) / constants.SPREAD**2)
+        prior = np.eye(len(self.names)) / constants.SPREAD**2
+        return 0.5 * pulled @ moved, np.asarray(0.5 * white.T @ white + prior)
 
     def uncertainty(self, error: Array, spread: Array, stiffness: Array, scatter: Scatter) -> Array:
         """Covariance of ln phi (average information and prior), shape (components,) * 2."""
         ln, kernels = scatter.log_deviation, self.kernels(stiffness, scatter.log_length)
         s = self.total(ln, kernels, spread)
-        return np.asarray(np.linalg.inv(self._information(s, _moved(s, error, ln, kernels)[1])))
-
-
-def _moved(s: Covariance, error: Array, ln: Array, kernels: Array) -> tuple[Array, Array]:
-    """S^-1 e, and of each component dS / d ln phi S^-1 e, shape (values, components)."""
-    pulled = s.solve(error)
-    return pulled, (kernels @ pulled).T * (2.0 * np.exp(2.0 * ln))
+        return np.asarray(np.linalg.inv(self._information(s, error, ln, kernels)[1]))
 
 
 def _force_law(points: Points) -> Array:

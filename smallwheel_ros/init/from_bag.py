@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rover's parameters out of a bag, and the command `smallwheel init`, which writes them into a file.
+"""`init`: a rover's parameters out of a bag, a robot description, or a number of wheels.
 
 Which topic is what, which joint turns which wheel and how, and what a robot description says.
 """
-
-from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -12,12 +10,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
-import click
 import numpy as np
 
+from smallwheel_ros.arguments import BagOrUrdf, Count, Urdf
 from smallwheel_ros.bags import BagError, BagReader
-from smallwheel_ros.common.console import JSON, tell
-from smallwheel_ros.common.files import check_targets, write_bytes
 from smallwheel_ros.init.recorded import (
     JointSpeeds,
     Speed,
@@ -29,7 +25,6 @@ from smallwheel_ros.init.recorded import (
     upright,
 )
 from smallwheel_ros.init.rover import (
-    FILL_IN,
     PLACES,
     InitError,
     Rover,
@@ -292,53 +287,37 @@ def _first(reader: BagReader, topic: str) -> Any | None:
     return None
 
 
-# --- The command
-
-_PATH = click.Path(path_type=Path)
+# --- From whatever there is
 
 
-@click.command()
-@click.argument("source", required=False, type=_PATH, metavar="[BAG|URDF]")
-@click.option("--urdf", type=_PATH, metavar="FILE",
-              help="A robot description: sizes, places and joints; alone, or beside a BAG.")  # fmt: skip
-@click.option("--wheels", type=int, metavar="N", help="Without either: the number of wheels.")
-@click.option("-o", "--output", required=True, type=_PATH, metavar="ROVER.yaml",
-              help="Parameter file to write.")  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace an existing file.")
-@JSON
 def init(
-    source: Path | None,
-    urdf: Path | None,
-    wheels: int | None,
-    output: Path,
-    force: bool,
-    json_file: str | None,
-) -> None:
+    source: BagOrUrdf | None = None, *, urdf: Urdf | None = None, wheels: Count | None = None
+) -> Rover:
     """Write a parameter file for the node and for `smallwheel replay`.
 
     From a recorded drive: wheels by their topics or joints, the signs of these, the odometry, and sizes and
     places where the bag has the robot's description, or --urdf is given beside it. What only you can know
-    is marked FILL_IN. Nothing that is there is replaced.
+    is marked FILL_IN.
+
+    Parameters
+    ----------
+    source
+        A recorded drive, or a robot description.
+    urdf
+        A robot description: sizes, places and joints; alone, or beside a BAG.
+    wheels
+        Without either: the number of wheels.
     """
-    if source is not None and source.suffix.lower() in (".urdf", ".xml"):
-        if urdf is not None:
-            raise click.UsageError("two robot descriptions: give one")
-        source, urdf = None, source
-    if (source is None and urdf is None) == (wheels is None):
-        raise click.UsageError("give a BAG, a URDF (--urdf FILE), both, or --wheels N alone")
-    check_targets([output, json_file], [source, urdf])
-    if output.exists() and not force:
-        raise InitError(f"{output}: is there already: give another name, or --force to replace it")
-    if source is not None:
-        rover = rover_of_bag(source, urdf)
-    elif urdf is not None:
-        rover = rover_of_description(urdf)
-    else:
-        rover = rover_of_wheels(wheels or 0)
-    write_bytes(output, rover.parameter_file().encode())
-    tell(rover.to_dict(), rover.text(), json_file, [output])
-    if rover.missing and json_file != "-":
-        click.echo(f"look for {FILL_IN} in {output}")
-    if source is not None and rover.remaps and json_file != "-":
-        remaps = " ".join(f"--remap {name}:={topic}" for name, topic in rover.remaps.items())
-        click.echo(f"then: smallwheel replay {source} --config {output} {remaps} -o out")
+    bag = None if source is None else Path(source)
+    description = None if urdf is None else Path(urdf)
+    if bag is not None and bag.suffix.lower() in (".urdf", ".xml"):
+        if description is not None:
+            raise InitError("two robot descriptions: give one")
+        bag, description = None, bag
+    if (bag is None and description is None) == (wheels is None):
+        raise InitError("give a BAG, a URDF (--urdf FILE), both, or --wheels N alone")
+    if bag is not None:
+        return rover_of_bag(bag, description)
+    if description is not None:
+        return rover_of_description(description)
+    return rover_of_wheels(wheels or 0)

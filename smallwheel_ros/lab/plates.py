@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from smallwheel_ros.fitting.constants import ALARM, DETERMINED
 from smallwheel_ros.fitting.fit import Fit, Fitter, Predictor
@@ -108,7 +108,7 @@ def clearly_less(errors: Array, others: Array) -> bool:
     """
     gain = np.log(others / errors)
     error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
-    return bool(student.sf(float(gain.mean()) / error, gain.size - 1) < ALARM)
+    return bool(stdtr(gain.size - 1, -float(gain.mean()) / error) < ALARM)
 
 
 class UnderLaw(Predictor):
@@ -232,7 +232,7 @@ def _constants(
     steps = fit.vector.steps(fit.theta)
     columns = [(of(fit.theta + step) - of(fit.theta - step)) for step in np.diag(steps)]
     slopes = np.column_stack(columns) / (2.0 * steps)
-    posterior = posterior_covariance(fitter, fit)
+    posterior = posterior_covariance(fitter, fit, fitter.true_scatter(fit))
     covariance = np.asarray(slopes @ posterior @ slopes.T)
     sized = np.sqrt(posterior[2, 2]) <= DETERMINED * _SLOPE
     soil = fit.vector.of_soils[0].owner

@@ -45,7 +45,7 @@ class Number:
 def numbers_of(fitter: Fitter, candidate: Candidate) -> list[Number]:
     """A law's numbers with their deviations. fitter: the one that fitted it."""
     fit, law = candidate.fit, candidate.law
-    covariance = posterior_covariance(fitter, fit)
+    covariance = posterior_covariance(fitter, fit, fitter.true_scatter(fit))
     found = []
     for j in fit.vector.places(SOUGHT):
         name, value = fit.vector.free[j].field, float(fit.theta[j])

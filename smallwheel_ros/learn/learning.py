@@ -18,7 +18,7 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis.document import plain
-from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, propose
+from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, Runs, propose
 from smallwheel_ros.diagnosis.start import Start
 from smallwheel_ros.effects.registry import Registry, load_effects
 from smallwheel_ros.fitting import Problem
@@ -173,11 +173,11 @@ def _measure_next(
     fitter: Fitter, draft: Candidate, tied: Sequence[Candidate], limits: Limits
 ) -> dict[str, Any] | None:
     """The runs that tell the draft from a tied law best; None where none would."""
-    made: list[Proposal] = []
+    runs, made = Runs.of(fitter.points, limits), list[Proposal]()
     for other in [c for c in tied if c.law.key != draft.law.key][:_COMPARED]:
         names = draft.law.formula(draft.numbers), other.law.formula(other.numbers)
         with suppress(*FAILURES):
-            proposal = propose(fitter, draft.fit, other.fit, names, limits=limits)
+            proposal = propose(fitter, runs, draft.fit, other.fit, names)
             made += [proposal] if proposal else []
     best = max(made, key=lambda proposal: proposal.expected_power, default=None)
     return asdict(best) if best else None

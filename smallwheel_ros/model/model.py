@@ -87,8 +87,12 @@ class Model(Result):
         for effect in made:
             if effect.geometry:
                 geometry = cast(Geometry, effect.geometry)
-        _check_choice("geometry", geometry, GEOMETRIES)
-        _check_choice("thrust form", thrust_form, get_args(ThrustForm))
+        for what, value, known in (
+            ("geometry", geometry, GEOMETRIES),
+            ("thrust form", thrust_form, get_args(ThrustForm)),
+        ):
+            if value not in known:
+                raise ModelError(f"no {what} '{value}': {nearest(value, list(known))}")
         object.__setattr__(self, "soils", taken)
         object.__setattr__(self, "geometry", geometry)
         object.__setattr__(self, "effects", tuple(e for e in made if not e.geometry))
@@ -201,11 +205,6 @@ class CalibratedModel(Model):
             return None
         at = self.names.index(name)
         return float(np.sqrt(self.covariance[at, at]))
-
-
-def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
-    if value not in known:
-        raise ModelError(f"no {what} '{value}': {nearest(value, list(known))}")
 
 
 @dataclass(frozen=True)
@@ -344,7 +343,7 @@ def predict(
     if stages.acting_at("compaction_sinkage"):
         compacted = static
         for effect in effects:
-            if effect.overrides("sinkage") or effect.overrides("compaction_sinkage"):
+            if not {"sinkage", "compaction_sinkage"}.isdisjoint(effect.acts):
                 deeper = stages.call(effect, "compaction_sinkage", compacted, compacted)
                 compacted = np.where(rolling, deeper, compacted)
     if stages.layered and rolling.any():

@@ -47,8 +47,7 @@ class NearbySinkage:
         sinkage.
         """
         turned = any(
-            effect.overrides("wheel_diameter") or effect.overrides("corrected_load")
-            for effect in added
+            "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added
         )
         if self._solved is None or turned:  # no slopes for that
             model = Model(soil, effects=(*self._effects, *added))

@@ -47,7 +47,7 @@ class Stages:
 
     def acting_at(self, stage: str) -> list[Effect]:
         """Give the effects that act at a stage, in the model's order."""
-        return [effect for effect in self.effects if effect.overrides(stage)]
+        return [effect for effect in self.effects if stage in effect.acts]
 
     def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
         """Call one effect at a stage; `neutral` stands where a body at rest has no covariate."""

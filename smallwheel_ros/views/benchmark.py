@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.benchmark.benchmark import Benchmark
+from smallwheel_ros.benchmark.data_sets import Benchmark
 from smallwheel_ros.benchmark.laws import INTEGRAL, OURS
 from smallwheel_ros.benchmark.table import Errors, LawTable
 from smallwheel_ros.measurements.columns import CHANNELS

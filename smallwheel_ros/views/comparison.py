@@ -258,11 +258,16 @@ def _error_panel(found: Comparison, channel: str) -> Panel:
 
 
 def left_blocks(found: Comparison) -> list[Block]:
-    """What a model leaves, one that the reader picks beside the best."""
+    """What a model leaves, one that the reader picks beside the best of those that predict every channel.
+
+    A regression has no pull: where that is measured, plots beside it would lack it.
+    """
     errors = {str(i): m.held_out or m.in_sample for i, m in enumerate(found.models)}
     if not found.channels:
         return []
-    best = next(str(i) for i, m in enumerate(found.models) if m is found.best(found.channels[0]))
+    first, least = found.channels[0], {key: e.rmse() for key, e in errors.items()}
+    whole = [key for key in errors if least[key].keys() >= {*found.channels}]
+    best = min(whole or errors, key=lambda key: least[key].get(first, np.inf))
     names = {str(i): words(m.contender.name) for i, m in enumerate(found.models)}
     others = [key for key in errors if key != best]
     choices = [
@@ -277,7 +282,8 @@ def left_blocks(found: Comparison) -> list[Block]:
         ]
         for key in errors
     }
-    base_name = f"{names[best]}, the best of {words(found.channels[0])}"
+    of_all = ", of those that predict every channel" if len(whole) < len(errors) else ""
+    base_name = f"{names[best]}, the best of {words(first)}{of_all}"
     leaves = leftovers(found.measurements, errors, best, base_name, floors)
     pair = [Left(errors[best], base_name, "base")]
     pair += [Left(errors[others[-1]], names[others[-1]], "with")] if others else []

@@ -83,7 +83,9 @@ def residual_panel(
     how, across = shown_channel(channel), column_display(data, setting)
     layers, column, ends = [_band(how, floor)], data.conditions[setting], [0.0]
     for one in models:
-        error = one.errors.error[channel]
+        error = one.errors.error.get(channel)
+        if error is None:
+            continue
         at = np.flatnonzero(np.isfinite(error) & np.isfinite(column))
         x, y = across.scale * column[at], how.scale * error[at]
         some = thinned(np.arange(at.size))

@@ -52,6 +52,7 @@ def frame(panel: Panel) -> tuple[str, list[float]]:
     x of the element is ax + bx * value.
     """
     from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     width, height = WIDTH * (2 if panel.wide else 1), height_of(panel)
     # More than numbers beside the axes: a layout finds room for it.
@@ -62,7 +63,9 @@ def frame(panel: Panel) -> tuple[str, list[float]]:
     with rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "plot", "path.simplify_threshold": 0.5}
     ):
-        axes.figure.savefig(out, format="svg", metadata={"Date": None})  # type: ignore[union-attr]
+        # Not `savefig`, which draws all twice, the first time for nothing.
+        canvas: Any = FigureCanvasSVG(axes.figure)  # type: ignore[arg-type]  # no SubFigure
+        canvas.print_svg(out, metadata={"Date": None})
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
     scale: list[Any] = [x0, x1 - x0, 72.0 * height - y0, y0 - y1]
     return _shorter(out.getvalue()), [float(f"{value:.6g}") for value in scale]

@@ -89,7 +89,7 @@ def test_each_table_is_told_when_it_is_done(tmp_path: Path) -> None:
         write(tmp_path / name / "plates.csv", rows)
         (tmp_path / name / "LICENSE").write_text("CC0\n")
     heard: list[str] = []
-    whole = benchmark(tmp_path, lambda step: heard.append(step), lambda table: heard.append("done"))
+    whole = benchmark(tmp_path, progress=heard.append, done=lambda table: heard.append("done"))
     first, second = (i for i, text in enumerate(heard) if text == "done")
     assert all(text.startswith("a/plates.csv, plate: without run") for text in heard[:first])
     assert all(text.startswith("b/plates.csv") for text in heard[first + 1 : second])

@@ -19,7 +19,7 @@ from plain_rig import PlainRig, rolled, table
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.misfit import Plateau
-from smallwheel_ros.diagnosis.next_measurement import propose
+from smallwheel_ros.diagnosis.next_measurement import Runs, propose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.search import search
 from smallwheel_ros.diagnosis.verdict import decide
@@ -300,7 +300,9 @@ def test_no_setting_is_proposed_that_has_six_runs() -> None:
         field = field_of(problem.points, problem.vector.model(problem.vector.start), REGISTRY)
         found = search(problem.fitter, problem.fit, field, most=1)
         first, second = found.ordered[0], found.none
-        proposal = propose(found.fitter, first, second, ("one", "other"), limits=limits)
+        proposal = propose(
+            found.fitter, Runs.of(problem.points, limits), first, second, ("one", "other")
+        )
         assert (proposal is None) == (expected is None)
         if proposal is not None and expected is not None:
             assert {name: proposal.settings[name] for name in expected} == expected

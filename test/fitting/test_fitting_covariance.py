@@ -18,7 +18,7 @@ from smallwheel_ros.effects.slip import BySlip
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.fit import FittingError, inverse
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.fitting.problem import fit_points
+from smallwheel_ros.fitting.problem import fit_from, fitter_of
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
@@ -71,7 +71,8 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
     z -= 1e-7 * at.load / (at.width * np.sqrt(at.diameter * z))  # so that no bound is met
     points = Problem.of(measured).points
     parts = (part_of(Linear()), part_of(effect("elastic_rebound")))
-    fitter, fit = fit_points(points, Base(parts=parts).vector(points))
+    fitter = fitter_of(points)
+    fit = fit_from(fitter, Base(parts=parts).vector(points))
     vector = fit.vector
     scale = vector.scale
     assert scale.max() / scale.min() > 1e6
@@ -92,7 +93,7 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
     expected = np.sqrt(np.diag(scaled)) * scale
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), expected, rtol=0.02)
     # What is reported adds what the components' own uncertainty brings, and never takes away.
-    reported = np.sqrt(np.diag(posterior_covariance(fitter, fit)))
+    reported = np.sqrt(np.diag(posterior_covariance(fitter, fit, fit.scatter)))
     assert np.all(reported > 0.9 * expected)
     assert np.all(reported < 2.0 * expected)
 

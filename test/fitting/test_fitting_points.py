@@ -178,6 +178,16 @@ def test_rows_far_off_their_run_are_flagged_with_their_line(repeated: int, wild:
     assert lines + ", ".join(str(row + 2) for row in wild) in notes  # the header is line 1
 
 
+def test_a_problem_without_some_rows_has_the_channels_and_weights_that_it_had() -> None:
+    rig, swept = Problem.of(PlainRig().measure(RUNS, 2, rows=6)), Problem.of(curves(40))
+    for one in (rig, replace(rig, points=rig.points.only(("sinkage",))), swept.judged):
+        left = one.without(np.array([3]))
+        assert left.judging == one.judging
+        assert left.points.channels == one.points.channels
+        assert 3 not in np.concatenate(left.points.rows)
+    assert swept.judged.judging
+
+
 def test_heavy_noise_is_no_crowd_of_outliers() -> None:
     rng = np.random.default_rng(3)
     run = np.repeat(np.arange(20), 6).astype(str)

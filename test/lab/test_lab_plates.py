@@ -10,7 +10,7 @@ import pytest
 from lab_truth import TRUTHS, N, plate_rows, pressed_rows, write
 from scipy.optimize import curve_fit
 
-from smallwheel_ros.fitting.problem import Base, Problem, fit_points
+from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.lab import LabFit, fit_lab
 from smallwheel_ros.lab.plates import PlateLaws, laws_text, plate_laws, which_law
 from smallwheel_ros.measurements.table import Measurements
@@ -29,7 +29,7 @@ def lab(tmp_path: Path, rows: list[list[object]]) -> LabFit:
 def laws_of(tmp_path: Path, rows: list[list[object]]) -> PlateLaws:
     """The laws alone, without the fit's own held-out error."""
     problem = Problem.of(measured(tmp_path, rows))
-    return plate_laws(*fit_points(problem.points, problem.vector), "soil")
+    return plate_laws(problem.fitter, problem.fit, "soil")
 
 
 def bins_of_runs(rows: list[list[object]]) -> np.ndarray:

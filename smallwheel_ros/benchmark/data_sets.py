@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All data sets of a folder under all laws, and what that finds.
+
+A data set is a folder with a licence file (LICENSE, LICENCE or COPYING) and tables beside it: without a
+licence nobody else can repeat the figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from smallwheel_ros.benchmark.laws import NAMES
+from smallwheel_ros.benchmark.own import LawError, load_laws
+from smallwheel_ros.benchmark.parts import tasks_of
+from smallwheel_ros.benchmark.table import Errors, LawTable, Verdict, table_of
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.results import Result
+from smallwheel_ros.measurements.wheels import read_measurements
+
+_LICENCES = ("LICENSE", "LICENCE", "COPYING")
+_TABLES = (".csv", ".tsv", ".xlsx", ".xls", ".ods", ".parquet")
+
+
+class BenchmarkError(SmallwheelError):
+    """A folder without data that may be used."""
+
+
+@dataclass(frozen=True, repr=False)
+class Benchmark(Result, shown="views.benchmark"):
+    """What the laws leave on each set of rows. left_out: files that were not used, with the reason."""
+
+    folder: Path
+    tasks: tuple[LawTable, ...]
+    left_out: dict[str, str]
+
+    def judged(self, verdict: Verdict) -> list[tuple[LawTable, Errors]]:
+        """The laws of others against which ours has that verdict, with their tables."""
+        return [(t, law) for t in self.tasks for law in t.others if law.verdict == verdict]
+
+    def headline(self) -> str:
+        """How often ours wins, loses, and cannot be told from another law."""
+        wins, losses, ties = (len(self.judged(word)) for word in ("wins", "loses", "cannot tell"))
+        return (
+            f"{self.folder}: {wins + losses + ties} comparisons of ours with other laws on {len(self.tasks)} "
+            f"sets of rows: ours wins {wins}, loses {losses}, cannot tell {ties}"
+        )
+
+
+def held_against(
+    folder: Path,
+    law: Path | None,
+    done: Callable[[LawTable], object],
+    progress: Callable[[str], object],
+) -> Benchmark:
+    """The laws on every data set of a folder; arguments as of `benchmark.benchmark`.
+
+    Raises BenchmarkError where no data set has a licence and a table, EffectError and LawError where a law of
+    the file cannot be used.
+    """
+    own = () if law is None else load_laws(law, NAMES)
+    sets = {file: _licence(file.parent) for file in _tables(folder)}
+    if not sets:
+        raise BenchmarkError(
+            f"{folder}: no data set found, expected folders of tables ({', '.join(_TABLES)})"
+        )
+    tables: list[LawTable] = []
+    left: dict[str, str] = {}
+    for file, licence in sets.items():
+        name = file.relative_to(folder)
+        if not licence:
+            left[str(name)] = f"no licence beside it, expected a file {' or '.join(_LICENCES)}"
+            continue
+        try:
+            tasks = list(tasks_of(read_measurements(file)))
+            for task in tasks:
+                tables.append(table_of(name, licence, task, own, progress))
+                done(tables[-1])
+            if not tasks:
+                left[str(name)] = "fewer than three runs of one contact in one soil, expected more"
+        except LawError:
+            raise
+        except SmallwheelError as error:
+            left[str(name)] = str(error)
+    entered = {errors.law for table in tables for errors in table.laws}
+    for unused in (one for one in own if one.name not in entered):
+        left[unused.name] = f"no table has what it needs: {', '.join(unused.needs) or 'a channel'}"
+    if not tables:
+        raise BenchmarkError("; ".join(f"{file}: {why}" for file, why in left.items()))
+    return Benchmark(folder, tuple(tables), left)
+
+
+def _tables(folder: Path) -> list[Path]:
+    """Tables of the folder and of the folders in it."""
+    if not folder.is_dir():
+        raise BenchmarkError(f"{folder}: no folder, expected one with data sets")
+    files = [*folder.glob("*"), *folder.glob("*/*")]
+    return sorted(f for f in files if f.is_file() and f.suffix.lower() in _TABLES)
+
+
+def _licence(folder: Path) -> str:
+    """First line of the licence file of a folder, else an empty text."""
+    for file in sorted(folder.iterdir()):
+        if file.is_file() and file.stem.upper() in _LICENCES:
+            text = file.read_bytes()[:4000].decode(errors="replace")
+            return next((line.strip() for line in text.splitlines() if line.strip()), file.name)
+    return ""
