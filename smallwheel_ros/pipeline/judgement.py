@@ -90,14 +90,19 @@ class Judgement:
 
     # --- Doubts
 
-    def check(self, align: Align, *, last: bool) -> tuple[Finding, ...]:
-        """Look at the raw rows behind the last watermark; each finding is reported once."""
+    def check(
+        self, rows: Readings, align: Align, *, last: bool
+    ) -> tuple[Readings, tuple[Finding, ...]]:
+        """Look at the raw rows behind the last watermark: rows as far as they are believed, and findings.
+
+        Each finding is reported once.
+        """
         found = self.checks.take(align.raw(), align.done)
         if last:
             found += self.checks.flush()
-        return tuple(found)
+        return self._blanked(self._unsure(rows, align)), tuple(found)
 
-    def unsure(self, rows: Readings, align: Align) -> Readings:
+    def _unsure(self, rows: Readings, align: Align) -> Readings:
         """Rows whose slip may be that of an odometry made of the wheels: it says as little as none at all."""
         may_be = align.ground.trust(rows.stamp).may_be
         if not may_be.any():
@@ -105,7 +110,7 @@ class Judgement:
         spread = np.maximum(rows.slip_std, np.where(may_be, _HIDDEN, 0.0))
         return replace(rows, slip_std=spread)
 
-    def blanked(self, rows: Readings) -> Readings:
+    def _blanked(self, rows: Readings) -> Readings:
         """Rows of which nothing is known by streams that were doubted at their stamps."""
         history = self.checks.history
         if not len(rows) or (len(history) == 1 and not history[0][1]):

@@ -145,7 +145,9 @@ class AnyGround:
         self.steps = 0
 
     def take(self, instants: Instants) -> Margins | None:
-        """Go on with instants; None: no second is over."""
+        """Go on with instants; None: no second is over, or nothing rolls."""
+        if not self.side.size:
+            return None
         rows = instants if self._open is None else Instants.joined([self._open, instants])
         number = (rows.stamp - 1) // STEP
         over = number < number[-1]
