@@ -122,7 +122,7 @@ def test_pitch_and_covariance_of_odometry_are_used() -> None:
     rows, _ = drive(Fed(), orientation=nose_up(-0.1))
     assert rows.pitch == pytest.approx(0.1)
     sure, unsure = (drive(Fed(), variances=(v, 0.0))[0] for v in (1e-6, 0.01))
-    assert unsure.slip_std[-1] > 5.0 * sure.slip_std[-1]
+    assert unsure.speed_std[-1] > 5.0 * sure.speed_std[-1]
 
 
 # ---- Distance to the ground
