@@ -64,6 +64,8 @@ OWN, _PIECE, PIECES = (
     10,
 )  # of the way, m: the best odometries wander by so much (KITTI)
 _FEW = 2  # pieces, of which a factor leaves something over
+_KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
+_NORMAL = 1.4826  # deviation over the median of the sizes, of normal errors
 _MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
 _RADII = (
     0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
@@ -404,9 +406,9 @@ class Ground:
         for end in ends.tolist():
             found[begin:end], may_be[begin:end] = sums.of_wheels, sums.may_be
             share[begin:end] = sums.share
-            sums.pieces = [*sums.pieces[1 - PIECES :], total[end] - sums.last]
+            sums.pieces = [*sums.pieces[1 - _KEPT :], total[end] - sums.last]
             sums.last, begin = total[end], end
-            off, whole = _scatter(np.array(sums.pieces)), len(sums.pieces) == PIECES
+            off, whole = _scatter(np.array(sums.pieces)), len(sums.pieces) >= PIECES
             rims, moves = total[end, :2]
             near = abs(moves - rims) <= _RADII * max(abs(rims), _PIECE)
             sums.may_be = not whole and near and (off < OWN or len(sums.pieces) < _FEW)
@@ -420,13 +422,24 @@ class Ground:
 
 
 def _scatter(pieces: Array) -> float:
-    """By which share of the way the odometry is no multiple of the rims: straight on, or in turns."""
+    """By which share of the way the odometry is no multiple of the rims: straight on, or in turns.
+
+    That of the last pieces, or what is usual of all that are kept, whichever is larger: made of the wheels it
+    is their multiple all the time, and an odometry of its own may be for some metres.
+    """
     found = np.inf
     for rims, moves in ((pieces[:, 0], pieces[:, 1]), (pieces[:, 2], pieces[:, 3])):
-        mean = np.abs(rims).mean()
-        if not mean > _MOVES * _PIECE or not moves.any():
+        last, gone = rims[-PIECES:], moves[-PIECES:]
+        mean = np.abs(last).mean()
+        if not mean > _MOVES * _PIECE or not gone.any():
             continue
-        factor = float(rims @ moves) / float(rims @ rims)
-        off = np.sqrt(np.mean((moves - factor * rims) ** 2)) / max(abs(factor), 1e-9) / mean
+        factor = float(last @ gone) / float(last @ last)
+        off = np.sqrt(np.mean((gone - factor * last) ** 2)) / max(abs(factor), 1e-9) / mean
+        if len(pieces) > PIECES:
+            moved = np.abs(rims) > _MOVES * _PIECE
+            shares = moves[moved] / rims[moved]
+            usual = float(np.median(shares))
+            spread = _NORMAL * float(np.median(np.abs(shares - usual)))
+            off = max(off, spread / max(abs(usual), 1e-9))
         found = min(found, float(off))
     return found
