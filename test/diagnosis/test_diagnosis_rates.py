@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks.rates_diagnosis import fresh_errors, marks, read, same_answer, trial
@@ -96,9 +95,9 @@ def test_fresh_errors_of_the_true_model_are_the_noise(tmp_path: Path) -> None:
 
 
 def counted(world: str, seeds: range) -> dict[str, int]:
-    """How many of the answers are right, wrong and so on."""
-    found = [marks(WORLDS[world], trial(world, seed)) for seed in seeds]
-    return {name: int(np.sum([one[name] for one in found])) for name in found[0]}
+    """How many of the answers are right, name what is not hidden, or blame the soil for an instrument."""
+    found = [trial(world, seed) for seed in seeds]
+    return {name: sum(one[name] for one in found) for name in ("right", "wrong", "blamed")}
 
 
 @pytest.mark.slow
