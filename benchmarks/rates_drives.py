@@ -295,21 +295,14 @@ ROBOT_JUDGES = [
     *warnings(0.5, 15.0),
 ]
 _SUBJECTS = {
-    "soil": (SOIL_JUDGES, 8.0),
-    "traction": (TRACTION_JUDGES, 7.0),
-    "priors": (PRIOR_JUDGES, 8.0),
-    "field": (FIELD_JUDGES, 8.0),
-    "slip": (SLIP_JUDGES, 5.0),
-    "robots": (ROBOT_JUDGES, 5.0),
+    "soil": (SOIL_JUDGES, 3, 8.0),
+    "traction": (TRACTION_JUDGES, 3, 7.0),
+    "priors": (PRIOR_JUDGES, 8, 8.0),
+    "field": (FIELD_JUDGES, 3, 8.0),
+    "slip": (SLIP_JUDGES, 3, 5.0),
+    "robots": (ROBOT_JUDGES, 3, 5.0),
 }
 SUBJECTS = [
-    Subject(
-        name,
-        list(WORLDS[name]),
-        partial(trial, name),
-        judges,
-        8 if name == "priors" else 3,
-        seconds,
-    )
-    for name, (judges, seconds) in _SUBJECTS.items()
+    Subject(name, list(WORLDS[name]), partial(trial, name), judges, seeds, seconds)
+    for name, (judges, seeds, seconds) in _SUBJECTS.items()
 ]

@@ -27,7 +27,7 @@ GAP = 0.5  # s: over a longer gap nothing is added up
 MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
 STRAIGHT = 0.1  # of v: what a bend may add to the speed of a wheel's place; a radius is known to that anyway
 SPEED, YAW_RATE, X, Y, COSINE, SINE = range(6)  # of a row of the odometry
-GYRO, AHEAD, LEFT, UP = range(4)  # of a row of the imu
+GYRO, AHEAD, LEFT = range(3)  # of a row of the imu
 Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values (rows, width)
 
 

@@ -6,12 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
-from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.bag import Decoder, frame_of
 from smallwheel_ros.pipeline.feed import Message, feed
 from smallwheel_ros.pipeline.inputs import Fields, Rows, Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
@@ -141,7 +140,7 @@ class Recording:
         by_recording = self._by_clock and not self._has_clock
         self._chunk.append((raw.topic, data, raw.log_time if by_recording else self._clock))
         if ODOMETRY in streams:
-            self.frame = _frame_of(data) or self.frame
+            self.frame = frame_of(data) or self.frame
 
     def _not_readable(self, stream: str, topic: str, error: Exception) -> None:
         self._pipeline.note(stream, "not_readable", f"topic {topic}: {reason(error)}")
@@ -189,10 +188,3 @@ def _both(one: Topic, other: Topic) -> Topic:
         return one.read(fields, joints) | other.read(fields, joints)
 
     return replace(one, read=read, streams=(*one.streams, *other.streams))
-
-
-def _frame_of(message: bytes) -> str:
-    """frame_id of a serialised message that begins with a header: behind encapsulation and stamp."""
-    order: Literal["little", "big"] = "big" if message[1:2] == b"\0" else "little"
-    end = 16 + int.from_bytes(message[12:16], order) - 1
-    return message[16:end].decode(errors="replace")

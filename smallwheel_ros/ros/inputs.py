@@ -19,7 +19,7 @@ from rclpy.subscription import Subscription
 from smallwheel_ros.bags.types import typestore
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.bag import Decoder
+from smallwheel_ros.pipeline.bag import Decoder, frame_of
 from smallwheel_ros.pipeline.feed import Message, feed
 from smallwheel_ros.pipeline.inputs import Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -327,13 +327,6 @@ def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Map
     with subscription.handle:
         while taken := subscription.handle.take_message(subscription.msg_type, raw):
             yield taken
-
-
-def frame_of(raw: bytes) -> str:
-    """Frame of a serialised message (CDR) that begins with a header; empty where the bytes are none."""
-    order: Any = "little" if raw[1:2] == b"\x01" else "big"
-    length = int.from_bytes(raw[12:16], order)  # behind encapsulation and stamp
-    return raw[16 : 16 + length].partition(b"\0")[0].decode(errors="replace")
 
 
 def part_of_message(stream: str, settings: NodeSettings) -> str:
