@@ -8,8 +8,9 @@ rest of the package; which assumptions are, is said in `truth`.
 
 from __future__ import annotations
 
-from smallwheel_ros.simulate.drive import Drive, DriveSettings, simulate_drive
+from smallwheel_ros.simulate.drive import Drive, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.drive_settings import DriveSettings
 from smallwheel_ros.simulate.rig import (
     Rig,
     RigSettings,

@@ -13,25 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.common.options import Option
-from smallwheel_ros.simulate.hidden import (
-    FRACTION,
-    FormOfHidden,
-    Hidden,
-    Seed,
-    Strength,
-    check_settings,
-    draw_effects,
-    in_drives,
-)
+from smallwheel_ros.simulate.drive_settings import DriveSettings
+from smallwheel_ros.simulate.hidden import draw_effects
 from smallwheel_ros.simulate.sensors import EPOCH, Readings, Sensors
 from smallwheel_ros.simulate.stretches import (
-    FINISHES,
-    TERRAINS,
     Stretch,
     draw_finish,
     draw_patches,
@@ -56,51 +45,6 @@ _FINISH = 15.0  # m of ground on which a rover gets stuck
 _SLOWEST = 0.01  # m/s: a standing wheel keeps the state of a slow one
 _SPARE = 1.15  # of the rims' speed, since wheels on these soils slip by 0.13
 _ATTEMPTS = 20
-
-
-@dataclass(frozen=True)
-class DriveSettings:
-    """What drive to simulate: the options of `smallwheel simulate drive`.
-
-    The same seed gives the same drive, to the byte. `wheels` may be a rover of your own, and `stretches`,
-    where given, are driven over instead of `terrain`. A `finish` is what the drive ends in after
-    `distance`, stuck: a slope that steepens, or slippery ground. With dropouts above 0 one wheel's
-    sinkage is also missing for 1.5 s.
-    """
-
-    seed: Seed = 0
-    distance: Annotated[float, Option("Way, m.", (2.0, 20_000.0, "m"))] = 30.0
-    speed: Annotated[float, Option("Middle speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
-    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
-    terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
-    stretches: tuple[Stretch, ...] | None = None
-    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.", FINISHES)] = (
-        "none"
-    )
-    hidden: Hidden = ()
-    strength: Strength = 1.0
-    form: FormOfHidden = "own"
-    noise: Annotated[float, Option("Factor on every sensor's noise.", (0.0, 20.0))] = 1.0
-    outliers: Annotated[
-        float, Option("Share of measured sinkages that are grossly wrong.", (0.0, 0.5), FRACTION)
-    ] = 0.0
-    dropouts: Annotated[
-        float, Option("Share of load and sinkage messages that are missing.", (0.0, 0.9), FRACTION)
-    ] = 0.01
-
-    def check(self) -> DriveSettings:
-        """Return the settings without `none` among the hidden effects.
-
-        Raises SimulationError, naming the setting, what it was, and what was expected.
-        """
-        hidden = check_settings(self)
-        for name in hidden:
-            if not in_drives(name):
-                raise SimulationError(
-                    f"hidden effect {name!r} cannot be in a drive: what it depends on or acts on"
-                    " has no sensor there; use `simulate rig`"
-                )
-        return replace(self, hidden=hidden)
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from smallwheel_ros.simulate.drive_settings import DriveSettings
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.vehicle import TICK, Truth
 from smallwheel_ros.simulate.world import GRAVITY, Rover
-
-if TYPE_CHECKING:
-    from smallwheel_ros.simulate.drive import DriveSettings
 
 # 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
 EPOCH = 1_749_720_600 * 10**9
