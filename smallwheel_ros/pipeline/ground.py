@@ -32,7 +32,8 @@ from smallwheel_ros.onboard.settings import (
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 
-from .streams import NEVER, Stream, Streams
+from .stream import NEVER, Stream
+from .streams import Streams
 from .tables import SECOND, Array, Flags, Integers, steps_of, unknown
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL = range(10)

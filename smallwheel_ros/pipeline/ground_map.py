@@ -13,7 +13,7 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 from .answer import STALE, Condition
 from .answers import Status
-from .streams import NEVER
+from .stream import NEVER
 from .tables import Estimates
 
 

@@ -20,7 +20,7 @@ from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSett
 from .align import Align
 from .checks import Checks, Finding
 from .margin import AnyGround, Ground, Margins
-from .streams import NEVER, Stream
+from .stream import NEVER, Stream
 from .tables import SECOND, Array, Columns, Flags, Integers, Readings
 from .warnings import Instants, Warned, Warnings, level_at
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .checks_loads import UNITS, WEIGHT_OFF
-from .streams import NEVER
+from .stream import NEVER
 from .stretches import Stretches
 from .tables import Array, Integers
 

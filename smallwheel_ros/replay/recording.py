@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.replay.spec import resolved
 
 # A turn takes so many messages at most, and a second of the recording: as often as the node speaks.
-_BLOCK = 4096
+_BLOCK = 16384
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 
 
@@ -103,7 +103,7 @@ class Recording:
         begin = self.time
         try:
             for raw in self._reader.raw_messages({name for name, _ in self.used} | also):
-                if len(self._chunk) >= block or not 0 <= raw.log_time - begin < SECOND:
+                if len(self._chunk) >= block or not 0 <= raw.log_time - begin < 10 * SECOND:
                     yield self._turn()
                     begin = raw.log_time
                     if self.stopped:

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of one stream, its values at any instant, and how far they are held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .tables import SECOND, Array, Integers
+
+NEVER = -(1 << 62)
+_ROOM = 64  # rows of a stream at first
+_PERIODS = 8  # times between the newest messages, of which the second longest is a stream's period
+_HOLDS = (
+    1.25  # periods over which a slow stream's values are held: one message may be late by a quarter
+)
+_WIDEST = 3 * SECOND // 2  # over more nothing is interpolated, and slip over it says nothing
+
+
+@dataclass(frozen=True)
+class StampRules:
+    """Of stamps, all ns: how long a silent stream is waited for; how far values are held; what is a jump.
+
+    future, age: how far a stamp may be ahead of the clock, and behind it.
+    """
+
+    silence: int = SECOND
+    reorder: int = SECOND // 5
+    gap: int = SECOND // 5
+    jump: int = SECOND
+    future: int = SECOND // 2
+    age: int = 5 * SECOND
+
+    @property
+    def widest(self) -> int:
+        """How far values of a slow stream are held at most."""
+        return max(self.gap, _WIDEST)
+
+
+class Stream:
+    """Stamps (ns) and rows of values of one stream, in the order of the stamps.
+
+    width: values in a row. newest: the newest stamp that was kept.
+    """
+
+    def __init__(self, name: str, width: int) -> None:
+        self.name, self.width = name, width
+        self.kind = name.rpartition("/")[2]
+        self._stamps: Integers = np.empty(_ROOM, dtype=np.int64)
+        self._values: Array = np.empty((_ROOM, width))
+        self._begin = self._end = 0  # of what is kept, in the room that there is
+        self.newest = NEVER
+        self.received = 0
+
+    def append(self, stamp: int, values: Sequence[float]) -> None:
+        """Keep a row."""
+        self.extend(np.array([stamp]), np.array([values]))
+
+    def extend(self, stamps: Integers, values: Array) -> None:
+        """Keep rows, whose stamps rise."""
+        if not stamps.size:
+            return
+        begin, end = self._end, self._end + stamps.size
+        if end > self._stamps.size:
+            begin, end = self._move(stamps.size)
+        self._stamps[begin:end], self._values[begin:end] = stamps, values
+        self._end = end
+        self.newest = int(stamps[-1])
+
+    def _move(self, more: int) -> tuple[int, int]:
+        """Make room for more rows behind those that are kept, elsewhere: views of the old ones stay."""
+        stamps, values = self.stamps, self.values
+        kept = stamps.size
+        room = max(2 * (kept + more), _ROOM)
+        self._stamps, self._values = np.empty(room, dtype=np.int64), np.empty((room, self.width))
+        self._stamps[:kept], self._values[:kept] = stamps, values
+        self._begin = 0
+        return kept, kept + more
+
+    @property
+    def stamps(self) -> Integers:
+        """The stamps: a view, which stays as it is while the stream grows."""
+        return self._stamps[self._begin : self._end]
+
+    @property
+    def values(self) -> Array:
+        """The values, shape (rows, width): a view, as that of the stamps."""
+        return self._values[self._begin : self._end]
+
+    def between(self, after: int, until: int) -> tuple[Integers, Array]:
+        """Rows as they came, behind a stamp (ns) and up to another."""
+        stamps = self.stamps
+        rows = slice(*np.searchsorted(stamps, [after, until], side="right").tolist())
+        return stamps[rows], self.values[rows]
+
+    def forget(self, before: int) -> None:
+        """Drop rows that nothing asks for any more: all but the last ones before a stamp."""
+        kept = int(np.searchsorted(self.stamps, before)) - 1 - _PERIODS
+        self._begin += max(kept, 0)
+
+    def clear(self) -> None:
+        """Forget everything but the count."""
+        self._begin = self._end
+        self.newest = NEVER
+
+    def periods(self, stamps: Integers) -> Integers:
+        """Time (ns) between the messages up to each of `stamps`, all that there are: the second longest of 8.
+
+        One message that is missing does not make a stream slow. 0: of the first two.
+        """
+        between = np.concatenate([np.zeros(_PERIODS), np.diff(stamps)]).astype(np.int64)
+        windows = np.lib.stride_tricks.sliding_window_view(between, _PERIODS)
+        return np.partition(windows, -2, axis=1)[: stamps.size, -2]
+
+    def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
+        """How far (ns) the value at each of `stamps` is held."""
+        if stamps.size < 2 or _HOLDS * int(np.diff(stamps).max()) <= rules.gap:
+            return np.full(stamps.size, rules.gap)
+        held = (_HOLDS * self.periods(stamps)).astype(np.int64)
+        return np.clip(held, rules.gap, rules.widest)
+
+    def hold(self, rules: StampRules) -> int:
+        """How far (ns) the newest value is held."""
+        newest = self.stamps[-1 - _PERIODS :]
+        return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
+
+    def at(self, instants: Integers, rules: StampRules) -> Array:
+        """Values at instants, interpolated, or held within its gap; else NaN. Shape (rows, width)."""
+        found: Array = np.full((instants.size, self.width), np.nan)
+        if not self.stamps.size or not instants.size:
+            return found
+        after = np.searchsorted(self.stamps, instants)
+        first = max(int(after.min()) - 1 - _PERIODS, 0)  # no row depends on what is before it
+        part = slice(first, int(after.max()) + 1)
+        stamps, values = self.stamps[part], self.values[part]
+        after -= first
+        last = stamps.size - 1
+        if (stamps[np.minimum(after, last)] == instants).all():
+            return values[after]
+        before = after - 1
+        start, end = stamps[np.maximum(before, 0)], stamps[np.minimum(after, last)]
+        gap = self.gaps(stamps, rules)[np.maximum(before, 0)]
+        later = (after <= last) & (end - instants <= gap)
+        earlier = (before >= 0) & (instants - start <= gap)
+        low, high = values[np.maximum(before, 0)], values[np.minimum(after, last)]
+        span = np.where(end > start, end - start, 1)
+        share = ((instants - start) / span)[:, None]
+        both = (earlier & later)[:, None]
+        found = np.where(both, low + share * (high - low), found)
+        found = np.where((earlier & ~later)[:, None], low, found)
+        exact = later & (end == instants)
+        return np.where(((later & ~earlier) | exact)[:, None], high, found)
+
+    def last(self, instants: Integers) -> tuple[Integers, Array]:
+        """Stamp and values of the newest row at or before each instant; NEVER and NaN before the first."""
+        row = np.searchsorted(self.stamps, instants, side="right")
+        stamps = np.append(np.int64(NEVER), self.stamps)
+        values = np.vstack([np.full((1, self.width), np.nan), self.values])
+        return stamps[row], values[row]
