@@ -81,7 +81,9 @@ class AnswerState:
     newest: dict[int, tuple[int, float, float, float]] = field(default_factory=dict)
     shown: dict[int, list[float]] = field(default_factory=dict)
     risk: float = np.nan
-    slopes: deque[tuple[int, float, float]] = field(default_factory=deque)
+    slopes: tuple[Integers, Array, Array] = field(
+        default_factory=lambda: (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
+    )
 
 
 def answer(
@@ -229,17 +231,19 @@ def _margins(
 
 def _tilt(state: AnswerState, rows: Readings) -> Array:
     """Tangent of the steepest slope, whichever way the vehicle looks, by means over 2 s; 0 without any."""
-    found = np.zeros(len(rows))
-    for i, shown in enumerate(
-        zip(rows.stamp.tolist(), rows.slope.tolist(), rows.across.tolist(), strict=True)
-    ):
-        if not math.isfinite(shown[1] + shown[2]):
-            state.slopes.clear()
-            continue
-        state.slopes.append(shown)
-        while shown[0] - state.slopes[0][0] > STALE:
-            state.slopes.popleft()
-        _, ahead, aside = np.mean(state.slopes, axis=0)
-        sine = min(math.hypot(ahead, aside) / GRAVITY, _STEEPEST)
-        found[i] = sine / math.sqrt(1.0 - sine * sine)
-    return found
+    known = np.isfinite(rows.slope + rows.across)
+    stamp, ahead, aside = state.slopes
+    stamp = np.concatenate([stamp, rows.stamp])
+    sums = [
+        np.concatenate([[0.0], np.cumsum(np.concatenate([before, np.where(known, column, 0.0)]))])
+        for before, column in ((ahead, rows.slope), (aside, rows.across))
+    ]
+    last = np.arange(stamp.size - len(rows), stamp.size)
+    lost = np.maximum.accumulate(np.where(known, -1, last))  # the newest row of which nothing is known
+    first = np.maximum(np.searchsorted(stamp, rows.stamp - STALE), lost + 1)
+    count = np.maximum(last + 1 - first, 1)
+    ahead, aside = ((total[last + 1] - total[first]) / count for total in sums)
+    sine = np.minimum(np.hypot(ahead, aside) / GRAVITY, _STEEPEST)
+    begin = int(first[-1])
+    state.slopes = stamp[begin:], np.diff(sums[0])[begin:], np.diff(sums[1])[begin:]
+    return np.where(known, sine / np.sqrt(1.0 - sine * sine), 0.0)

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
@@ -33,9 +35,9 @@ class GroundMapper:
         self.map.clear()
         count = len(self._wheels)
         # Of the newest row of each wheel: stamp; load, margin, its deviation; whether it is elsewhere.
-        self._stamps = np.full(count, NEVER)
-        self._newest = np.full((count, 3), np.nan)
-        self._elsewhere = np.zeros(count, dtype=bool)
+        self._newest: list[NDArray[Any]] = [
+            np.full(count, NEVER), *np.full((3, count), np.nan), np.zeros(count, dtype=bool)
+        ]  # fmt: skip
 
     def add(self, found: Estimates, frame: str) -> None:
         """Take rows of estimates; frame is that of the odometry, empty where it is not known.
@@ -49,29 +51,43 @@ class GroundMapper:
             (found.conditions & Condition.PRIOR_ONLY) == 0
         )
         stuck = found.digging_in | found.spins | sunk
-        newest = np.column_stack([found.load, found.margin, found.margin_std])
+        margins = self._margins(found)
         for i, wheel in enumerate(found.wheel.tolist()):
-            stamp = int(found.stamp[i])
-            self._stamps[wheel], self._newest[wheel] = stamp, newest[i]
-            self._elsewhere[wheel] = found.elsewhere[i]
             pose = Pose(float(found.x[i]), float(found.y[i]), float(found.heading[i]))
             if not frame or not math.isfinite(sum(pose)):
                 continue
             refused = found.status[i] == Status.REJECTED
-            margin = None if refused else self._margin(stamp, bool(found.elsewhere[i]))
             self.map.add(
-                self._wheels[wheel], frame, pose, float(found.distance[i]), margin,
+                self._wheels[wheel], frame, pose, float(found.distance[i]),
+                None if refused else margins[i],
                 stuck=bool(stuck[i]), slope=float(found.tilt[i]),
             )  # fmt: skip
 
-    def _margin(self, stamp: int, elsewhere: bool) -> Quantity | None:
-        """Margin of the vehicle by the wheels that are on one soil with this one."""
-        load, margin, deviation = self._newest.T
-        known = np.isfinite(margin) & (self._stamps >= stamp - STALE)
-        known &= self._elsewhere == elsewhere
-        if not known.any():
-            return None
-        load = load[known] if np.isfinite(load[known]).all() else np.ones(int(known.sum()))
+    def _margins(self, found: Estimates) -> list[Quantity | None]:
+        """Margin of the vehicle at each row, by the wheels that are on one soil with the row's."""
+        count, rows = len(self._wheels), np.arange(len(found))
+        columns = (found.stamp, found.load, found.margin, found.margin_std, found.elsewhere)
+        # What was newest of each wheel before these rows, then the rows; and which is at each row.
+        stamp, load, margin, deviation, elsewhere = (
+            np.concatenate([before, column])
+            for before, column in zip(self._newest, columns, strict=True)
+        )
+        at = np.tile(np.arange(count), (rows.size, 1))
+        at[rows, found.wheel] = rows + count
+        at = np.maximum.accumulate(at, axis=0)
+        if rows.size:
+            self._newest = [column[at[-1]] for column in (stamp, load, margin, deviation, elsewhere)]
+        known = np.isfinite(margin[at]) & (stamp[at] >= found.stamp[:, None] - STALE)
+        known &= elsewhere[at] == found.elsewhere[:, None]
+        weight = np.where(known, load[at], 0.0)
+        weighed = np.isfinite(weight).all(axis=1, keepdims=True)
+        weight = np.where(weighed, weight, known)
+        total = weight.sum(axis=1)
         # All wheels stand on one estimated soil, so their errors are taken to go together.
-        total = float(load.sum())
-        return Quantity(float(load @ margin[known]) / total, float(load @ deviation[known]) / total)
+        sums = (
+            (weight * np.where(known, column[at], 0.0)).sum(axis=1) for column in (margin, deviation)
+        )
+        return [
+            Quantity(value / whole, spread / whole) if whole else None
+            for value, spread, whole in zip(*(one.tolist() for one in sums), total.tolist(), strict=True)
+        ]

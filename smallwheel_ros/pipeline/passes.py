@@ -65,9 +65,12 @@ class Passes:
         aside = np.array([wheel.lateral_position for wheel in self._wheels])[rows.wheel]
         x, y = rows.x + cosine * along - sine * aside, rows.y + sine * along + cosine * aside
         rolls = np.array([wheel.contact == ROLLING for wheel in self._wheels])[rows.wheel]
-        for i in np.flatnonzero(rolls & np.isfinite(x) & np.isfinite(y) & self._told).tolist():
-            point = _Point(float(x[i]), float(y[i]), int(rows.wheel[i]), float(rows.distance[i]))
-            found[i] = self._number(point, bool(rows.onward[i]))
+        mine = np.flatnonzero(rolls & np.isfinite(x) & np.isfinite(y) & self._told)
+        columns = (x, y, rows.wheel, rows.distance, rows.onward)
+        found[mine] = [
+            self._number(_Point(*point), onward)
+            for *point, onward in zip(*(column[mine].tolist() for column in columns), strict=True)
+        ]
         return found
 
     def _number(self, point: _Point, onward: bool) -> float:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
@@ -14,11 +16,12 @@ from smallwheel_ros.pipeline.bag import Decoder, frame_of
 from smallwheel_ros.pipeline.feed import Message, feed
 from smallwheel_ros.pipeline.inputs import Fields, Rows, Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.pipeline.tables import SECOND, Integers
 from smallwheel_ros.replay.spec import resolved
 
-# A turn takes so many messages at most, and a second of the recording: as often as the node speaks.
-_BLOCK = 16384
+# A turn takes so many messages at most, and so much (ns) of the recording: fewer turns take less time.
+_BLOCK, _LONGEST = 16_384, 5 * SECOND
+_TURNS = 3  # whose ends are remembered: rows of a turn wait for the slowest stream
 _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 
 
@@ -73,6 +76,7 @@ class Recording:
             self._read_clock = reader.decoder(*_CLOCK)
             self.used.add(_CLOCK)
         self._chunk: list[Message] = []
+        self._newest: list[tuple[int, int]] = []  # stamps at ends of turns, and log times
 
     def _listen(self, key: Key, topic: Topic) -> None:
         """Note which topic of the bag is an input, and how it is read."""
@@ -103,7 +107,7 @@ class Recording:
         begin = self.time
         try:
             for raw in self._reader.raw_messages({name for name, _ in self.used} | also):
-                if len(self._chunk) >= block or not 0 <= raw.log_time - begin < 10 * SECOND:
+                if len(self._chunk) >= block or not 0 <= raw.log_time - begin < _LONGEST:
                     yield self._turn()
                     begin = raw.log_time
                     if self.stopped:
@@ -150,7 +154,18 @@ class Recording:
         if self._chunk:
             feed(self._pipeline, self._topics, self._decoders, self._chunk)
             self._chunk = []
+            newest = self._pipeline.streams.latest
+            before = [pair for pair in self._newest if pair[0] < newest]
+            self._newest = [*before[-_TURNS:], (newest, self.time)]
         return list(self._pipeline.turns(last=last))
+
+    def log_times(self, stamps: Integers) -> Integers:
+        """Log times (ns) at which the newest messages had these stamps: between ends of turns evenly."""
+        known, times = np.array(self._newest or [(self.time, self.time)], dtype=np.int64).T
+        since = stamps - known[0]  # as floats, whole nanoseconds of a year are lost
+        passed = np.interp(since, known - known[0], times - times[0])
+        found = times[0] + np.where(since < 0, since, passed).astype(np.int64)
+        return np.minimum(found, self.time)
 
 
 def turns_of(

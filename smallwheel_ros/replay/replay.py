@@ -23,7 +23,7 @@ from smallwheel_ros.pipeline.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil_file import SoilFile
-from smallwheel_ros.pipeline.tables import SECOND, Integers
+from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.result import (
@@ -172,7 +172,7 @@ class _Drive:
         if recording.damage is not None:
             state, ended = "ended_early", str(recording.damage)
         if self._last_stamp and self._ground.map.changed:
-            self._write_grid(self._last_stamp)
+            self._write_grid(self._last_stamp, recording.time)
         bag.write_soil()
         self._happened.finish()
         whole = state == "complete" and self._reader.end_time is not None
@@ -200,12 +200,8 @@ class _Drive:
         """Write a turn into tables and bag, and lay it down on the map."""
         if turn.starts_over:
             self._stretches.starts_over()
-        changing = self._happened.take(turn)
+        changing, times = self._happened.take(turn), self._recording.log_times
         self._stretches.add(turn.readings, changing)
-
-        def times(stamps: Integers) -> Integers:
-            """When the turn was: what is recorded stays in its order."""
-            return np.full(stamps.size, self._recording.time, dtype=np.int64)
 
         if turn.twists is not None and len(turn.twists):
             assert self._settings.onboard.twist is not None
@@ -227,14 +223,21 @@ class _Drive:
             plain[k] | {"measurements_rejected": rejected[i]}
             for i, k in enumerate(soil_of.tolist())
         ]
+        recorded = times(rows.stamp)
         self._bag.write_estimates(
-            rows, columns, of_rows, times(rows.stamp), self._recording.frame, self.wheels
+            rows, columns, of_rows, recorded, self._recording.frame, self.wheels
         )
-        self._ground.add(rows, self._recording.frame)
-        self._last_stamp = int(rows.stamp[-1])
+        self._lay(rows, recorded)
+
+    def _lay(self, rows: Estimates, recorded: Integers) -> None:
+        """Lay rows down on the map, and write it as often as the node would have published it."""
         period = round(COST_PERIOD * SECOND)
-        if self._ground.map.changed and self._bag.is_due("cost", self._recording.time, period):
-            self._write_grid(self._last_stamp)
+        for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(recorded // period)) + 1):
+            self._ground.add(rows.take(part), self._recording.frame)
+            self._last_stamp = int(rows.stamp[part[-1]])
+            time = int(recorded[part[-1]])
+            if self._ground.map.changed and self._bag.is_due("cost", time, period):
+                self._write_grid(self._last_stamp, time)
 
     def _told(self) -> list[dict[str, Any]]:
         """What is told of the soils of the newest turn."""
@@ -249,11 +252,11 @@ class _Drive:
         self._soils = list(zip(self._happened.soils, told, strict=True))
         return told
 
-    def _write_grid(self, stamp: int) -> None:
+    def _write_grid(self, stamp: int, time: int) -> None:
         """Write the grid as the node would have published it."""
         grid = self._ground.map.grid()
         if grid is not None:
-            self._bag.write_grid(grid, stamp, self._recording.time)
+            self._bag.write_grid(grid, stamp, time)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""
