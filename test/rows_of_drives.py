@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -165,9 +166,13 @@ def run(
     cuts: Sequence[int] = (),
     *,
     together: bool = False,
+    span: int | None = None,
     pipeline: Pipeline | None = None,
 ) -> tuple[Readings, Estimates]:
-    """Readings and estimates of rows with turns at cuts. together: rows between cuts are given at once."""
+    """Readings and estimates of rows with turns at cuts. together: rows between cuts are given at once.
+
+    span: ns of a turn, of which two are taken at a cut; None: one takes all.
+    """
     pipeline = pipeline or Pipeline(settings.onboard)
     known = set(widths_of(settings.onboard))
     rows = [row for row in rows if row[0] in known]
@@ -175,9 +180,9 @@ def run(
     begin = 0
     for cut in [*sorted(set(cuts)), len(rows)]:
         give(pipeline.streams, rows[begin:cut], together=together)
-        turns += pipeline.turns()
+        turns += islice(pipeline.turns(span=span), 2 if span else None)
         begin = cut
-    turns += pipeline.turns(last=True)
+    turns += pipeline.turns(last=True, span=span)
     readings = Readings.joined([turn.readings for turn in turns])
     return readings, Estimates.joined([turn.estimates for turn in turns])
 

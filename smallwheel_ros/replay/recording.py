@@ -99,8 +99,8 @@ class Recording:
         also: frozenset[str] = frozenset(),
         each: Callable[[RawMessage], object] = lambda _: None,
         block: int = _BLOCK,
-    ) -> Iterator[list[Turn]]:
-        """The pipeline's turns, a block of messages at a time, the last when nothing more comes.
+    ) -> Iterator[Iterator[Turn]]:
+        """The pipeline's turns, to be taken block by block, the last when nothing more comes.
 
         also: topics that are read besides; each: is given every message.
         """
@@ -149,15 +149,15 @@ class Recording:
     def _not_readable(self, stream: str, topic: str, error: Exception) -> None:
         self._pipeline.note(stream, "not_readable", f"topic {topic}: {reason(error)}")
 
-    def _turn(self, *, last: bool = False) -> list[Turn]:
-        """Give what was kept to the pipeline, and take what it makes."""
+    def _turn(self, *, last: bool = False) -> Iterator[Turn]:
+        """Give what was kept to the pipeline, which makes turns of it as they are asked for."""
         if self._chunk:
             feed(self._pipeline, self._topics, self._decoders, self._chunk)
             self._chunk = []
             newest = self._pipeline.streams.latest
             before = [pair for pair in self._newest if pair[0] < newest]
             self._newest = [*before[-_TURNS:], (newest, self.time)]
-        return list(self._pipeline.turns(last=last))
+        return self._pipeline.turns(last=last)
 
     def log_times(self, stamps: Integers) -> Integers:
         """Log times (ns) at which the newest messages had these stamps: between ends of turns evenly."""

@@ -25,6 +25,7 @@ from smallwheel_ros.pipeline.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.soil_file import SoilFile
 from smallwheel_ros.pipeline.statements import Kind, Statement, alarms
+from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of
@@ -32,6 +33,7 @@ from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of
 # s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
 # how much it has to do.
 _TURN = 0.05
+_SPAN = SECOND // 4  # ns of stamps that are worked on before a look at the clock
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
 _MARKERS_EVERY = 0.2  # s
@@ -111,6 +113,7 @@ class Session:
         self._jobs: list[_Job] = []
         self._longest = 0.0  # s, turn since the last diagnostics
         self._flushed = False  # since the newest message
+        self._behind = False  # whether the newest turn left something for the next one
         self._alarms: dict[Kind, Statement] = {}  # as they were when they were looked at last
         self._outputs = Outputs(node, settings, self._pipeline, self._report)
         remembered = self._soil_file.restore_map(self._outputs.cost.map)
@@ -204,26 +207,30 @@ class Session:
 
     def _work(self) -> None:
         """Take a turn, and do whatever else is due."""
-        self._turn()
+        self._turn(within=0.5 * _TURN)
         now = time.monotonic()
         for job in self._jobs:
             if now >= job.due:
                 job.due = now + job.period
                 self._safely(job.name, job.work)
 
-    def _turn(self) -> None:
+    def _turn(self, within: float = 0.0) -> None:
         """Take what has come through the pipeline, and publish what comes of it.
 
-        Where nothing comes for a while, what waits for other messages goes on without them.
+        Where nothing comes for a while, what waits for other messages goes on without them. within: s, after
+        which the rest waits for the next turn, so that a node that catches up still answers; 0: never.
         """
         begin = time.monotonic()
         try:
             came = self._inputs.take()
             quiet = begin - self._inputs.arrived > _FLUSH_AFTER
-            if came or (quiet and not self._flushed):
-                self._flushed = quiet
-                for turn in self._pipeline.turns(last=quiet):
+            if came or self._behind or (quiet and not self._flushed):
+                self._flushed, self._behind = quiet, False
+                for turn in self._pipeline.turns(last=quiet, span=_SPAN):
                     self._safely("~/mobility", self._outputs.publish, turn, self._frame)
+                    self._behind = within > 0.0 and time.monotonic() - begin > within
+                    if self._behind:
+                        break
         except Exception:
             if not rclpy.ok():
                 raise

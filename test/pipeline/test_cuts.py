@@ -22,7 +22,7 @@ from rows_of_drives import (
 )
 
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.pipeline.tables import Estimates, Readings
+from smallwheel_ros.pipeline.tables import SECOND, Estimates, Readings
 
 
 def _messy(rows: list[Row], seed: int) -> list[Row]:
@@ -88,9 +88,10 @@ def test_cuts_do_not_matter(name: str) -> None:
     @given(
         cuts=st.lists(st.integers(1, len(rows) - 1), min_size=1, max_size=40),
         together=st.booleans(),
+        span=st.none() | st.integers(SECOND // 100, SECOND),
     )
-    def check(cuts: list[int], together: bool) -> None:
-        found, made = run(vehicle, rows, cuts, together=together)
+    def check(cuts: list[int], together: bool, span: int | None) -> None:
+        found, made = run(vehicle, rows, cuts, together=together, span=span)
         assert_same(readings, found)
         assert_same(estimates, made)
 
