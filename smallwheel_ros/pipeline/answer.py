@@ -9,8 +9,6 @@ asked for; at least 0.5 over the first level of the warning
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
 
@@ -239,7 +237,9 @@ def _tilt(state: AnswerState, rows: Readings) -> Array:
         for before, column in ((ahead, rows.slope), (aside, rows.across))
     ]
     last = np.arange(stamp.size - len(rows), stamp.size)
-    lost = np.maximum.accumulate(np.where(known, -1, last))  # the newest row of which nothing is known
+    lost = np.maximum.accumulate(
+        np.where(known, -1, last)
+    )  # the newest row of which nothing is known
     first = np.maximum(np.searchsorted(stamp, rows.stamp - STALE), lost + 1)
     count = np.maximum(last + 1 - first, 1)
     ahead, aside = ((total[last + 1] - total[first]) / count for total in sums)

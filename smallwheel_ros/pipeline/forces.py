@@ -83,7 +83,7 @@ class Believed:
         factors[:, OTHER:grip] = 0.0
         share = np.minimum(self.product(factors, factors), _WIDEST)
         more = np.expm1(2.0 * share) - 2.0 * np.expm1(0.5 * share) - share
-        return self.product(row, row) + more * push.value**2
+        return np.asarray(self.product(row, row) + more * push.value**2)
 
     def product(self, one: Array, other: Array) -> Array:
         """Covariance of what rows of slopes by the state give."""

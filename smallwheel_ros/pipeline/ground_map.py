@@ -76,7 +76,9 @@ class GroundMapper:
         at[rows, found.wheel] = rows + count
         at = np.maximum.accumulate(at, axis=0)
         if rows.size:
-            self._newest = [column[at[-1]] for column in (stamp, load, margin, deviation, elsewhere)]
+            self._newest = [
+                column[at[-1]] for column in (stamp, load, margin, deviation, elsewhere)
+            ]
         known = np.isfinite(margin[at]) & (stamp[at] >= found.stamp[:, None] - STALE)
         known &= elsewhere[at] == found.elsewhere[:, None]
         weight = np.where(known, load[at], 0.0)
@@ -85,9 +87,12 @@ class GroundMapper:
         total = weight.sum(axis=1)
         # All wheels stand on one estimated soil, so their errors are taken to go together.
         sums = (
-            (weight * np.where(known, column[at], 0.0)).sum(axis=1) for column in (margin, deviation)
+            (weight * np.where(known, column[at], 0.0)).sum(axis=1)
+            for column in (margin, deviation)
         )
         return [
             Quantity(value / whole, spread / whole) if whole else None
-            for value, spread, whole in zip(*(one.tolist() for one in sums), total.tolist(), strict=True)
+            for value, spread, whole in zip(
+                *(one.tolist() for one in sums), total.tolist(), strict=True
+            )
         ]

@@ -165,7 +165,7 @@ class Recording:
         since = stamps - known[0]  # as floats, whole nanoseconds of a year are lost
         passed = np.interp(since, known - known[0], times - times[0])
         found = times[0] + np.where(since < 0, since, passed).astype(np.int64)
-        return np.minimum(found, self.time)
+        return np.asarray(np.minimum(found, self.time))
 
 
 def turns_of(

@@ -22,7 +22,7 @@ from rows_of_drives import (
 )
 
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, Readings
+from smallwheel_ros.pipeline.tables import Estimates, Readings
 
 
 def _messy(rows: list[Row], seed: int) -> list[Row]:
