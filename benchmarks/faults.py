@@ -264,9 +264,9 @@ def _has_fault(line: Line) -> int:
 
 JUDGES = [
     Judge("faults named", share(lambda one: one.get("named", False), _has_fault), 0.9, None, "."),
-    Judge("way until it is named, m", middle(lambda one: one.get("way"))),
+    Judge("metres until it is named", middle(lambda one: one.get("way"))),
     Judge(
-        "something else said beside it",
+        "something else reported beside it",
         share(lambda one: bool(one.get("beside")), _has_fault),
         None,
         0.1,

@@ -102,7 +102,7 @@ def checks(subject: str, most: float | None, each: str = "$^") -> list[Judge]:
             each,
         ),
         Judge(
-            "said in time, or pull and margin stay in their bands",
+            "reported in time, or pull and margin stay in their bands",
             share(lambda one: has_fault(one) and good(one), has_fault),
             0.75,
             None,

@@ -146,10 +146,26 @@ def test_the_page_has_pooled_rates_and_the_worlds_that_fail(
     monkeypatch.setattr("sys.argv", ["rates_page.py", str(page)])
     rates_page.main()
     text = page.read_text(encoding="utf-8")
-    assert "| hits | 0.1 (0.0179–0.404) | 10 | ≥ 0.9 ✗ |" in text
+    assert "| hits | 0.1 (0.0179–0.404; 10) ✗ | ≥ 0.9 |" in text
     assert "Worlds beyond a limit: hits: a.\n<!-- end -->" in text
     assert "old" not in text
     assert text.endswith("End.\n")
+
+
+def test_subjects_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[str, int]] = []
+    hits = [line(world="a", hit=True) for _ in range(4)]
+    one = bench.rates(subject(calls), hits)
+    monkeypatch.setattr(rates_page, "FOLDER", tmp_path)
+    one.to_csv(tmp_path / "one.csv", index=False)
+    one.assign(what="others").to_csv(tmp_path / "two.csv", index=False)
+    made = rates_page.table({name: pd.read_csv(tmp_path / f"{name}.csv") for name in ("one", "two")})
+    assert made.splitlines() == [
+        "| | one | two | limit |",
+        "| --- | --- | --- | --- |",
+        "| hits | 1 (0.51–1; 4) |  | ≥ 0.9 |",
+        "| others |  | 1 (0.51–1; 4) | ≥ 0.9 |",
+    ]
 
 
 def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> None:
