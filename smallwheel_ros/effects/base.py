@@ -321,7 +321,7 @@ def partly_dug(form: Form) -> Form:
     own = {
         "form": f"partly_dug_{form.form}",
         "formula": f"{form.formula}; compaction resistance at z0 (z / z0)^c",
-        "source": f"{form.source}; of the soil below some is compacted, some carried away",
+        "source": f"{form.source}; partly dug",
         "compaction_sinkage": compaction_sinkage,
         "c": share,
         "__annotations__": {"c": "float"},
