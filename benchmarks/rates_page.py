@@ -26,7 +26,7 @@ _MARKS = re.compile(r"(<!-- rates: ([\w ]+) -->\n).*?(<!-- end -->\n)", re.DOTAL
 
 
 def table(of: dict[str, pd.DataFrame]) -> str:
-    """Pooled rates of subjects in Markdown, a column each, and the worlds whose rates are beyond their limits."""
+    """Pooled rates in Markdown, a column for each subject, and the worlds beyond a limit."""
     rates: dict[str, dict[str, Any]] = {}
     for subject, rows in of.items():
         shown = rows.limit.notna() | rows.what.str.contains(_SHOWN)

@@ -36,7 +36,7 @@ init = command(
     output("Parameter file to write.", required=True),
     click.option("--force", is_flag=True, help="Replace an existing file."),
     JSON,
-    words="Nothing that is there is replaced.",
+    words="An existing file is kept without --force.",
     begin=_check_free,
     finish=_written,
 )

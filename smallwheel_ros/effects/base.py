@@ -147,7 +147,7 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()  # covariates that it reads
     channels: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[str] = ""  # the first of the stages that it acts at
-    # An instrument's fault is said to be one, and never taken for physics of the soil.
+    # An instrument's fault is reported as one, and never taken for physics of the soil.
     kind: ClassVar[Literal["soil", "instrument"]] = "soil"
     # Settings that its strength follows: load, diameter, width, or covariates of `needs`.
     drivers: ClassVar[tuple[str, ...]] = ()

@@ -54,7 +54,7 @@ def take_contact(columns: Columns, given: str | None) -> None:
 
 
 def take_plates(columns: Columns, compliance: float | None) -> None:
-    """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
+    """Turn what a table has of plates into load, diameter, width and the soil's own sinkage."""
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():
         _take_sizes(columns, plate)
@@ -144,7 +144,7 @@ def keep_rows_on_soil(columns: Columns, run: Texts) -> None:
     """Keep rows of plates and pressed wheels that press on the soil, for the first time; all others too.
 
     Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
-    again is not what a law of first loading is of. What is left out is said.
+    again is not what a law of first loading is of. What is left out is reported.
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = columns.contact != ROLLING

@@ -32,14 +32,14 @@ class DriveSettings:
     """
 
     seed: Seed = 0
-    distance: Annotated[float, Option("Way, m.", (2.0, 20_000.0, "m"))] = 30.0
-    speed: Annotated[float, Option("Middle speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
+    distance: Annotated[float, Option("Distance, m.", (2.0, 20_000.0, "m"))] = 30.0
+    speed: Annotated[float, Option("Mean speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
     wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
     terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
-    finish: Annotated[str, Option(f"What it ends in, stuck: {', '.join(FINISHES)}.", FINISHES)] = (
-        "none"
-    )
+    finish: Annotated[
+        str, Option(f"What the drive gets stuck on at its end:  {', '.join(FINISHES)}.", FINISHES)
+    ] = "none"
     hidden: Hidden = ()
     strength: Strength = 1.0
     form: FormOfHidden = "own"

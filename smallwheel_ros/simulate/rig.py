@@ -208,7 +208,7 @@ def draw_runs(
     """Draw runs, each setting independent of the others (but for a tie).
 
     Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn
-    again, as nobody measures there; that leaves slight correlations of load, diameter and width.
+    again, as nothing is measured there; that leaves slight correlations of load, diameter and width.
     Raises SimulationError if hardly any setting is left: the hidden effects are too strong.
     """
     runs: list[RunSettings] = []

@@ -184,7 +184,7 @@ class World:
     that no law of sinkage gives, over load. rut: factor on the sinkage of a wheel in a track, once. right:
     ln of a factor on k under the right wheels. skid: how much of a turn comes, where all turns are made by
     skidding. differential: whether the wheels of an axle share its torque. spare: share of the weight on a
-    wheel that nobody listed. sticks: whether it may get stuck. patience: s
+    wheel that is not listed. sticks: whether it may get stuck. patience: s
     for which rims spin before the driver gives up. told: parameters. faults: of the sensors, by name, put in
     by the code that drives it. said: what has to be said; "": nothing may be.
     """

@@ -159,7 +159,9 @@ def test_subjects_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(rates_page, "FOLDER", tmp_path)
     one.to_csv(tmp_path / "one.csv", index=False)
     one.assign(what="others").to_csv(tmp_path / "two.csv", index=False)
-    made = rates_page.table({name: pd.read_csv(tmp_path / f"{name}.csv") for name in ("one", "two")})
+    made = rates_page.table(
+        {name: pd.read_csv(tmp_path / f"{name}.csv") for name in ("one", "two")}
+    )
     assert made.splitlines() == [
         "| | one | two | limit |",
         "| --- | --- | --- | --- |",
