@@ -117,7 +117,7 @@ def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None
         columns.problem(wrong, "sinkage", rolling & (soil < 0.0))
         columns.numbers["sinkage"] = soil
         most = 1e3 * compliance * float(np.fmax.reduce(load))
-        columns.understood.append(f"{less}, what the machine gives way by: up to {most:.3g} mm")
+        columns.understood.append(f"{less}, by the machine's compliance: up to {most:.3g} mm")
 
 
 def name_curves(columns: Columns) -> None:
@@ -197,7 +197,7 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
     if constant and most > 2.0 * least:
         columns.warnings.append(
             f"run '{name}': the load is {load.mean():.4g} N at all depths from {1e3 * least:.3g} to "
-            f"{1e3 * most:.3g} mm, and no soil bears alike there: is it the load at that depth, or that of "
+            f"{1e3 * most:.3g} mm, which no soil has: is it the load at that depth, or that of "
             "the whole test?"
         )
     elif not constant and _rise(load[known], sinkage[known]) < 0.0:
