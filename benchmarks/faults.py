@@ -24,12 +24,11 @@ from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.checks import Checks, Finding
 from smallwheel_ros.pipeline.ground import Ground
 from smallwheel_ros.pipeline.streams import Streams
-from smallwheel_ros.simulate.world import World
+from smallwheel_ros.simulate.world import GRAVITY, World
 from smallwheel_ros.simulate.world_drive import make_drive
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-GRAVITY = 9.80665
 BEGINS, JUMPS_AT = 0.3, 0.5  # share of the way
 
 

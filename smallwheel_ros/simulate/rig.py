@@ -18,6 +18,7 @@ from tqdm import tqdm
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.files import write_whole
 from smallwheel_ros.common.options import Option
+from smallwheel_ros.simulate.drive_settings import soil_of_pressure
 from smallwheel_ros.simulate.hidden import (
     FRACTION,
     Asked,
@@ -29,7 +30,6 @@ from smallwheel_ros.simulate.hidden import (
     draw_effects,
     extra_column,
 )
-from smallwheel_ros.simulate.stretches import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     HiddenEffect,
