@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -162,25 +161,19 @@ def of_cost_map(side: int = 1000) -> None:
         told(f"cost map, {name}, over a table lookup", seconds / limit, "at most 3")
 
 
-def table_of(table: pd.DataFrame) -> Measurements:
-    """As a user's file."""
-    with tempfile.TemporaryDirectory() as folder:
-        return read(table, Path(folder))
-
-
 def plates() -> Measurements:
     """Curves of two soils, 4000 rows."""
     tables = []
     for seed in range(2):
         table = curves(seed, 0, "plate", 300)
         tables.append(table.assign(run=[f"{seed}_{name}" for name in table["run"]]))
-    return table_of(pd.concat(tables, ignore_index=True).iloc[:4000])
+    return read(pd.concat(tables, ignore_index=True).iloc[:4000])
 
 
 def tables() -> Iterator[tuple[str, Measurements, Base, float]]:
     """Name, table, base, and the limit in seconds."""
     for hidden in ((), ("slip_sinkage",)):
-        table = table_of(simulate_rig(RigSettings(seed=1, hidden=hidden)).table)
+        table = read(simulate_rig(RigSettings(seed=1, hidden=hidden)).table)
         yield f"simulated, {'+'.join(hidden) or 'nothing hidden'}", table, Base(), 3.0
     if RIG.is_dir():
         whole = read_measurements(RIG / "indentation.csv")
