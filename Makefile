@@ -77,13 +77,12 @@ demo: env
 # Rates go on where they were; DRIVES are folders of real drives. A rate beyond its limit is no error here:
 # docs/rates.md says which. What each part takes is said before it starts.
 DRIVES ?= examples/data
-SPEED := costmap physics node replay diagnosis_cost cost_detours twist
+SPEED := speed node replay cost_detours twist
 benchmark: env
 	@echo 'rates:'; $(RUN) benchmarks/rates.py --list
 	@echo 'real drives: 1 min each; speed against peers: $(SPEED), 10 min'
-	-@$(RUN) benchmarks/rates.py
-	@$(RUN) benchmarks/rates_page.py
 	@$(RUN) benchmarks/real_drives.py $(DRIVES) --page docs/real_robots.md
+	-@$(RUN) benchmarks/rates.py
 	@set -e; for name in $(SPEED); do echo "== $$name"; PYTHONPATH=. $(RUN) benchmarks/$$name.py; done
 
 # A warning is an error. The pages need no network to be made or read.

@@ -22,12 +22,12 @@ from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, OnboardSettings, TwistSettings, VelocitySource
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.twist import Rows
+from smallwheel_ros.simulate.world import GRAVITY
 
 Array = NDArray[np.float64]
 _PLACES = [up / "shared" / "data" / "real_drives" for up in Path(__file__).resolve().parents]
 REAL = next((place for place in _PLACES if place.is_dir()), _PLACES[1])
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,26 @@
     python benchmarks/cost_detours.py --drives 20
 
 Simulated drives (truth simulator) that end stuck on slippery ground or a slope, one a seed, and as many
-that do not; their cost maps, and paths over them by the rules of Nav2's planners (`_grid_planner`):
+that do not; their cost maps, and paths over them by the rules of Nav2's planners:
 straight past the place, from 8 m before it to 3 m behind it, out of there, and along the good drives, each
 end moved along that line to where no wheel stands on ground of 50 and more. Costs are spread as the node
 does it (`cost.spread`) and, to show what that is for, not at all. `m dear`: way of the outer wheels, beside
 base_link, on cells that the map without spread has at 50 and more; at the corners: of those in front and
 behind. Intervals (95 %): bootstrap over drives for means, Clopper-Pearson for counts.
+
+Paths are shortest ones over 8 neighbours by the rules of Nav2's planners (1.3.13).
+
+A cell of the grid becomes one of the costmap as KeepoutFilter has it, 0 to 254, unknown 0 (a costmap that
+does not track unknown space); soil is not inflated, since filters come after inflation.
+
+NavFn goes by base_link: a step costs its length times 50 + 0.8 of the cost (navfn.cpp: COST_NEUTRAL,
+COST_FACTOR), and 253 and more cannot be entered.
+
+SmacHybrid and SmacLattice know the footprint (collision_checker.cpp, inCollision) and look at it only
+where the cost under base_link is at least that of InflationLayer at the circumscribed radius; then no edge of
+it may be on 254. A step costs its length times 0.985 + 2 times the cost under base_link over 252
+(node_hybrid.cpp, getTraversalCost). Turning radius and penalties of turns are left out: they change no cell
+that is looked at.
 """
 
 from __future__ import annotations
@@ -22,26 +36,146 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 from scipy.stats import binomtest, bootstrap
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
 
 from cost_map import cost_map
 
-from benchmarks._grid_planner import Planner, dear_way, near_share, plan
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
-from smallwheel_ros.costmap.grid import Grid, spread
+from smallwheel_ros.costmap.crossed_ground import Outline
+from smallwheel_ros.costmap.grid import Grid, Pose, spread
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
+Array = NDArray[np.float64]
+Planner = Literal["NavFn", "Smac"]
+_STEPS = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]
+_INSCRIBED, _LETHAL = 253.0, 254.0
+# InflationLayer in nav2_params.yaml: 1/m, m
+_SCALING, _INFLATION = 3.0, 0.7
 _BEFORE, _BEHIND = 8.0, 3.0  # m
 _PLANNERS: tuple[Planner, ...] = ("NavFn", "Smac")
 Found = dict[str, dict[str, float]]
+
+
+# --- Planners
+
+
+def plan(
+    grid: Grid,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    outline: Outline,
+    planner: Planner,
+) -> Array | None:
+    """Places (m) of the path, shape (places, 2); None where there is none."""
+    costs = np.where(grid.cells < 0, 0.0, np.rint(2.54 * grid.cells))
+    rows, columns = costs.shape
+    numbers = np.arange(rows * columns).reshape(rows, columns)
+    found: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
+    for up, aside in _STEPS:
+        r, c = slice(max(-up, 0), rows - max(up, 0)), slice(max(-aside, 0), columns - max(aside, 0))
+        to_r, to_c = (
+            slice(max(up, 0), rows - max(-up, 0)),
+            slice(max(aside, 0), columns - max(-aside, 0)),
+        )
+        there, free = costs[to_r, to_c], costs[to_r, to_c] < _INSCRIBED
+        if planner == "Smac":
+            edges = _under_edges(costs, grid.resolution, outline, (up, aside))[to_r, to_c]
+            free &= (there < possible_collision(outline)) | (edges < _LETHAL)
+            weight = 0.985 + 2.0 * there[free] / 252.0
+        else:
+            weight = 50.0 + 0.8 * there[free]
+        found[0].append(numbers[r, c][free])
+        found[1].append(numbers[to_r, to_c][free])
+        found[2].append(math.hypot(up, aside) * weight)
+    edges = [np.concatenate(part) for part in found]
+    graph = csr_matrix((edges[2], (edges[0], edges[1])), shape=(rows * columns,) * 2)
+    begin, end = (grid.cell(*place) for place in (start, goal))
+    assert begin is not None
+    assert end is not None
+    if costs[begin] >= _INSCRIBED:
+        return None
+    far, before = dijkstra(graph, indices=numbers[begin], return_predecessors=True)
+    if not np.isfinite(far[numbers[end]]):
+        return None
+    path = [numbers[end]]
+    while path[-1] != numbers[begin]:
+        path.append(before[path[-1]])
+    at_row, at_column = np.divmod(np.array(path[::-1]), columns)
+    return np.stack([at_column + 0.5, at_row + 0.5], 1) * grid.resolution + np.array(grid.origin)
+
+
+def possible_collision(outline: Outline) -> float:
+    """Cost from which on SmacHybrid looks at the footprint: InflationLayer's, at the circumscribed radius.
+
+    0 where the inflation does not reach so far: it always looks then (utils.hpp, findCircumscribedCost).
+    """
+    ends = outline.front + outline.radius, outline.radius - outline.rear
+    sides = outline.left, -outline.right
+    around, within = math.hypot(max(ends), max(sides)), min(*ends, *sides)
+    if around > _INFLATION:
+        return 0.0
+    return math.floor(252.0 * math.exp(-_SCALING * (around - within)))
+
+
+def _under_edges(costs: Array, side: float, outline: Outline, step: tuple[int, int]) -> Array:
+    """The dearest cell under the edges of the footprint of a vehicle that heads along a step."""
+    pose = Pose(0.0, 0.0, math.atan2(*step))
+    rear, front = outline.rear - outline.radius, outline.front + outline.radius
+    along = np.append(np.arange(rear, front, side / 2), front)
+    across = np.append(np.arange(outline.right, outline.left, side / 2), outline.left)
+    edge = [(a, b) for a in along for b in (outline.right, outline.left)]
+    edge += [(a, b) for a in (rear, front) for b in across]
+    shifts = {tuple(round(v / side) for v in pose.place(*place)) for place in edge}
+    reach = max(max(abs(v) for v in shift) for shift in shifts)
+    padded, found = np.pad(costs, reach), np.zeros_like(costs)
+    for x, y in shifts:
+        part = padded[
+            reach + y : reach + y + costs.shape[0], reach + x : reach + x + costs.shape[1]
+        ]
+        np.maximum(found, part, out=found)
+    return found
+
+
+def dear_way(
+    path: Array, grid: Grid, outline: Outline, *, corners: bool = False, least: int = 50
+) -> float:
+    """M of the path on which a wheel's track (beside base_link) is on cells of so much or more.
+
+    corners: of the wheels in front and behind, which swing out in turns. The vehicle looks the way that its
+    path goes over its own length: steps have eight directions only.
+    """
+    steps = np.diff(path, axis=0)
+    length = np.hypot(*steps.T)
+    half = max(1, round(0.5 * outline.length / grid.resolution))
+    number = np.arange(1, len(path))
+    chord = path[np.minimum(number + half, len(path) - 1)] - path[np.maximum(number - half, 0)]
+    axles = (outline.rear, outline.front) if corners else (0.0,)
+    on = np.zeros(len(steps), dtype=bool)
+    for i, (x, y), (dx, dy) in zip(range(len(steps)), path[1:], chord, strict=True):
+        pose = Pose(x, y, math.atan2(dy, dx))
+        for ahead, left in product(axles, (outline.left, outline.right)):
+            cell = grid.cell(*pose.place(ahead, 0.9 * left))
+            on[i] |= cell is not None and grid.cells[cell] >= least
+    return float(length[on].sum())
+
+
+def near_share(path: Array, way: Array, within: float = 0.3) -> float:
+    """Share of the path's places that are so near (m) to an old way."""
+    gaps = np.hypot(*(path[:, None, :] - way[None, ::5, :]).transpose(2, 0, 1)).min(axis=1)
+    return float(np.mean(gaps < within))
+
+
+# --- Drives
 
 
 def map_of(seed: int, stuck: bool) -> tuple[CostMap, NDArray[np.float64]]:

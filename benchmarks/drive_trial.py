@@ -15,15 +15,16 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from benchmarks.drive_worlds import FIELD, PRIORS, ROBOTS, SLIP, SOIL, TRACTION, drawn_by_priors
+from benchmarks.drive_worlds import FIELD, PRIORS, ROBOTS, SLIP, SOIL, TRACTION
 from benchmarks.faults import FAULTS, Raw
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warnings import Warned
-from smallwheel_ros.simulate.vehicle import TICK
-from smallwheel_ros.simulate.world_drive import EPOCH, WorldDrive, make_drive
+from smallwheel_ros.simulate.vehicle import EPOCH, TICK
+from smallwheel_ros.simulate.world import World
+from smallwheel_ros.simulate.world_drive import WorldDrive, make_drive
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE
 
 Line = dict[str, Any]
@@ -49,12 +50,9 @@ _WITHIN = 1.35  # m of the front wheels' way behind a border in which either soi
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*")
 
 
-def trial(subject: str, world: str, seed: int) -> Line:
+def trial(world: World, seed: int) -> Line:
     """Make a drive, let the pipeline drive it, and judge."""
-    found = WORLDS[subject][world]
-    if subject == "priors":
-        found = drawn_by_priors(found, seed)
-    return judged(make_drive(found, seed))[1]
+    return judged(make_drive(world, seed))[1]
 
 
 def with_faults(drive: WorldDrive) -> tuple[NodeSettings, Raw]:

@@ -13,9 +13,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-
-from smallwheel_ros.simulate.world import GRAVITY, PLAIN, VEHICLES, Feature, Sensors, World
+from smallwheel_ros.simulate.world import PLAIN, Feature, Sensors, World
 
 Worlds = dict[str, World]
 
@@ -128,35 +126,10 @@ TRACTION = _named(
 
 PRIORS = _named(
     replace(SOIL["nominal"], name=f"{vehicle}, {kind}", vehicle=vehicle, grip=0.25,
-            sensors=_with(**KINDS[kind][0]), told=KINDS[kind][1])
+            sensors=_with(**KINDS[kind][0]), told=KINDS[kind][1], priors=True)
     for vehicle in ("two sizes", "six")
     for kind in ("balance", "balance and torque", "pull sensor")
 )  # fmt: skip
-
-
-def drawn_by_priors(world: World, seed: int) -> World:
-    """What is off of sensors and soil, drawn with the deviations that the node's priors state.
-
-    Those of docs/estimator.md: of the sinkage sensors' zero 2 mm, of all loads' scale 0.1 and of each wheel's
-    half of that, of their zero 0.03 of a wheel's load, of the sides of a vehicle a factor of 1.8 in k, of the
-    delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the sinkage. Slip digs, at one deviation, as deep
-    as half of that of its prior: it cannot fill up.
-    """
-    normal = np.random.default_rng([seed, *world.name.encode()]).standard_normal
-    rover = VEHICLES[world.vehicle]
-    count = len(rover.wheels)
-    scales = np.exp(0.1 * normal() + 0.05 * normal(count))
-    sensors = replace(
-        world.sensors, zero=0.002 * normal(), load_scale=tuple(scales.tolist()),
-        tare=0.03 * rover.mass * GRAVITY / count * normal(), delay=0.1 * abs(normal()),
-        pitch_error=0.01 * normal(), torque_scale=0.1, friction=0.05,
-    )  # fmt: skip
-    digging = 0.05 * abs(normal())
-    return replace(
-        world, sensors=sensors, rut=math.exp(0.3 * normal()), right=math.log(1.8) * normal(),
-        digging=(digging, digging),
-    )  # fmt: skip
-
 
 # --- In the field
 

@@ -24,12 +24,11 @@ from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.checks import Checks, Finding
 from smallwheel_ros.pipeline.ground import Ground
 from smallwheel_ros.pipeline.streams import Streams
-from smallwheel_ros.simulate.world import World
+from smallwheel_ros.simulate.world import GRAVITY, World
 from smallwheel_ros.simulate.world_drive import make_drive
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-GRAVITY = 9.80665
 BEGINS, JUMPS_AT = 0.3, 0.5  # share of the way
 
 
@@ -264,9 +263,9 @@ def _has_fault(line: Line) -> int:
 
 JUDGES = [
     Judge("faults named", share(lambda one: one.get("named", False), _has_fault), 0.9, None, "."),
-    Judge("way until it is named, m", middle(lambda one: one.get("way"))),
+    Judge("metres until it is named", middle(lambda one: one.get("way"))),
     Judge(
-        "something else said beside it",
+        "something else reported beside it",
         share(lambda one: bool(one.get("beside")), _has_fault),
         None,
         0.1,

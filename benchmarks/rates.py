@@ -8,7 +8,7 @@
 A subject has worlds, a trial that tries one world with one seed, and judges that count over trials. Trials
 are lines of JSON in benchmarks/rates/SUBJECT.jsonl, appended one by one, so that an interrupted run goes on
 where it was; `--fresh` begins anew, as after a change of the program. Rates of each world and of all are rows
-of benchmarks/rates/SUBJECT.csv, and the tables of docs/rates.md are made of these files. Exit code 1: a rate
+of benchmarks/rates/SUBJECT.csv, from which the tables of docs/rates.md are made, too. Exit code 1: a rate
 is beyond its limit.
 """
 
@@ -22,7 +22,9 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 # One thread a job: numpy's own threads would compete with the other jobs.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -43,6 +45,7 @@ from benchmarks import (
     rates_pull,
 )
 from benchmarks.judges import Line, Subject
+from benchmarks.real_drives import in_short
 
 FOLDER = Path(__file__).resolve().parent / "rates"
 ALL = "all"
@@ -148,6 +151,75 @@ def rates(subject: Subject, lines: Sequence[Line]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
+# --- The page
+
+PAGE = FOLDER.parent.parent / "docs" / "rates.md"
+# Rows without a limit that the page has all the same; and rows that it has only where they fail.
+_SHOWN = re.compile(
+    r"^(?:slip|margin|pull): stated over true|by (?:first level|slip over 0\.3)$"
+    r"|slip is known|error over that|called better than another"
+)
+_SPARED = re.compile(
+    "than the mean|true slip|beside it|each second|band holds|torque,|dummy|good run|^resistance"
+)
+_REAL = re.compile(r"(<!-- real drives -->\n).*?(<!-- end -->\n)", re.DOTALL)
+_MARKS = re.compile(r"(<!-- rates: ([\w ]+) -->\n).*?(<!-- end -->\n)", re.DOTALL)
+
+
+def page_table(of: dict[str, pd.DataFrame]) -> str:
+    """Pooled rates in Markdown, a column for each subject, and the worlds beyond a limit."""
+    rates: dict[str, dict[str, Any]] = {}
+    for subject, rows in of.items():
+        shown = rows.limit.notna() | rows.what.str.contains(_SHOWN)
+        shown &= rows.fails | ~rows.what.str.contains(_SPARED)
+        for row in rows[(rows.world == ALL) & shown].itertuples():
+            rates.setdefault(row.what, {})[subject] = row
+    heads = list(of) if len(of) > 1 else ["rate"]
+    lines = [f"| | {' | '.join(heads)} | limit |", "| --- |" + " --- |" * (len(of) + 1)]
+    for what, found in rates.items():
+        cells = [_cell(found[subject]) if subject in found else "" for subject in of]
+        limits = dict.fromkeys(row.limit for row in found.values() if not pd.isna(row.limit))
+        limit = ", ".join(limits).replace("at least", "≥").replace("at most", "≤")
+        lines.append(f"| {what} | {' | '.join(cells)} | {limit} |")
+    beyond = _beyond(of)
+    told = ["", f"Worlds beyond a limit: {beyond}."] if beyond else []
+    return "\n".join([*lines, *told, ""])
+
+
+def _cell(row: Any) -> str:
+    """A rate with its interval and count; marked where all of the interval is beyond its limit."""
+    value, low, high = (f"{float(number):.3g}" for number in (row.value, row.low, row.high))
+    return f"{value} ({low}–{high}; {row.count}){' ✗' if row.fails else ''}"
+
+
+def _beyond(of: dict[str, pd.DataFrame]) -> str:
+    """Single worlds whose whole interval is beyond a limit, by what is judged."""
+    worlds: dict[str, list[str]] = {}
+    for rows in of.values():
+        for row in rows[(rows.world != ALL) & rows.fails].itertuples():
+            worlds.setdefault(row.what, []).append(row.world)
+    return ". ".join(f"{what}: {'; '.join(names)}" for what, names in worlds.items())
+
+
+def _made(folder: Path, marks: re.Match[str]) -> str:
+    """A table between its marks, which name its subjects."""
+    of = {subject: pd.read_csv(folder / f"{subject}.csv") for subject in marks[2].split()}
+    return marks[1] + page_table(of) + marks[3]
+
+
+def write_page(page: Path = PAGE, folder: Path = FOLDER) -> None:
+    """Make the tables of docs/rates.md anew out of the rows in a folder."""
+    text = _MARKS.sub(partial(_made, folder), page.read_text(encoding="utf-8"))
+    real = folder / "real_drives.csv"
+    if real.exists():
+        told = in_short(pd.read_csv(real, keep_default_na=False))
+        text = _REAL.sub(lambda marks: marks[1] + told + marks[2], text)
+    page.write_text(text, encoding="utf-8")
+
+
+# --- The command
+
+
 def subjects() -> dict[str, Subject]:
     """All subjects, by name."""
     modules = rates_drives, faults, rates_diagnosis, rates_learn, rates_pull, rates_laws
@@ -200,6 +272,8 @@ def main() -> int:
                 f"  {row.world}: {row.what} {row.value} ({row.low} to {row.high}; {row.count}){mark}"
             )
         failing += [f"{name}: {row.world}: {row.what}" for row in table[table.fails].itertuples()]
+    if given.folder == FOLDER and not given.list:
+        write_page()
     print(f"{len(failing)} rates beyond their limits", *failing, sep="\n  ")
     return int(bool(failing))
 

@@ -22,11 +22,12 @@ from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.simulate import write_table
 
 
-def read(table: pd.DataFrame, folder: Path) -> Measurements:
+def read(table: pd.DataFrame) -> Measurements:
     """A table as a user's file."""
-    path = folder / "table.csv"
-    write_table(table, path)
-    return read_measurements(path)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        write_table(table, path)
+        return read_measurements(path)
 
 
 def fresh_errors(model: Model, fresh: Measurements) -> dict[str, float]:
@@ -66,10 +67,9 @@ def trial(world: str, seed: int) -> Line:
     """Diagnose one table."""
     known = WORLDS[world]
     table, expected = known(seed)
-    with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        folder = Path(name)
-        diagnosis = diagnose(read(table, folder), seed=0)
+        diagnosis = diagnose(read(table), seed=0)
         answer = diagnosis.document
         result: Line = marks(known, answer) | {
             "verdict": answer["verdict"],
@@ -82,7 +82,7 @@ def trial(world: str, seed: int) -> Line:
         if few or not steps or expected.truth_fresh is None:
             return result
         model = diagnosis.fitted(len(steps) - 1).model
-        fresh = fresh_errors(model, read(expected.truth_fresh(), folder))
+        fresh = fresh_errors(model, read(expected.truth_fresh()))
     reported = steps[-1]["held_out_rmse"]
     ratios = {name: reported[name] / fresh[name] for name in fresh if reported.get(name)}
     return result | {"reported_over_fresh": ratios}

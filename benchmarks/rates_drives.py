@@ -102,7 +102,7 @@ def checks(subject: str, most: float | None, each: str = "$^") -> list[Judge]:
             each,
         ),
         Judge(
-            "said in time, or pull and margin stay in their bands",
+            "reported in time, or pull and margin stay in their bands",
             share(lambda one: has_fault(one) and good(one), has_fault),
             0.75,
             None,
@@ -302,7 +302,13 @@ _SUBJECTS = {
     "slip": (SLIP_JUDGES, 3, 5.0),
     "robots": (ROBOT_JUDGES, 3, 5.0),
 }
+
+
+def _tried(subject: str, world: str, seed: int) -> Line:
+    return trial(WORLDS[subject][world], seed)
+
+
 SUBJECTS = [
-    Subject(name, list(WORLDS[name]), partial(trial, name), judges, seeds, seconds)
+    Subject(name, list(WORLDS[name]), partial(_tried, name), judges, seeds, seconds)
     for name, (judges, seeds, seconds) in _SUBJECTS.items()
 ]

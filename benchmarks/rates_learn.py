@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.judges import Judge, Line, Subject, middle, share
 from benchmarks.learn_worlds import LAWS, OUTSIDE, SIGNED, hidden, table
+from benchmarks.rates_diagnosis import read
 from smallwheel_ros.learn.law import Law
 from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict
 
 _PAIRS = (
@@ -35,14 +33,6 @@ WORLDS = {
     for condition, how in _CONDITIONS.items()
     for name in ((*LAWS, *OUTSIDE, *SIGNED, *_PAIRS) if not condition else _OTHER)
 }
-
-
-def read(world: str, seed: int, part: int, **how: Any) -> Measurements:
-    """A table as a user's file."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "rig.csv"
-        table(world, seed, part, **how).to_csv(path, index=False)
-        return read_measurements(path)
 
 
 def share_gone(base: Model, law: Model, fresh: Measurements, quiet: Measurements) -> float | None:
@@ -76,7 +66,7 @@ def trial(name: str, seed: int) -> Line:
     world, how = WORLDS[name]
     laws = hidden(world)
     hides = [one for one in laws if one.drivers]
-    learnt = learn(read(world, seed, 0, **how), most=len(laws))
+    learnt = learn(read(table(world, seed, 0, **how)), most=len(laws))
     found: Line = {"hides": len(hides), "drafted": False, "p": learnt.sought[0].p}
     if learnt.verdict != "law":
         return found
@@ -85,8 +75,8 @@ def trial(name: str, seed: int) -> Line:
     best = [s.best for s in learnt.sought if s.best is not None and s.verdict == "law"]
     drafted = [b.law.law for b in best]
     more = {key: value for key, value in how.items() if key in ("noise", "channels")}
-    fresh = read(world, seed, 1, runs=60, rows=1, **more)
-    quiet = read(world, seed, 1, runs=60, rows=1, **more | {"noise": 0.0})
+    fresh = read(table(world, seed, 1, runs=60, rows=1, **more))
+    quiet = read(table(world, seed, 1, runs=60, rows=1, **more | {"noise": 0.0}))
     matched = all(_is_of_one(law, world) for law in drafted) and len(drafted) == len(laws)
     return found | {
         "drafted": True,

@@ -377,12 +377,27 @@ def merged(rows: list[Row], path: Path = CSV) -> pd.DataFrame:
     return pd.concat([new, old[~old["drive"].isin(new["drive"])]]).sort_values("drive")
 
 
+def in_short(table: pd.DataFrame) -> str:
+    """All drives in one sentence."""
+    metres = table["of"].str.extract(r"(\d+) m")[0].astype(int).sum()
+    warnings, by_slip = (
+        table["warnings; by slip alone"].str.split("; ", expand=True).astype(int).sum()
+    )
+    inside = [cell.split()[0] for cell in table["in its band (steady)"] if cell != "-"]
+    accused = table["good sensors accused"].astype(int).sum()
+    return (
+        f"{len(table)} real drives, {metres} m: {warnings} warnings, where a threshold of {SLIP_ALONE} on"
+        f" slip gives {by_slip}; slip in its 95 % band in {', '.join(inside)} of the truths; {accused} good"
+        " sensors accused.\n"
+    )
+
+
 def markdown(table: pd.DataFrame) -> str:
-    """The table, and what was said of the sensors."""
+    """The sentence, the table, and what was reported about the sensors."""
     lines = [HEADER, ["---"] * len(HEADER), *table[HEADER].astype(str).to_numpy().tolist()]
     text = "".join("| " + " | ".join(cells) + " |\n" for cells in lines)
     told = [f"- {row.drive}: {row.said}\n" for row in table.itertuples() if row.said]
-    return text + "\nReported about sensors:\n\n" + "".join(told)
+    return f"{in_short(table)}\n{text}\nReported about sensors:\n\n{''.join(told)}"
 
 
 def main() -> int:

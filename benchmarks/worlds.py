@@ -20,7 +20,6 @@ import pandas as pd
 # As a script's neighbour this file is found by its folder, its own neighbours by their package.
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks import _world_curves as swept
 from benchmarks import _world_labs as labs
 from benchmarks import _world_misfits as misfits
 from benchmarks._bench import rig_table
@@ -173,13 +172,13 @@ def _faults() -> Iterator[World]:
 
 
 def _curves() -> Iterator[World]:
-    for rows in swept.DENSITIES:
+    for rows in labs.DENSITIES:
         for contact in ("plate", "pressed"):
-            table = partial(swept.curves, contact=contact, rows=rows)
+            table = partial(labs.curves, contact=contact, rows=rows)
             yield _world(f"curve/{contact}-{rows}", table, family=f"curve/{contact}")
         for hidden in ((), ("slip_sinkage",)):
             label = "series/" + ("+".join(hidden) or "nothing")
-            table = partial(swept.time_series, hidden=hidden, rows=rows)
+            table = partial(labs.time_series, hidden=hidden, rows=rows)
             yield _world(f"{label}-{rows}", table, hidden, family=label)
 
 

@@ -20,11 +20,10 @@ _EXAMPLES: dict[str, Value] = {
 }
 _INTRODUCTION = (
     "Made by `python docs/parameter_pages.py` from `smallwheel_ros/onboard/table.py`, as"
-    " [config/template.yaml](../config/template.yaml) is. A `double` needs a point: `1.0`, not `1`. Unknown"
-    " names are warnings, and so are those of 0.2.0 that are gone (CHANGELOG.md), unless measurements or the"
-    " prior went by them. Where one of these, or one that is missing or wrong, is an error, the node is not"
-    " configured and a replay has exit code 2. While the node is active none can be set. *At start*: only"
-    " from a file or the command line."
+    " [config/template.yaml](../config/template.yaml) is. A `double` needs a point: `1.0`, not `1`. A name"
+    " that is unknown or gone is a warning; one that is missing, wrong, or gone and changes measurements or"
+    " the prior is an error: the node is not configured, a replay has exit code 2. *At start*: only from a"
+    " file or the command line."
 )
 
 

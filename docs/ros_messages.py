@@ -15,7 +15,7 @@ UNIT = re.compile(r"\[([^]]+)\]\s*")
 
 
 def _item(kind: str, name: str, remark: str) -> str:
-    """One field as an item of a list: name, type, unit, and what is said of it."""
+    """One field as an item of a list: name, type, unit and comment."""
     unit = UNIT.match(remark)
     rest = UNIT.sub("", remark, count=1).strip()
     return f"- `{name}` {kind}{f', {unit[1]}' if unit else ''}{f': {rest}' if rest else ''}"

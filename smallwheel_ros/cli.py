@@ -22,7 +22,7 @@ COMMANDS = {
     "learn": ("commands.bench:learn", "Learn a law that no known effect explains, into a file."),
     "fit": ("commands.bench:fit", "Calibrate soil and effects on measurements, write a model file."),
     "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
-    "report": ("commands.bench:report", "The whole story of a table in one HTML page."),
+    "report": ("commands.bench:report", "All results for a table in one HTML page."),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
     "benchmark": ("commands.bench:benchmark", "A table of laws on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),

@@ -161,4 +161,4 @@ def check_new_bag(path: Path) -> None:
     if path.exists():
         raise BagError(path, "exists already; nothing was changed: remove it or give another name")
     if not path.parent.is_dir():
-        raise BagError(path, f"the folder {path.parent} does not exist: make it first")
+        raise BagError(path, f"the folder {path.parent} does not exist: create it first")

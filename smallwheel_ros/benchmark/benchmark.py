@@ -19,13 +19,14 @@ def benchmark(
     done: "Callable[[LawTable], object]" = unheard,
     progress: Callable[[str], object] = unheard,
 ) -> "Benchmark":
-    """Hold laws of sinkage, pull and torque against measured data sets.
+    """Compare laws of sinkage, pull and torque on measured data sets.
 
-    A data set is a folder with its licence (a file LICENSE) and its tables. One size of plate, level of
-    slip, wheel, run or soil after the other is left out, and every law is fitted to the rest: the mean of
-    the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece where pull or
-    torque was measured, the contact integral, and ours: that with the effects which a diagnosis of the rest
-    names. The errors are those on what was left out; ours wins, loses, or cannot be told from each other law.
+    A data set is a folder with its licence (a file LICENSE) and its tables. Sizes of plates, levels of
+    slip, wheels, runs and soils are left out in turn, and every law is fitted to the rest: the mean of
+    the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece where pull
+    or torque was measured, the contact integral, and ours, which adds the effects that a diagnosis of
+    the rest names. The errors are those on what was left out; ours wins, loses, or cannot be told from
+    each other law.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 """All data sets of a folder under all laws, and what that finds.
 
 A data set is a folder with a licence file (LICENSE, LICENCE or COPYING) and tables beside it: without a
-licence nobody else can repeat the figures.
+licence the figures cannot be repeated by others.
 """
 
 from __future__ import annotations

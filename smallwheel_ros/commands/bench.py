@@ -33,7 +33,7 @@ fit = command(
     fit_tests,
     output("Model file to write.", "model_file"),
     JSON,
-    words="What was found is printed. With -o it is a model file too, for the other commands and the node.",
+    words="-o writes a model file for the other commands and the node.",
 )
 
 compare = command(
@@ -67,7 +67,7 @@ diagnose = command(
     click.option("--full", is_flag=True, help="Print everything on the page, not only the answer."),
     click.option("--apply", is_flag=True, help="Add what the verdict names; needs -o."),
     output("With --apply: model file to write.", "model_file"),
-    words="With --apply what the verdict names is added to the model, step by step, and -o is the result.",
+    words="With --apply the named effects are added to the model, step by step; -o writes it.",
     begin=_check_apply,
     finish=_diagnosed,
     bar=_DIAGNOSING,
@@ -94,7 +94,7 @@ learn = command(
     JSON,
     PLOTS,
     HTML,
-    words="With -o the law is a file that --effects of the other commands takes.",
+    words="-o writes the law as a file for --effects of the other commands.",
     begin=_check_law_file,
     finish=_learnt,
     bar={"what": "learning"},

@@ -16,7 +16,7 @@ from smallwheel_ros.init.rover import FILL_IN, InitError, Rover
 def _check_free(asked: Options) -> None:
     if asked["output"].exists() and not asked["force"]:
         raise InitError(
-            f"{asked['output']}: is there already: give another name, or --force to replace it"
+            f"{asked['output']}: exists already: give another name, or --force to replace it"
         )
 
 
@@ -36,7 +36,7 @@ init = command(
     output("Parameter file to write.", required=True),
     click.option("--force", is_flag=True, help="Replace an existing file."),
     JSON,
-    words="Nothing that is there is replaced.",
+    words="An existing file is kept without --force.",
     begin=_check_free,
     finish=_written,
 )

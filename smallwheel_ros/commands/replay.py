@@ -69,11 +69,10 @@ def replay(
 ) -> None:
     """Give recorded drives to the estimator that the node runs, with the node's parameters.
 
-    BAG is a rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag. Into FOLDER go: the estimates
+    BAG is a rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag. FOLDER gets the estimates
     (CSV, Parquet), a bag with the estimates next to the originals, steady stretches as a table for
     `smallwheel diagnose`, a cost map for Nav2's map_server, and a report. Several bags get a folder
-    each. What is done already is not done again: after an interruption give the same command once
-    more.
+    each. An interrupted command, given once more, does the rest.
 
     Exit code 1: a bag ended early, failed, or was interrupted; what there was is written. 2: nothing could
     be estimated.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every room needs: errors, files written whole, tables, results and who shows them."""
+"""What every package needs: errors, files written whole, tables, results and their views."""

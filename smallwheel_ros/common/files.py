@@ -116,7 +116,7 @@ def read_text_file(path: Path | str) -> str:
         If it is not UTF-8.
     """
     try:
-        # A pipe that nobody writes to would block the opening.
+        # A pipe without a writer would block the opening.
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except ValueError as error:
         raise OSError(errno.EINVAL, f"the name is not possible ({error})") from None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command's options out of the fields of its settings: each is said once, with its default."""
+"""A command's options out of the fields of its settings: each is declared once, with its default."""
 
 from __future__ import annotations
 

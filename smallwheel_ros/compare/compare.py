@@ -24,8 +24,8 @@ def compare(
     The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
     torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
     held out of the fit, beside a constant, the mean of the other runs, and a log-log regression. Errors
-    are given for each channel, soil, wheel and range of conditions, beside what rows of one run differ
-    by. How much less error a true model would leave is what `diagnose` works out.
+    are given for each channel, soil, wheel and range of conditions, beside the repeatability within
+    runs. `diagnose` works out what error a true model would leave.
 
     Parameters
     ----------

@@ -29,13 +29,13 @@ def demo(
     Parameters
     ----------
     output
-        For what is made.
+        Folder for the results.
     seed
         Seed of the drive.
     distance
         Distance before the slope at the end, m.
     rate
-        At most so many times as fast as real time: the player waits for the node.
+        Largest factor on real time; the player waits for the node.
     """
     from smallwheel_ros.demo.demo import run_demo
 
@@ -53,7 +53,7 @@ def play(bag: Bag, *, rate: Pace = 1.0, wait: Seconds = 10.0) -> str:
     bag
         A rosbag2 folder, a .mcap or .db3 file, or a ROS 1 .bag.
     rate
-        Times as fast as recorded.
+        Factor on the recorded speed.
     wait
         Wait for listeners, at most this many seconds; 0: begin at once.
     """

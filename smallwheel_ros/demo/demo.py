@@ -53,7 +53,7 @@ def run_demo(
 
     folder: for everything that is made; files of an earlier run are replaced. distance: m before the
     slope that ends the drive. rate: times as fast as real time, at most. Returns what was made as plain
-    values, and what was found in words; each step is said on standard error.
+    values, and what was found in words; each step is reported on standard error.
 
     Raises NodeProcessError if there is no ROS, PlayError if the node dies or does not answer,
     DemoError if the folder cannot be used.

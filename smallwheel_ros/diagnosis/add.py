@@ -28,7 +28,7 @@ def add(
     model : the contact integral and nothing else if not given
         The model to add it to.
     data
-        Measurements, which a diagnosis is asked of, too: whether the effect is recommended.
+        Measurements; their diagnosis decides whether the effect is recommended.
     effects : or what `sw.effects.load` made of it
         A Python file with effects of your own. It is run: name only files that you trust.
     without

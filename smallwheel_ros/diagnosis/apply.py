@@ -166,7 +166,7 @@ def _check_column(effect: str, measurements: Measurements, registry: Registry) -
             f"them; `smallwheel fit --effects {effect}` fits a free law of it all the same"
         )
     elif name in measurements.channels:
-        why = f"'{name}' is what was measured, no setting"
+        why = f"'{name}' is a measured quantity, no setting"
     elif name in measurements.labels or name in TEXTS:
         why = f"'{name}' is text, expected a column of numbers"
     else:

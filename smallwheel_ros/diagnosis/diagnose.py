@@ -30,14 +30,14 @@ def diagnose(
     data
         The measurements.
     model
-        Start from this model; its soil is refitted within its covariance. If not given, the contact
-        integral and nothing else.
+        Start from this model; its soil is refitted within its covariance. Without it: the contact
+        integral alone.
     effects : or what `sw.effects.load` made of it
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects that do not compete, by id; `unknown` for curves without a name.
     can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
-        What you can set, for the measurements to make next (SI units, angles in rad).
+        What you can set in the next measurements (SI units, angles in rad).
     seed
         Seed of the simulations behind the p-values: the same seed gives the same result.
     progress

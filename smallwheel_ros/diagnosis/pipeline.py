@@ -149,7 +149,7 @@ def _evidence(
     bad: tuple[BadRun, ...] = (),
     first: Posterior | None = None,
 ) -> Evidence:
-    """All that a verdict is made from. bad: runs that were left out, first: what was said with them.
+    """All that a verdict is made from. bad: runs that were left out, first: the verdict with them.
 
     Where a run does not belong to the others it is left out, and the way is gone once more.
     """

@@ -29,7 +29,7 @@ _BOTH_SIGNS = 0.2  # least share of a range on the other side of zero
 _MOST = 6
 _PARTS = 3  # low, middle and high of a setting
 _MOST_GROUPS = 12
-_FAR_OFF = 3.0  # standard errors of a part's mean, from which it is said
+_FAR_OFF = 3.0  # standard errors of a part's mean, from which it is reported
 
 
 def where_it_fails(

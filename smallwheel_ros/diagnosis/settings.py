@@ -14,7 +14,7 @@ from smallwheel_ros.measurements.settings import cluster
 
 Array = NDArray[np.float64]
 
-# Settings that have effects of their own: any other column is one that nobody has a law for.
+# Settings that have effects of their own: any other column has no law.
 SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
 _ONE_RANK = 0.01  # of a column's range
 

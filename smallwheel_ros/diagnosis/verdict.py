@@ -30,7 +30,7 @@ from smallwheel_ros.measurements.display import listed, number, p_text, percent,
 
 _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
 
-# By component of the scatter: what is usual, and what is said of much more.
+# By component of the scatter: what is usual, and the words for much more.
 _UNUSUAL = {
     "tau": (
         constants.SOIL_SCATTER,

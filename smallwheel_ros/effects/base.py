@@ -147,7 +147,7 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()  # covariates that it reads
     channels: ClassVar[tuple[str, ...]] = ()
     stage: ClassVar[str] = ""  # the first of the stages that it acts at
-    # An instrument's fault is said to be one, and never taken for physics of the soil.
+    # An instrument's fault is reported as one, and never taken for physics of the soil.
     kind: ClassVar[Literal["soil", "instrument"]] = "soil"
     # Settings that its strength follows: load, diameter, width, or covariates of `needs`.
     drivers: ClassVar[tuple[str, ...]] = ()
@@ -321,7 +321,7 @@ def partly_dug(form: Form) -> Form:
     own = {
         "form": f"partly_dug_{form.form}",
         "formula": f"{form.formula}; compaction resistance at z0 (z / z0)^c",
-        "source": f"{form.source}; of the soil below some is compacted, some carried away",
+        "source": f"{form.source}; partly dug",
         "compaction_sinkage": compaction_sinkage,
         "c": share,
         "__annotations__": {"c": "float"},

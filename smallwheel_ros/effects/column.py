@@ -133,7 +133,7 @@ class _Drift(ColumnLaw):
 
     form = "even"
     kind = "instrument"
-    source = "instrument, not soil: the first order of any slow change"
+    source = "the first order of any slow change"
 
     reference: float = constant(0.0, _ANY, "value of the column at which the zero is right")
     scale: float = constant(

@@ -22,7 +22,7 @@ _LEAST_SHARE = 0.05
 
 class _Gain(Effect):
     kind = "instrument"
-    source = "instrument, not soil: an error of scale"
+    source = "an error of scale"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class LoadOffset(_Offset):
     form = "constant"
     summary = "The load cell's zero is off: every load is shown too large or too small by as much."
     formula = "shown W = W + offset, W at least 5 % of what is shown"
-    source = "instrument, not soil: a cell that was not set to zero with the wheel lifted"
+    source = "a cell that was not set to zero with the wheel lifted"
     next_step = "Lift the wheel clear of the soil and read the load cell; it should show zero."
 
     offset: float = parameter(2.0, (-1e3, 1e3), "what is shown at zero load", unit="N")
@@ -96,7 +96,7 @@ class SinkageOffset(_Offset):
         "The sinkage instrument's zero is off: all sinkages are shown too deep or too shallow."
     )
     formula = "shown z = z + offset"
-    source = "instrument, not soil: a zero that was set at another height than touch-down"
+    source = "a zero that was set at another height than touch-down"
     next_step = (
         "Take the zero of sinkage at touch-down under the lightest load, and again after the run."
     )
@@ -113,7 +113,7 @@ class ResistanceOffset(_Offset):
     form = "constant"
     summary = "The force sensor's zero is off: every resistance is shown too large or too small."
     formula = "shown R = R + offset"
-    source = "instrument, not soil: a sensor that was not set to zero at rest, or seals that rub"
+    source = "a sensor that was not set to zero at rest, or seals that rub"
     next_step = "Read the resistance with the wheel at rest and unloaded; it should show zero."
 
     offset: float = parameter(1.0, (-1e3, 1e3), "what is shown at zero resistance", unit="N")
@@ -128,7 +128,7 @@ class ShareOfLoad(Effect):
     kind = "instrument"
     summary = "The rig itself resists: bearings and guides add to the measured resistance."
     formula = "shown R = R + f W"
-    source = "Coulomb friction in a bearing that carries the load; instrument, not soil"
+    source = "Coulomb friction in a bearing that carries the load"
     drivers = ("load",)
     next_step = "Tow the wheel over a hard, flat plate at two loads: what is left is the rig's own."
 
@@ -150,7 +150,7 @@ class Magnitude(Effect):
     kind = "instrument"
     summary = "The measured resistance follows slip, though sinkage does not."
     formula = "shown R = R (1 + s |i|)"
-    source = "instrument, not soil; empirical, the first order in slip"
+    source = "empirical, the first order in slip"
     needs = ("slip",)
     idle = "no row has slip"
     next_step = (

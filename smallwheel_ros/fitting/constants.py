@@ -57,7 +57,7 @@ STUDENT = 3.0
 EXPECTED_EFFECTS = 1.0
 # probability from which a name is given - 20 to 1
 NAMED = 0.95
-# largest p at which anything is said to be missing - the usual level, for one test a table
+# largest p at which anything is reported as missing - the usual level, for one test a table
 ALARM = 0.05
 # least expected misfit of a testable effect, in squared deviations - a strength of the prior's size
 #   moves the likelihood by 0.05 nats: this data cannot tell
@@ -81,7 +81,7 @@ CLEAN = 0.01
 #   known is data
 DETERMINED = 0.5
 # least fall of a held-out error for which a name is given - what an instrument's calibration is
-#   good to: nobody would miss less
+#   good to
 USEFUL = 0.02
 # probability under which a family is no rival - 50 to 1
 MENTIONED = 0.02
@@ -98,7 +98,7 @@ SAME_ORDER = 0.98
 # share of a load's variance within runs, from which it was not set - a load that is set repeats to
 #   a few per cent, and was varied by a factor
 WAVERS = 0.05
-# runs with different values of a column that nobody has a law for - fewer are explained by the
+# runs with different values of a column without a law - fewer are explained by the
 #   scatter of as many runs
 FEWEST_VALUES = 8
 # prior deviations of ln phi that the null's scatter is capped at - 95 % of prepared soils and rigs

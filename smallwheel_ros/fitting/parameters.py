@@ -87,7 +87,7 @@ WHEEL_PARAMETERS = {
     "rim_friction": ("1", Prior(0.8, 0.12, 0.2, 1.5)),
     "pressure_peak": ("1", Prior(0.1, 0.2, 0.0, 0.8)),
 }
-# Where nobody measured it.
+# Where it was not measured.
 USUAL_STRENGTH = {
     name: prior.centre for name, (_, prior) in (STRENGTH_PARAMETERS | WHEEL_PARAMETERS).items()
 }

@@ -153,8 +153,8 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
     there, kept = (np.unique(run[r]).size for r in (some, [group.rows[0] for group in groups]))
     if kept < there:
         notes.append(
-            f"of {there} runs {kept}, drawn at random, are fitted and judged: more take longer and say "
-            "the same"
+            f"of {there} runs {kept}, drawn at random, are fitted and judged:"
+            " more take longer and change nothing"
         )
     # A value for each channel and group of rows that has it.
     values = [

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 _FURTHEST = 0.95  # |slip| up to which the law is held to be so good: a locked wheel is another case
 _FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong where it was measured
-_ALIKE = 0.98  # correlation from which two numbers are said to be tied
+_ALIKE = 0.98  # correlation from which two numbers are reported as tied
 
 _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
 _REMEDIES = {

@@ -249,7 +249,7 @@ _LEFT_OUT = {
 
 def _left_out_lines(rover: Rover) -> list[str]:
     """The lines of a parameter file, below `ros__parameters:`; ## begins what only explains."""
-    lines = ["", '    ## To use a line that is left out, take the "# " before it away.']
+    lines = ["", '    ## To use a line that is left out, remove the "# " before it.']
     for name, one in _LEFT_OUT.items():
         if name in rover.values or name in rover.missing:
             continue

@@ -24,8 +24,8 @@ def fit(
 ) -> "FitResult | LabFit":
     """Calibrate soil and effects on measurements; with plates or shear tests, all tests of a lab.
 
-    Plates of several sizes are put under the laws of Bekker and Reece too; shear tests give cohesion,
-    friction angle and shear modulus, also alone: then a model is made only where `model` is given.
+    Plates of several sizes are also fitted by the laws of Bekker and Reece. Shear tests give cohesion,
+    friction angle and shear modulus; alone they make a model only where `model` is given.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ def fit(
         Effects to fit with the soil, by id (slip_sinkage,bulldozing) or id/form; a name that ends in
         .py is a file with effects of your own, which is run.
     model
-        Start from this model; soils and effects are refitted within its covariance, freely where that says
-        nothing of them.
+        Start from this model; soils and effects are refitted within its covariance, or freely where it
+        states none.
     geometry
-        How load and sinkage belong together; contact_integral where there is no model.
+        How load follows from sinkage; contact_integral without a model.
 
     Examples
     --------

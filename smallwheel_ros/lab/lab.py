@@ -2,7 +2,7 @@
 """All tests of a lab together: from plates, wheels and shear tests to one model.
 
 The model is fitted to every row of load and sinkage (`fitting`); plates of several sizes are put under
-Bekker's and Reece's laws too (`plate_laws`), kinds of test that disagree are said (`agreement`), and the
+Bekker's and Reece's laws too (`plate_laws`), kinds of test that disagree are reported (`agreement`), and the
 strength comes from shear tests (`shear`, `strength`).
 """
 

@@ -327,7 +327,7 @@ def grows(document: Entry) -> str:
 
 
 def origin(document: Entry) -> str:
-    """Say what a law was learnt from, and that nobody has published it."""
+    """State what a law was learnt from, and that it is not published."""
     ranges = document["law"]["range"].items()
     where = "".join(f", {words(n)} {number(a)} to {number(b)}" for n, (a, b) in ranges)
     return f"Learnt from {document['data']['settings']} settings{where}; not published"

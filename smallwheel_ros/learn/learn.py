@@ -43,18 +43,18 @@ def learn(
     data
         The measurements.
     model
-        Start from this model; its soil is refitted within its covariance. If not given, the contact
-        integral and nothing else.
+        Start from this model; its soil is refitted within its covariance. Without it: the contact
+        integral alone.
     effects : or what `sw.effects.load` made of it
         A Python file with effects of your own. It is run: name only files that you trust.
     without
-        Effects that are taken out of the model, by id, and that the law is not held against.
+        Effects to take out of the model, by id; the law is not compared with them.
     name
-        Id of the law; made of what it follows if not given.
+        Id of the law; without it, from what the law follows.
     most
         Laws to learn, one after the other.
     can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
-        What you can set, for the measurements to make next (SI units, angles in rad).
+        What you can set in the next measurements (SI units, angles in rad).
     seed
         Seed of permutations and folds: the same seed gives the same result, to the byte.
     progress

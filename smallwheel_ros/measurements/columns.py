@@ -166,7 +166,7 @@ _SET_WORDS = {
     "load", "weight", "ballast", "preload", "inflation", "ambient", "atmospheric", "confining",
     "cone", "penetrometer", "cohesion", "modulus", "strength", "suction", "preconsolidation",
 }  # fmt: skip
-_TORQUES = {"torque", "moment"}  # which nobody sets, whatever they are of
+_TORQUES = {"torque", "moment"}  # which are never settings
 _TYRE_PRESSURES = ({"tyre", "pressure"}, {"tire", "pressure"})
 
 

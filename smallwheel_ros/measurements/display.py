@@ -30,7 +30,7 @@ _WORDS = {
     "meirion_griffith_spenko": "Meirion-Griffith & Spenko",
     "wong_reece": "Wong & Reece",
 }
-_SLOW = 0.2  # m/s, below which millimetres are said
+_SLOW = 0.2  # m/s, below which millimetres are shown
 # Said once by what prints k, n or m.
 LAW = (
     "The law: pressure p = k z^n D^m under a wheel of diameter D at sinkage z (m). k is in Pa/m^(n+m), n and "

@@ -79,7 +79,7 @@ def _file_grid(data: bytes, sheet: str | int | None) -> Grid:
 def _bytes(source: str) -> bytes:
     """Give what is in a regular file, and no more of it than a table may have."""
     try:
-        # Without waiting: a pipe that nobody writes to would never open.
+        # Without waiting: a pipe without a writer would never open.
         descriptor = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with open(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):

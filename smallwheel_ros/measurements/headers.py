@@ -221,7 +221,7 @@ def _heading(name: str, match: Match | None, unit: str | None) -> Heading:
         by_symbol = match is not None and match.rank == 1 and name in SYMBOLS
         if by_symbol and ours and expected and not fits(ours, expected):
             match = None  # `s [mm]` is no slip, `i [A]` neither
-        unit = ours or unit  # one that nobody knows is said with its values
+        unit = ours or unit  # an unknown one is reported with its values
     if match is None:
         return Heading(name, name, unit, UNKNOWN)
     if match.name == "radius":

@@ -54,7 +54,7 @@ def take_contact(columns: Columns, given: str | None) -> None:
 
 
 def take_plates(columns: Columns, compliance: float | None) -> None:
-    """Turn what is said of plates into load, diameter, width and the soil's own sinkage."""
+    """Turn what a table has of plates into load, diameter, width and the soil's own sinkage."""
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():
         _take_sizes(columns, plate)
@@ -117,7 +117,7 @@ def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None
         columns.problem(wrong, "sinkage", rolling & (soil < 0.0))
         columns.numbers["sinkage"] = soil
         most = 1e3 * compliance * float(np.fmax.reduce(load))
-        columns.understood.append(f"{less}, what the machine gives way by: up to {most:.3g} mm")
+        columns.understood.append(f"{less}, by the machine's compliance: up to {most:.3g} mm")
 
 
 def name_curves(columns: Columns) -> None:
@@ -144,7 +144,7 @@ def keep_rows_on_soil(columns: Columns, run: Texts) -> None:
     """Keep rows of plates and pressed wheels that press on the soil, for the first time; all others too.
 
     Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
-    again is not what a law of first loading is of. What is left out is said.
+    again is not what a law of first loading is of. What is left out is reported.
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = columns.contact != ROLLING
@@ -197,7 +197,7 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
     if constant and most > 2.0 * least:
         columns.warnings.append(
             f"run '{name}': the load is {load.mean():.4g} N at all depths from {1e3 * least:.3g} to "
-            f"{1e3 * most:.3g} mm, and no soil bears alike there: is it the load at that depth, or that of "
+            f"{1e3 * most:.3g} mm, which no soil has: is it the load at that depth, or that of "
             "the whole test?"
         )
     elif not constant and _rise(load[known], sinkage[known]) < 0.0:

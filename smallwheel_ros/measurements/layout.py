@@ -49,7 +49,7 @@ from smallwheel_ros.measurements.headers import (
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
 _MOSTLY = 0.8  # a column of the user's own with at least this share of numbers is a numeric one
-_MOST_SAID = 5  # rows that are said in a line of their own
+_MOST_SAID = 5  # rows that are reported in a line of their own
 _NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
 _SUMMARY, _REMARK = "is no measurement", "is a remark"
 _FEWEST = 3  # rows of which a mean is told by its numbers
@@ -216,7 +216,7 @@ def rows_not_measured(
     parsed: Mapping[int, Numbers],
     names: RowNames,
 ) -> dict[int, str]:
-    """Rows that are no measurements, and what is said of them: remarks, headers, what was computed."""
+    """Rows that are no measurements, and the words for them: remarks, headers, what was computed."""
     found = dict.fromkeys(_summaries(layout, named, parsed), _SUMMARY)
     nothing = np.all([n.blank for n in parsed.values()], axis=0) if parsed else []
     again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
@@ -328,7 +328,7 @@ def _is_mean(
 
 
 def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
-    """What is said of the rows that are left out, with the line of each."""
+    """The words for the rows that are left out, with the line of each."""
     lines = []
     for row in [*rows][:_MOST_SAID]:
         cells = ", ".join(shown(c[row]).strip() for c in layout.columns if not is_blank(c[row]))

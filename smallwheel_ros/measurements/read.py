@@ -31,7 +31,7 @@ def read(
     data
         CSV, Parquet or a spreadsheet, as docs/data.md says, or a DataFrame with such headers.
     map : by name, as ``{"load": "F3", "width [cm]": "b"}``
-        Which column is what, where its header does not say it.
+        Quantity of a column whose header does not name it.
     sheet : or several, as ``["dry", "wet"]``
         Sheet of a workbook, by name or number; several of the same columns become one table.
     diameter
@@ -39,9 +39,9 @@ def read(
     width
         Wheel width [m] for all rows: 0.1, or with a unit, 10cm.
     contact
-        What meets the soil in all rows, where the table does not say.
+        Contact in all rows, where the table has no such column.
     compliance
-        By how much the machine gives way [m/N]: times the load it is taken off each measured sinkage; 1 mm
+        Compliance of the machine [m/N]: times the load it is subtracted from each measured sinkage; 1 mm
         under 500 N is 2e-6.
 
     Raises

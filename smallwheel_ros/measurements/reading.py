@@ -181,7 +181,7 @@ class Columns:
             self.add(message + ("" if i else hint))
 
     def count(self, rows: Mask, what: str) -> str:
-        """How many rows these are, what of them is said, and where the first is."""
+        """How many rows these are, what is reported of them, and where the first is."""
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
 

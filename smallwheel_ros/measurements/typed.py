@@ -114,7 +114,7 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
 
 
 def _is_list(name: str, text: str, values: Array) -> bool:
-    """Whether a text with commas can be a list: nobody writes 0,05 for 0 and 5."""
+    """Whether a text with commas can be a list: 0,05 is not written for 0 and 5."""
     return _allowed(name, values) and re.search(r",0[0-9]", text) is None
 
 

@@ -280,7 +280,7 @@ def _check_blanks(columns: Columns) -> None:
         for name in names:
             blank = np.isnan(columns.values(name))
             rows = blank & needed & columns.sound(name)
-            if rows.any() and not blank.all():  # all of them: that is said elsewhere
+            if rows.any() and not blank.all():  # all of them: reported elsewhere
                 columns.problem(words, name, rows)
 
     check(("load", "diameter"), np.ones(columns.lines.size, dtype=bool), _BLANK)

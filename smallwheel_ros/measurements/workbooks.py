@@ -42,7 +42,7 @@ _MOST_COLUMNS = 16_384  # as of Excel and LibreOffice
 _MOST_MEMORY = 2 * 2**30  # bytes that calamine may take
 _FAR = f"expected at most {MOST_CELLS} cells: delete what stands far from the table, or {SMALLER}"
 _SAVE_XLSX = "save it as xlsx, which keeps them apart, and read that"
-# What calamine does not tell of an ods, and what is said of it.
+# What calamine does not tell of an ods, and the words for it.
 _LOST = (
     (rb'office:value-type="percentage"', f"has cells shown in per cent: {_SAVE_XLSX}"),
     (rb'calcext:value-type="error"', "has errors of formulas: mend them, or leave the cells blank"),

@@ -51,7 +51,7 @@ class ModelFileError(SmallwheelError):
 
 
 def as_calibrated(model: Model) -> CalibratedModel:
-    """The model itself, or where nothing is said of its uncertainty, with that."""
+    """The model itself, or where it states no uncertainty, with that."""
     return model if isinstance(model, CalibratedModel) else CalibratedModel(model)
 
 

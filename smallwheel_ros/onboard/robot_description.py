@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fill parameters of wheels that are silent from the robot description; same for node and replay.
 
-A parameter that is given wins. What a description cannot fill is said, with what was found in it
+A parameter that is given wins. What a description cannot fill is reported, with what was found in it
 and what was expected. Poses are matrices, (4, 4), of what is in a frame to that frame; m.
 """
 

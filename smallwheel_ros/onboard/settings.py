@@ -86,7 +86,7 @@ class OnboardSettings:
     effects
         Effects of the model beside pressure and sinkage, in their order.
     static_loads
-        Loads (N) of wheels whose load nobody measures, by name.
+        Loads (N) of wheels whose load is not measured, by name.
     velocity
         Where the speed over ground comes from that slip is worked out with: odometry that the
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
@@ -124,12 +124,12 @@ class OnboardSettings:
 
     @property
     def without_soil_sensors(self) -> bool:
-        """Whether nobody measures the sinkage of any wheel."""
+        """Whether no wheel's sinkage is measured."""
         return len(self.without_sinkage) == len(self.wheels)
 
     @property
     def law_unknown(self) -> bool:
-        """Whether nobody will ever know how deep a wheel sinks into this soil."""
+        """Whether how deep a wheel sinks into this soil will never be known."""
         return self.without_soil_sensors and not self.soil_told
 
     @property

@@ -111,7 +111,8 @@ TABLE = (
     ),
     _path(
         "effects_file",
-        "Python file with own effects that model_file names. It is run: only yours.",
+        "Python file with effects of your own that model_file names. It is run: name only files that you"
+        " trust.",
         at_start=True,
     ),
     _text(
@@ -169,13 +170,13 @@ TABLE = (
     ),
     _number(
         "cost.spread", None, "m", 0.0, 10.0,
-        "Each cell costs what the dearest within this distance does, for planners of every kind"
-        " (docs/nav2.md). Without it: to the outermost corner.",
+        "Each cell takes the highest cost within this distance, for every planner (docs/nav2.md). Without"
+        " it: to the outermost corner.",
     ),
     _text(
         "cost.unknown", "prior",
-        "Cost of ground of a terrain class that has not been met yet: what was believed before driving, or"
-        " none (-1).", "prior", "none",
+        "Cost of a terrain class that has not been crossed yet: that of any ground, or none (-1).",
+        "prior", "none",
     ),
     _number(
         "cost.required_margin", 0.0, "1", -1.0, 2.0,

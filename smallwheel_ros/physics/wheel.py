@@ -55,7 +55,7 @@ def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quant
 
     speed, rim_speed: v and r omega, m/s, with one sign convention. A wheel that turns against the
     travel has slip 1 (or -1 where it travels faster than it turns). standstill: m/s; the faster of
-    both must be above it, and above four of its own standard deviations: otherwise nobody can tell
+    both must be above it, and above four of its own standard deviations: otherwise it cannot be told
     that the wheel moves at all, and of the thousands of readings of a standing wheel some would be
     slips. The standard deviation is to first order, and at most 1.
     """

@@ -53,7 +53,7 @@ def predict(
     soil
         Which soil of a model that has several; without a model, one of the library.
     closed_form
-        The paper's closed form (eq. 10) for the contact integral, of a soil of the library.
+        Use the paper's closed form (eq. 10) instead of the contact integral, on a soil of the library.
     effects : or what `sw.effects.load` made of it
         A Python file with effects of your own. It is run: name only files that you trust.
     others : as ``speed=0.1``

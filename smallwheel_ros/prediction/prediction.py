@@ -71,7 +71,7 @@ class UncertainPrediction:
 class PredictionTable(Result, shown="views.prediction"):
     """Settings by name and what the model says of each combination; arrays of shape (rows,), SI.
 
-    notes: what the numbers rest on that nobody measured.
+    notes: what the numbers rest on that was not measured.
     """
 
     settings: Mapping[str, Array]
@@ -192,7 +192,7 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[flo
 
 
 def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
-    """The model with a covariance of the strength too, and a note of what of it nobody measured.
+    """The model with a covariance of the strength too, and a note of what of it was not measured.
 
     A fit without pull and torque leaves the strength where it was: pull would look as if that were known
     exactly. What the covariance lacks gets the deviations among soils of one kind (`usual_strength`), as
@@ -331,7 +331,7 @@ def _without_number(
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with deviations in which the law's own error is, and what nobody measured, in words."""
+    """A prediction with deviations in which the law's own error is, and what was not measured, in words."""
     if "slip" not in conditions:
         return predict_with_uncertainty(calibrated, conditions), ()
     known, notes = with_usual_strength(calibrated)

@@ -79,7 +79,7 @@ def replay_all(
         else:
             left.append(spec)
     with ThreadPoolExecutor(jobs) if scheduler is None else _cluster(scheduler) as workers:
-        # Of a cluster nobody here can ask a worker to stop.
+        # A worker of a cluster cannot be asked to stop.
         asked = [stop] if scheduler is None else []
         futures = {workers.submit(_in_a_process, spec, *asked): spec for spec in left}
         for future in as_completed(futures):

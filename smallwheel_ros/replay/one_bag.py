@@ -45,19 +45,19 @@ def replay(
     config
         The node's parameter file; if not given, what `smallwheel init` finds in the bag.
     output : a temporary one, which goes with the result, if not given
-        Folder for what is made: tables, a bag, a cost map.
+        Folder for tables, a bag and a cost map.
     remaps : as ``{"odom": "/rover/odom"}``
-        By the node's name of an input, the bag's topic.
+        The node's name of an input and the bag's topic.
     clock
-        Judge stamps by the times of recording, as the node does with use_sim_time; otherwise only by each
-        other.
+        Compare stamps with the times of recording, as the node does with use_sim_time; otherwise only
+        with each other.
     copy
         Topics that go into the new bag beside the estimates.
     rate
         Estimates a second (Hz) of each wheel at most, in place of the parameter mobility.rate; 0: one for
         each measured sinkage.
     soil_file
-        Go on from the soil saved there, if there is one, and save it there at the end, as the node does.
+        Start from the soil saved there, if any, and save it there at the end.
     progress
         Told how many of how many messages are done.
 

@@ -49,8 +49,8 @@ _OF_WHEELS = (
     "that instant; bands: 95 %. Dotted lines: the soil changed (green), a warning or a problem (orange)."
 )
 _OF_SOIL = (
-    "The soil as it was believed, p = k z^n D^m. The reference pressure is what the drive determines first; "
-    "k is the pressure at one metre of sinkage, far from what small wheels do."
+    "The estimated soil, p = k z^n D^m. The reference pressure is what the drive determines first; "
+    "k is the pressure at one metre of sinkage, far beyond small wheels."
 )
 _BAND = 1.96  # standard deviations: 95 %
 _STEPS = 400  # of the way
@@ -187,7 +187,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     blocks += [
         Callout("The model misses something", missed, "warning"),
         Callout("Look at these sensors", _sentences(summary["sensors"]), "warning"),
-        Callout("The filter is not as it should be", concern, "warning"),
+        Callout("The filter's innovations are not as expected", concern, "warning"),
         Callout("Inputs that the bag lacks", summary["missing"], "warning"),
     ]
     return [block for block in blocks if block.items]

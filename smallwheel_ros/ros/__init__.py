@@ -57,7 +57,7 @@ def node(files: tuple[Path, ...], remaps: tuple[str, ...], arguments: tuple[str,
     """Run the node mobility_estimator until Ctrl-C; it needs ROS 2.
 
     Further arguments of ROS come after --, such as `-- -p use_sim_time:=true -r __ns:=/robot1`. Exit
-    code 2: a parameter or argument is wrong, which the last line says.
+    code 2: a parameter or argument is wrong; the last line names it.
     """
     check_ros()
     from smallwheel_ros.ros.mobility_estimator import main

@@ -151,7 +151,7 @@ class Inputs:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
                 for name in {self._node.resolve_topic_name(name) for name in ("/tf", "tf")}:
                     subscribe(TFMessage, name, take_transforms)
-                # A map -> odom that never changes is said once, maybe before the node was there.
+                # A map -> odom that never changes is sent once, maybe before the node was there.
                 for name in {
                     self._node.resolve_topic_name(name) for name in ("/tf_static", "tf_static")
                 }:

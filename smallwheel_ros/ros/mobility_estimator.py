@@ -72,7 +72,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
         self._session: Session | None = None
         self.problem = ""  # why it could not be configured, or is no more
-        self._doubled = ""  # what was said of other nodes of its name
+        self._doubled = ""  # what was reported about other nodes of its name
         self._table = NodeParameters(self, self._is_active, self._configure_anew)
         for text in self._table.unknown:
             self.get_logger().warning(text)
@@ -85,7 +85,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self.create_timer(1.0, self._publish_diagnostics, clock=self._wall)
         for name in _SERVICES:
             self.create_service(Trigger, f"~/{name}", partial(self._serve, name))
-        # rclpy (#1209) lets a transition that does not fit the state raise: nobody would be answered.
+        # rclpy (#1209) lets a transition that does not fit the state raise: the caller would get no answer.
         (service,) = (s for s in self.services if s.srv_type is ChangeState)
         service.callback = partial(self._on_change_state, service.callback)
 

@@ -2,7 +2,7 @@
 """ROS parameters from the one table: declared with descriptors, checked, never silently ignored.
 
 They are read when the node is configured. While it is active none can be set: what the estimate goes by
-then is what its log says that it was configured with. What nobody gives is taken from the robot's
+then is what its log says that it was configured with. What is not given is taken from the robot's
 description.
 """
 
@@ -72,9 +72,9 @@ class NodeParameters:
     type, range and description. A value that does not fit is not declared but remembered, so that
     the node can say in its own words what is wrong, and somebody can mend it while it runs.
 
-    is_active: whether the node works by the parameters now: then nobody can set one. filled: called,
-    with names and values in words, when parameters that nobody gave have got another value. unknown: a
-    sentence for each given parameter that nobody knows. problems: a sentence for each parameter that
+    is_active: whether the node works by the parameters now: then none can be set. filled: called,
+    with names and values in words, when parameters that were not given have got another value. unknown: a
+    sentence for each given parameter that is unknown. problems: a sentence for each parameter that
     was given a value that it cannot have, by its name.
     """
 
@@ -281,7 +281,7 @@ def velocity_elsewhere(base: str, frame: str) -> list[str]:
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 # Deep enough for a second at 200 Hz in which the processor is busy with something else: what does not
-# fit is lost, and nobody is told. That goes for reliable topics too.
+# fit is lost without notice. That goes for reliable topics too.
 _DEEP = 200
 # Matches reliable and best-effort publishers alike.
 INPUT = QoSProfile(depth=_DEEP, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.simulate.drive_settings import DriveSettings
-from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.sensors import EPOCH, Readings, Sensors
-from smallwheel_ros.simulate.stretches import (
+from smallwheel_ros.simulate.drive_settings import (
+    DriveSettings,
     Stretch,
     draw_finish,
     draw_patches,
     draw_stretches,
     in_ground,
 )
+from smallwheel_ros.simulate.hidden import draw_effects
+from smallwheel_ros.simulate.sensors import Readings, Sensors
 from smallwheel_ros.simulate.truth import (
     Array,
     Circumstances,
@@ -36,7 +36,7 @@ from smallwheel_ros.simulate.truth import (
     SimulationError,
     WheelsOnSoil,
 )
-from smallwheel_ros.simulate.vehicle import Truth, Vehicle, truth_of
+from smallwheel_ros.simulate.vehicle import EPOCH, Truth, Vehicle, truth_of
 from smallwheel_ros.simulate.world import ROVERS, Leg, Rover, World
 from smallwheel_ros.simulate.world_ground import make_ground, texture
 

@@ -243,7 +243,7 @@ EFFECTS: dict[str, Law] = {
         Shape("rut = z - A p; it unloads as x", 7e-8, "rebound", lambda a, p, **_: (a * p, 1.0)),
         numbers={"softening": 60e3},
     ),
-    # k follows something that nobody recorded, one value u a run, even between -1 and 1.
+    # k follows something that was not recorded, one value u a run, even between -1 and 1.
     "unrecorded": Law(_UNRECORDED, _UNRECORDED),
     # The zero of the sinkage sensor is off by 2 to 3 mm, always the same way.
     "sinkage_offset": _fault("z = z + A, m", 0.0025, "sinkage", _offset),

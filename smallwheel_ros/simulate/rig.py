@@ -18,6 +18,7 @@ from tqdm import tqdm
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.files import write_whole
 from smallwheel_ros.common.options import Option
+from smallwheel_ros.simulate.drive_settings import soil_of_pressure
 from smallwheel_ros.simulate.hidden import (
     FRACTION,
     Asked,
@@ -29,7 +30,6 @@ from smallwheel_ros.simulate.hidden import (
     draw_effects,
     extra_column,
 )
-from smallwheel_ros.simulate.stretches import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     HiddenEffect,
@@ -208,7 +208,7 @@ def draw_runs(
     """Draw runs, each setting independent of the others (but for a tie).
 
     Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn
-    again, as nobody measures there; that leaves slight correlations of load, diameter and width.
+    again, as nothing is measured there; that leaves slight correlations of load, diameter and width.
     Raises SimulationError if hardly any setting is left: the hidden effects are too strong.
     """
     runs: list[RunSettings] = []

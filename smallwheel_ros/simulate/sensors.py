@@ -12,11 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from smallwheel_ros.simulate.drive_settings import DriveSettings
 from smallwheel_ros.simulate.truth import Array
-from smallwheel_ros.simulate.vehicle import TICK, Truth
-from smallwheel_ros.simulate.world import GRAVITY, Rover
-
-# 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
-EPOCH = 1_749_720_600 * 10**9
+from smallwheel_ros.simulate.vehicle import TICK, Truth, stamps_of
+from smallwheel_ros.simulate.world import Rover
 
 _RATES = {"load": 50.0, "sinkage": 10.0, "odometry": 30.0, "joints": 50.0, "imu": 50.0}
 # Shortest and typical further delay between measurement and recording (s).
@@ -72,13 +69,7 @@ class Sensors:
         recorded = time + shortest + rng.exponential(more, count)
         # One topic's messages arrive in their order.
         recorded = np.maximum.accumulate(recorded)
-        return time, Readings(stamp=_stamp(time), log_time=_stamp(recorded))
-
-    def _at(self, time: Array, values: Array) -> Array:
-        """Values of the truth at other times; of wheels, shape (times, wheels), each by itself."""
-        if values.ndim == 1:
-            return np.interp(time, self.truth.time, values)
-        return np.stack([self._at(time, of_wheel) for of_wheel in values.T], axis=1)
+        return time, Readings(stamp=stamps_of(time), log_time=stamps_of(recorded))
 
     def _orientation(self, time: Array, wrong: Array) -> Array:
         """How the rover stands, with errors of roll, pitch and yaw (rad), shape (3, times).
@@ -86,7 +77,7 @@ class Sensors:
         REP 103: positive about x lifts the left side, positive about y lowers the nose.
         """
         truth = self.truth
-        angles = wrong + [self._at(time, one) for one in (truth.roll, -truth.climb, truth.yaw)]
+        angles = wrong + [self.truth.at(time, one) for one in (truth.roll, -truth.climb, truth.yaw)]
         turned: Array = Rotation.from_euler("xyz", angles.T).as_quat()
         return turned
 
@@ -94,11 +85,11 @@ class Sensors:
         """Read the force sensor of a wheel: noise 0.4 N and 1.2 % (1 sigma)."""
         rng, noise = self._stream(1, wheel), self.settings.noise
         time, found = self._times("load", rng)
-        true = self._at(time, self.truth.load[:, wheel])
+        true = self.truth.at(time, self.truth.load[:, wheel])
         spread = noise * np.hypot(0.4, 0.012 * true)
         # An unloaded sensor can show a little less than nothing; this one clips, as many do.
         found.normal = np.maximum(true + rng.normal(0.0, 1.0, time.size) * spread, 0.1)
-        pull = self._at(time, self.truth.pull[:, wheel])
+        pull = self.truth.at(time, self.truth.pull[:, wheel])
         found.pull = pull + rng.normal(0.0, 1.0, time.size) * noise * 0.6
         keep = self._stream(2, wheel).uniform(size=time.size) >= self.settings.dropouts
         return _kept(found, keep)
@@ -107,7 +98,7 @@ class Sensors:
         """Read the sinkage of a wheel: noise 0.5 mm and 3 % (1 sigma), below 0 too."""
         rng, noise = self._stream(3, wheel), self.settings.noise
         time, found = self._times("sinkage", rng)
-        true = self._at(time, self.truth.sinkage[:, wheel])
+        true = self.truth.at(time, self.truth.sinkage[:, wheel])
         spread = noise * np.hypot(0.5e-3, 0.03 * true)
         read = true + rng.normal(0.0, 1.0, time.size) * spread
         wild = self._stream(4, wheel)
@@ -132,15 +123,15 @@ class Sensors:
         """Read the odometry: 8 mm/s (1 sigma) while moving, less when standing; the pose drifts."""
         rng, noise, truth = self._stream(6), self.settings.noise, self.truth
         time, found = self._times("odometry", rng)
-        speed = self._at(time, truth.speed)
+        speed = self.truth.at(time, truth.speed)
         still = np.where(speed > 1e-3, 1.0, 0.4) * noise
-        rate = self._at(time, truth.rate)
+        rate = self.truth.at(time, truth.rate)
         drift = np.cumsum(rng.normal(0.0, 2e-4, (2, time.size)) * still, axis=1)
         angles = rng.normal(0.0, 2e-3, (3, time.size)) * noise
         x, y, height = truth.course
-        found.x = self._at(time, x) + drift[0]
-        found.y = self._at(time, y) + drift[1]
-        found.z = self._at(time, height)
+        found.x = self.truth.at(time, x) + drift[0]
+        found.y = self.truth.at(time, y) + drift[1]
+        found.z = self.truth.at(time, height)
         found.orientation = self._orientation(time, angles)
         found.forward_speed = speed + rng.normal(0.0, 0.008, time.size) * still
         found.yaw_rate = rate + rng.normal(0.0, 0.005, time.size) * still
@@ -155,14 +146,14 @@ class Sensors:
         time, found = self._times("joints", rng)
         radius = np.array([wheel.diameter / 2 for wheel in self.rover.wheels])
         omega = self.truth.rim / radius
-        found.position = self._at(time, np.cumsum(omega * TICK, axis=0))
-        velocity = self._at(time, omega)
+        found.position = self.truth.at(time, np.cumsum(omega * TICK, axis=0))
+        velocity = self.truth.at(time, omega)
         spread = noise * np.hypot(0.01 * (velocity > 1e-3), 0.004 * velocity)
         found.velocity = velocity + rng.normal(0.0, 1.0, velocity.shape) * spread
         rng = self._stream(8)
         scale = 1.0 + noise * rng.normal(0.0, 0.03, len(self.rover.wheels))
-        torque = self._at(time, self.truth.torque)
-        turns = np.abs(self._at(time, self.truth.rim)) > _STANDS
+        torque = self.truth.at(time, self.truth.torque)
+        turns = np.abs(self.truth.at(time, self.truth.rim)) > _STANDS
         friction = 0.05 * noise * turns
         found.effort = (torque + friction) * scale + noise * rng.normal(0.0, 0.03, torque.shape)
         return found
@@ -173,25 +164,11 @@ class Sensors:
         time, found = self._times("imu", rng)
         off = np.radians(0.3) * rng.normal(0.0, 1.0, (3, 1))
         wrong = noise * (off + np.radians(0.2) * rng.normal(0.0, 1.0, (3, time.size)))
-        climb, roll = self._at(time, truth.climb), self._at(time, truth.roll)
-        rate = self._at(time, truth.rate)
-        turning = self._at(time, truth.speed) * rate
-        felt = np.stack(
-            [
-                GRAVITY * np.sin(climb) + self._at(time, truth.acceleration),
-                GRAVITY * np.cos(climb) * np.sin(roll) + turning,
-                GRAVITY * np.cos(climb) * np.cos(roll),
-            ],
-            axis=1,
-        )
+        felt = truth.felt(time)
         found.orientation = self._orientation(time, wrong)
-        found.yaw_rate = rate + noise * rng.normal(0.0, 0.003, time.size)
+        found.yaw_rate = truth.at(time, truth.rate) + noise * rng.normal(0.0, 0.003, time.size)
         found.acceleration = felt + noise * rng.normal(0.0, 0.1, felt.shape)
         return found
-
-
-def _stamp(time: Array) -> NDArray[np.int64]:
-    return EPOCH + np.round(time * 1e9).astype(np.int64)
 
 
 def _kept(readings: Readings, keep: NDArray[np.bool_]) -> Readings:

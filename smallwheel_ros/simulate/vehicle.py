@@ -20,6 +20,8 @@ from smallwheel_ros.simulate.wheel_laws import DEPTHS, LAWS, SLIPS
 from smallwheel_ros.simulate.world import GRAVITY, Rover, World
 from smallwheel_ros.simulate.world_ground import CELL, Frame, Ground, Soil, tilt
 
+# 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
+EPOCH = 1_749_720_600 * 10**9  # ns
 TICK = 0.04  # s
 STUCK = 0.8  # slip that the vehicle does not get over
 REFERENCE_SLIP = 0.4
@@ -60,6 +62,20 @@ class Truth:
     torque: Array
     held: Array
     stuck: float | None
+
+    def at(self, time: Array, values: Array) -> Array:
+        """Values of the truth at other times (s); of wheels, shape (times, wheels), each by itself."""
+        if values.ndim == 1:
+            return np.interp(time, self.time, values)
+        return np.stack([self.at(time, of_wheel) for of_wheel in values.T], axis=1)
+
+    def felt(self, time: Array, lean: Array | tuple[float, float] = (0.0, 0.0)) -> Array:
+        """What an imu feels (m/s^2), shape (times, 3); lean: of its mounting, nose and left side up, rad."""
+        climb, roll = self.at(time, self.climb), self.at(time, self.roll)
+        turning = self.at(time, self.speed) * self.at(time, self.rate)
+        ahead = GRAVITY * np.sin(climb + lean[0]) + self.at(time, self.acceleration)
+        left = GRAVITY * np.cos(climb) * np.sin(roll + lean[1]) + turning
+        return np.stack([ahead, left, GRAVITY * np.cos(climb) * np.cos(roll)], axis=1)
 
     @property
     def pull(self) -> Array:
@@ -345,6 +361,11 @@ class Vehicle:
             self.apart[right] = np.clip(self.apart[right] + change, -most, most)
             self.apart[left] = -self.apart[right]
         return rims + self.apart
+
+
+def stamps_of(time: Array) -> NDArray[np.int64]:
+    """Stamps (ns since 1970) of times since the beginning of a drive (s)."""
+    return EPOCH + np.round(1e9 * time).astype(np.int64)
 
 
 def driven(world: World, rover: Rover, ground: Ground, rng: np.random.Generator) -> Truth | None:

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A world of drives is a row: vehicle, way, ground, sensors and their faults; a seed draws its numbers.
 
-drive = make_drive(world, seed=1)   # of `worlds_drive`
+drive = make_drive(world, seed=1)   # of `world_drive`
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 Range = tuple[float, float]  # a number is drawn between
 GRAVITY = 9.80665
@@ -184,9 +186,10 @@ class World:
     that no law of sinkage gives, over load. rut: factor on the sinkage of a wheel in a track, once. right:
     ln of a factor on k under the right wheels. skid: how much of a turn comes, where all turns are made by
     skidding. differential: whether the wheels of an axle share its torque. spare: share of the weight on a
-    wheel that nobody listed. sticks: whether it may get stuck. patience: s
-    for which rims spin before the driver gives up. told: parameters. faults: of the sensors, by name, put in
-    by the code that drives it. said: what has to be said; "": nothing may be.
+    wheel that is not listed. sticks: whether it may get stuck. patience: s for which rims spin before the
+    driver gives up. priors: whether sensors, sides, ruts and digging are off by as much as the node's priors
+    state, by the seed (`drawn`). told: parameters. faults: of the sensors, by name, put in by the code that
+    drives it. said: pattern of what has to be reported; "": nothing may be.
     """
 
     name: str
@@ -219,6 +222,7 @@ class World:
     spare: float = 0.0
     sticks: bool = False
     patience: float = 1.5
+    priors: bool = False
     sensors: Sensors = Sensors()
     told: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
@@ -228,3 +232,28 @@ class World:
     def legs(self) -> tuple[Leg, ...]:
         """Of the way; a name is one of `WAYS`."""
         return WAYS[self.way] if isinstance(self.way, str) else self.way
+
+    def drawn(self, seed: int) -> World:
+        """The world itself, or with `priors` what is off of sensors and soil, with the deviations of priors.
+
+        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm, of all loads' scale 0.1 and of each
+        wheel's half of that, of their zero 0.03 of a wheel's load, of the sides of a vehicle a factor of 1.8
+        in k, of the delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the sinkage. Slip digs, at one
+        deviation, as deep as half of that of its prior: it cannot fill up.
+        """
+        if not self.priors:
+            return self
+        normal = np.random.default_rng([seed, *self.name.encode()]).standard_normal
+        rover = VEHICLES[self.vehicle]
+        count = len(rover.wheels)
+        scales = np.exp(0.1 * normal() + 0.05 * normal(count))
+        sensors = replace(
+            self.sensors, zero=0.002 * normal(), load_scale=tuple(scales.tolist()),
+            tare=0.03 * rover.mass * GRAVITY / count * normal(), delay=0.1 * abs(normal()),
+            pitch_error=0.01 * normal(), torque_scale=0.1, friction=0.05,
+        )  # fmt: skip
+        digging = 0.05 * abs(normal())
+        return replace(
+            self, sensors=sensors, rut=math.exp(0.3 * normal()), right=math.log(1.8) * normal(),
+            digging=(digging, digging),
+        )  # fmt: skip

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from smallwheel_ros.simulate.truth import Array
-from smallwheel_ros.simulate.vehicle import TICK, Truth, driven
-from smallwheel_ros.simulate.world import GRAVITY, VEHICLES, Rover, World
+from smallwheel_ros.simulate.vehicle import EPOCH, TICK, Truth, driven, stamps_of
+from smallwheel_ros.simulate.world import VEHICLES, Rover, World
 from smallwheel_ros.simulate.world_ground import (
     Ground,
     draw_features,
@@ -32,7 +32,6 @@ from smallwheel_ros.simulate.world_ground import (
 
 Integers = NDArray[np.int64]
 Rows = dict[str, tuple[Integers, Array]]
-EPOCH = 1_700_000_000_000_000_000  # ns
 _LOAD_RATE, _JOINT_RATE, _IMU_RATE = 20.0, 20.0, 50.0  # Hz
 _ATTEMPTS = 300
 _SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they are alike
@@ -57,7 +56,7 @@ class WorldDrive:
 
 def make_drive(world: World, seed: int) -> WorldDrive:
     """Draw a drive; one that got on where the world does not let it get stuck."""
-    rover = VEHICLES[world.vehicle]
+    world, rover = world.drawn(seed), VEHICLES[world.vehicle]
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([seed, attempt, 50, *world.name.encode()])
         soil = draw_soil(world, rover, rng)
@@ -115,7 +114,7 @@ class Measured:
                 found[f"{wheel.name}/sinkage"] = self._sinkage(j)
             if self.sensors.pull:
                 time = self._times(_LOAD_RATE)
-                shown = self._at(time, self.truth.pull[:, j]) + 0.6 * self.normal(time.size)
+                shown = self.truth.at(time, self.truth.pull[:, j]) + 0.6 * self.normal(time.size)
                 found[f"{wheel.name}/drawbar_pull"] = _stamped(time, shown)
         found |= self._joints()
         found["odom"] = self._odometry()
@@ -126,11 +125,6 @@ class Measured:
     def _times(self, rate: float) -> Array:
         return np.asarray((np.arange(int(self.end * rate) - 1) + self.rng.uniform()) / rate)
 
-    def _at(self, time: Array, values: Array) -> Array:
-        if values.ndim == 1:
-            return np.interp(time, self.truth.time, values)
-        return np.stack([self._at(time, column) for column in values.T], axis=1)
-
     def _lasting(self, count: int, keep: float) -> Array:
         """Errors of deviation 1 of which a share `keep` is left in the next one."""
         shocks = math.sqrt(1.0 - keep**2) * self.normal(count)
@@ -140,7 +134,7 @@ class Measured:
     def _load(self, j: int) -> tuple[Integers, Array]:
         sensors, time = self.sensors, self._times(_LOAD_RATE)
         scale = sensors.load_scale[j] if sensors.load_scale else 1.0
-        true = scale * self._at(time, self.truth.load[:, j])
+        true = scale * self.truth.at(time, self.truth.load[:, j])
         shown = true * (1.0 + sensors.load_noise * self.normal(time.size))
         shown = shown + 0.4 * self.normal(time.size) + sensors.tare
         return _stamped(time, np.maximum(shown, 0.1))
@@ -151,11 +145,11 @@ class Measured:
             self._times(self.sensors.sinkage_rate),
             self.rover.wheels[j],
         )
-        true = self._at(time - sensors.delay, self.truth.sinkage[:, j])
+        true = self.truth.at(time - sensors.delay, self.truth.sinkage[:, j])
         length = np.sqrt(np.maximum(true, 1e-6) * wheel.diameter)
-        rise = sensors.rebound * self._at(time, self.truth.load[:, j]) / (wheel.width * length)
+        rise = sensors.rebound * self.truth.at(time, self.truth.load[:, j]) / (wheel.width * length)
         shown = sensors.gain * (true - rise) + sensors.zero
-        shown = shown - sensors.pitch_error * self._at(time, self.truth.climb)
+        shown = shown - sensors.pitch_error * self.truth.at(time, self.truth.climb)
         shown = shown + sensors.zero_drift * time / self.end
         per_reading = self.world.speed / sensors.sinkage_rate
         shown = shown + sensors.rough * self._lasting(time.size, math.exp(-per_reading / 0.05))
@@ -178,7 +172,7 @@ class Measured:
         radius = self.half * (1.0 + 0.007 * (self.normal() + self.normal(self.half.size)))
         step = 2.0 * np.pi / self.rng.choice([4000, 8000, 30000])
         turned = np.cumsum(self.truth.rim, axis=0) * TICK
-        angle = np.floor(self._at(time, turned) / radius / step) * step
+        angle = np.floor(self.truth.at(time, turned) / radius / step) * step
         speed = np.diff(angle, axis=0, prepend=angle[:1]) * _JOINT_RATE
         speed = speed * (1.0 + 0.004 * self.normal(speed.shape))
         self.shown_rims = time, speed * self.half
@@ -187,8 +181,8 @@ class Measured:
             for j, w in enumerate(self.rover.wheels)
         }
         if sensors.torque:
-            turns = np.abs(self._at(time, self.truth.rim)) > 1e-3
-            torque = self._at(time, self.truth.torque) + sensors.friction * turns
+            turns = np.abs(self.truth.at(time, self.truth.rim)) > 1e-3
+            torque = self.truth.at(time, self.truth.torque) + sensors.friction * turns
             torque = torque * (1.0 + sensors.torque_scale * self.normal(self.half.size))
             torque = torque + 0.03 * self.normal(torque.shape)
             if sensors.current:  # a motor that stands takes none, and shows its amount alone
@@ -214,7 +208,7 @@ class Measured:
         noise = part * self.normal(time.size)
         noise = noise + math.sqrt(1.0 - part**2) * self._lasting(time.size, keep)
         scale = 1.0 + sensors.scale * self.normal()
-        return scale * self._at(time - self.lag, true) + deviation * noise, deviation
+        return scale * self.truth.at(time - self.lag, true) + deviation * noise, deviation
 
     def _of_wheels(self, time: Array, filtered: bool) -> Array:
         """A speed that is made of the joints, as it is or by a filter with the imu's gains."""
@@ -225,7 +219,7 @@ class Measured:
         # Half of them use accelerations, half take the speed for constant.
         felt: Array = np.zeros(when.size)
         if self.rng.uniform() < 0.5:
-            felt = self._at(when, self.truth.acceleration) + 0.05 * self.normal()
+            felt = self.truth.at(when, self.truth.acceleration) + 0.05 * self.normal()
             felt = felt + 0.1 * self.normal(when.size)
         speed, gain = np.zeros(when.size), self.rng.uniform(0.15, 0.5)
         for i in range(1, when.size):
@@ -246,7 +240,7 @@ class Measured:
         rate = float(self.rng.choice(sensors.odometry_rate))
         self.lag = self.rng.uniform(*sensors.lag)
         time = self._times(rate)
-        turning = self._at(time - self.lag, truth.rate)
+        turning = self.truth.at(time - self.lag, truth.rate)
         if sensors.odometry in ("own", "pose"):
             speed, deviation = self._own(time, rate)
         elif sensors.odometry == "half":
@@ -259,12 +253,12 @@ class Measured:
             yaw = np.cumsum(turning) / rate
         else:
             turning = turning + 0.005 * self.normal(time.size)
-            yaw = self._at(time - self.lag, truth.yaw) + 2e-3 * self.normal(time.size)
+            yaw = self.truth.at(time - self.lag, truth.yaw) + 2e-3 * self.normal(time.size)
         x, y = (np.cumsum(speed * part(yaw)) / rate for part in (np.cos, np.sin))
         nothing: Array = np.zeros(time.size)
         pitch = nothing
         if not sensors.imu and sensors.odometry != "wheels":
-            pitch = -self._at(time, truth.climb) + 2e-3 * self.normal(time.size)
+            pitch = -self.truth.at(time, truth.climb) + 2e-3 * self.normal(time.size)
         spread = (
             nothing + (sensors.told * deviation) ** 2,
             nothing + (0.005 * bool(sensors.told)) ** 2,
@@ -278,22 +272,14 @@ class Measured:
         truth, time = self.truth, self._times(_IMU_RATE)
         drives = self.sensors.imu == "driven"
         off = math.radians(0.3) * self.normal(2)
-        climb, roll = self._at(time, truth.climb), self._at(time, truth.roll)
-        turn = self._at(time, truth.rate)
-        speed = self._at(time, truth.speed)
-        shakes = _SHAKES * (np.abs(speed) > 0.02) if drives else np.zeros(time.size)
-        felt = np.stack(
-            [
-                GRAVITY * np.sin(climb + off[0]) + self._at(time, truth.acceleration),
-                GRAVITY * np.cos(climb) * np.sin(roll + off[1]) + speed * turn,
-                GRAVITY * np.cos(climb) * np.cos(roll),
-            ],
-            axis=1,
-        )  # fmt: skip
+        climb, roll = truth.at(time, truth.climb), truth.at(time, truth.roll)
+        moves = np.abs(truth.at(time, truth.speed)) > 0.02
+        shakes = _SHAKES * moves if drives else np.zeros(time.size)
+        felt = truth.felt(time, off)
         keep = math.exp(-1.0 / _IMU_RATE / _SHAKEN)
         lasting = np.stack([self._lasting(time.size, keep) for _ in range(3)], axis=1)
         felt = felt + shakes[:, None] * lasting + 0.1 * self.normal((time.size, 3))
-        turn = turn + 5e-3 * self.normal(time.size)
+        turn = truth.at(time, truth.rate) + 5e-3 * self.normal(time.size)
         noise = math.radians(0.2) * self.normal((2, time.size))
         shown, side = climb + off[0] + noise[0], roll + off[1] + noise[1]
         up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
@@ -303,5 +289,4 @@ class Measured:
 
 
 def _stamped(time: Array, values: Array) -> tuple[Integers, Array]:
-    stamps = EPOCH + np.round(1e9 * time).astype(np.int64)
-    return stamps, np.reshape(values, (time.size, -1)).astype(float)
+    return stamps_of(time), np.reshape(values, (time.size, -1)).astype(float)

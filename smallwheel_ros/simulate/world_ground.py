@@ -107,7 +107,7 @@ class Ground:
 
 
 class Frame:
-    """A rigid frame whose weight rests on its wheels. spare: share of it on a wheel that nobody listed."""
+    """A rigid frame whose weight rests on its wheels. spare: share of it on a wheel that is not listed."""
 
     def __init__(self, rover: Rover, spare: float) -> None:
         x = np.array([w.x for w in rover.wheels])

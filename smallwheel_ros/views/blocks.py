@@ -172,7 +172,7 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Models:
-    """Models of which a reader chooses: what is said of each, and what it leaves over any setting.
+    """Models of which a reader chooses: a text on each, and what it leaves over any setting.
 
     choices: with several, any of them are set together, else one is picked. views: by the values chosen,
     joined by commas. leaves: points and frames of the plots, see `views.leftovers`. stills: the same as

@@ -131,7 +131,7 @@ def _key(names: Names, place: Mapping[str, int]) -> str:
 def _said(
     view: View, base: View, found: Diagnosis, floors: Mapping[str, float | None]
 ) -> list[Block]:
-    """What is said of a model: what it gains, its errors beside the base's, its numbers."""
+    """The panel of a model: what it gains, its errors beside the base's, its numbers."""
     before, after = base.errors.scores(), view.errors.scores()
     change, name = compare_cv(base.errors, view.errors), f"with {listed(view.names)}"
     falls = ", ".join(

@@ -48,7 +48,7 @@ def html_of(page: Page) -> str:
 
 
 def _with_classes(html: str) -> str:
-    """The same with less: styles of the plots are said once, and ids are short, none of them given twice."""
+    """The same with less: styles of the plots stand once, and ids are short, none of them given twice."""
     styles: dict[str, str] = {}
     ids: dict[tuple[int, str], str] = {}
 

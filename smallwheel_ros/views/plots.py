@@ -110,14 +110,14 @@ class Panel:
 
     @property
     def label(self) -> str:
-        """In words, for those who cannot see it."""
+        """In words, for readers without sight."""
         what = f"{self.y} over {self.x}" if self.y else self.x
         values = ", ".join(f"{bar.name} {number(bar.value)}" for bar in self.bars)
         return ": ".join(part for part in (self.title, what, values) if part)
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Draw a plot on axes, in the style of the house."""
+    """Draw a plot on axes, in the style of all plots."""
     for layer in panel.layers:
         _draw_layer(axes, panel, layer)
     if panel.bars:
@@ -146,7 +146,7 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def decorate(axes: Axes, panel: Panel) -> None:
-    """The style of the house: no box, light grid, small type."""
+    """The style of all plots: no box, light grid, small type."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(PALETTE["base"])
     axes.grid(

@@ -10,9 +10,7 @@ from smallwheel_ros.views import diagnosis as diagnosed
 from smallwheel_ros.views.blocks import Models, Page, Section, Text
 
 _TWICE = (
-    "Comparison and diagnosis hold out the same runs. The comparison fits each model with noise of the size "
-    "that its own predictions have, the diagnosis all models with one size, so that they can be ranked: "
-    "their held-out errors of the same base model differ a little."
+    "Comparison and diagnosis hold out the same runs, and state the same error of the same model."
 )
 
 

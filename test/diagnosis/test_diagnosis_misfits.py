@@ -15,7 +15,7 @@ from plain_rig import PlainRig, rolled
 from threadpoolctl import threadpool_info
 
 import smallwheel_ros as sw
-from benchmarks import _world_curves as swept
+from benchmarks import _world_labs as swept
 from benchmarks import _world_misfits as misfits
 from benchmarks._bench import rig_table
 from benchmarks.learn_worlds import table as without_a_law

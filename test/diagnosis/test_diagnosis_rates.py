@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -83,15 +82,15 @@ def test_answers_at_several_densities_are_compared_by_seed() -> None:
     assert (found.value, found.count) == (0.5, 2)
 
 
-def test_fresh_errors_of_the_true_model_are_the_noise(tmp_path: Path) -> None:
+def test_fresh_errors_of_the_true_model_are_the_noise() -> None:
     made = simulate_rig(RigSettings(seed=3, noise=0.0, soil_scatter=0.0, runs=12))
     truth = made.truth.soil
     model = Model(Soil("true", truth.k, truth.n, truth.m))
-    errors = fresh_errors(model, read(measure(made.truth, made.truth.runs[:4]), tmp_path))
+    errors = fresh_errors(model, read(measure(made.truth, made.truth.runs[:4])))
     assert set(errors) == {"sinkage", "resistance"}
     assert errors["sinkage"] < 1e-6
     soft = Model(Soil("soft", 0.5 * truth.k, truth.n, truth.m))
-    assert fresh_errors(soft, read(made.table, tmp_path))["sinkage"] > 1e-3
+    assert fresh_errors(soft, read(made.table))["sinkage"] > 1e-3
 
 
 def counted(world: str, seeds: range) -> dict[str, int]:

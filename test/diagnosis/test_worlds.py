@@ -9,8 +9,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from benchmarks._bench import correlated, heavy_tailed
-from benchmarks._world_curves import DENSITIES, ornstein_uhlenbeck, random_fourier, selected
-from benchmarks._world_labs import drawn
+from benchmarks._world_labs import DENSITIES, drawn, ornstein_uhlenbeck, random_fourier, selected
 from benchmarks.worlds import INSTRUMENTS, WORLDS
 from smallwheel_ros.effects.registry import families, is_of_column
 from smallwheel_ros.measurements.wheels import read_measurements

@@ -208,7 +208,7 @@ def test_wheels_are_called_by_what_tells_them_apart(names: list[str], wheels: li
         (["nowhere.urdf"], "nowhere.urdf: cannot be read: No such file"),
         (["text.urdf"], "text.urdf: it is no XML"),
         (["binary.urdf"], "binary.urdf: cannot be read: it is not text in UTF-8"),
-        (["--wheels", "4", "-o", "taken.yaml"], "taken.yaml: is there already: give another name"),
+        (["--wheels", "4", "-o", "taken.yaml"], "taken.yaml: exists already: give another name"),
     ],
 )
 def test_a_bad_question_is_answered_in_words(

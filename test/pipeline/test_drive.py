@@ -15,7 +15,7 @@ from smallwheel_ros.pipeline.answers import Status
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates, Readings
 from smallwheel_ros.simulate import Drive, DriveSettings, simulate_drive
-from smallwheel_ros.simulate.sensors import EPOCH
+from smallwheel_ros.simulate.vehicle import EPOCH
 
 EVERY = {"mobility.rate": 0.0}
 ONE = {"wheels": ["w"], "w.diameter": 0.25, "w.width": 0.1}

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from benchmarks import rates as bench
-from benchmarks import rates_page, real_drives
+from benchmarks import real_drives
 from benchmarks.drive_trial import WORLDS
 from benchmarks.faults import FAULTS
 from benchmarks.judges import Judge, Subject, events, middle, ratio, share
@@ -132,9 +132,7 @@ def test_rows_can_be_read_by_others(tmp_path: Path) -> None:
     assert again["value"].tolist() == [0.5, 1.0, 0.0]
 
 
-def test_the_page_has_pooled_rates_and_the_worlds_that_fail(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_has_pooled_rates_and_the_worlds_that_fail(tmp_path: Path) -> None:
     calls: list[tuple[str, int]] = []
     lines = [line(world="a", hit=False) for _ in range(9)] + [line(world="b", hit=True)]
     bench.rates(subject(calls), lines).to_csv(tmp_path / "tried.csv", index=False)
@@ -142,14 +140,29 @@ def test_the_page_has_pooled_rates_and_the_worlds_that_fail(
     page.write_text(
         "# Rates\n\n<!-- rates: tried -->\nold\n<!-- end -->\n\nEnd.\n", encoding="utf-8"
     )
-    monkeypatch.setattr(rates_page, "FOLDER", tmp_path)
-    monkeypatch.setattr("sys.argv", ["rates_page.py", str(page)])
-    rates_page.main()
+    bench.write_page(page, tmp_path)
     text = page.read_text(encoding="utf-8")
-    assert "| hits | 0.1 (0.0179–0.404) | 10 | ≥ 0.9 ✗ |" in text
+    assert "| hits | 0.1 (0.0179–0.404; 10) ✗ | ≥ 0.9 |" in text
     assert "Worlds beyond a limit: hits: a.\n<!-- end -->" in text
     assert "old" not in text
     assert text.endswith("End.\n")
+
+
+def test_subjects_stand_side_by_side(tmp_path: Path) -> None:
+    calls: list[tuple[str, int]] = []
+    hits = [line(world="a", hit=True) for _ in range(4)]
+    one = bench.rates(subject(calls), hits)
+    one.to_csv(tmp_path / "one.csv", index=False)
+    one.assign(what="others").to_csv(tmp_path / "two.csv", index=False)
+    made = bench.page_table(
+        {name: pd.read_csv(tmp_path / f"{name}.csv") for name in ("one", "two")}
+    )
+    assert made.splitlines() == [
+        "| | one | two | limit |",
+        "| --- | --- | --- | --- |",
+        "| hits | 1 (0.51–1; 4) |  | ≥ 0.9 |",
+        "| others |  | 1 (0.51–1; 4) | ≥ 0.9 |",
+    ]
 
 
 def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from smallwheel_ros.simulate.drive_settings import soil_of_pressure
 from smallwheel_ros.simulate.hidden import (
     EFFECTS,
     Asked,
@@ -16,7 +17,6 @@ from smallwheel_ros.simulate.hidden import (
     draw_effects,
     hidden_names,
 )
-from smallwheel_ros.simulate.stretches import soil_of_pressure
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     Contact,
