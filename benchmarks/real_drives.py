@@ -68,7 +68,7 @@ TRUE = {
 }
 _VARIES = re.compile(
     r"-?\d+(\.\d+)?|'\w+'"
-)  # numbers and names of wheels, that alike texts are one line
+)  # numbers and names of wheels: texts that differ in them alone are one line, the newest
 _KIND = "nav_msgs/msg/Odometry"
 
 
@@ -301,7 +301,9 @@ def row_of(bag: Path, config: Path, folder: Path) -> Row:
         moving.append(rows["slip"].notna()[turning])
     said = [event["text"] for event in summary["events"] if event["kind"] == "sensor"]
     said += [text for text in summary["sensors"] if text not in said]
-    said = [_VARIES.sub("#", re.split("[,(]", text)[0]).strip() for text in said]
+    said = [re.split("[,(]", text)[0].strip() for text in said]
+    newest = {_VARIES.sub("#", text): text for text in said}
+    said = [newest[_VARIES.sub("#", text)] for text in said]
     truth_file = longest(bag, "*_truth.csv", "_truth.csv")
     left = {w.name for w in onboard.wheels if w.lateral_position > 0.0}
     truth, found, left_out = None, [], 0
