@@ -204,7 +204,7 @@ def _margins(
 
     measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
     """
-    prior = strengths.now.prior_std
+    prior = strengths.reserve.prior_std
     versions, index = np.unique(strength, return_inverse=True)
     known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
     by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)

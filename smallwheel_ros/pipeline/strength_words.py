@@ -17,8 +17,12 @@ from .steps import Excitation
 from .strength import FORM_SHEAR, STRENGTH, Strengths
 from .tables import Array
 
+# Of the prior's deviation of friction, at most: then data tell as much of what is held as the prior does.
+# Another soil begins with at least as much left, so that something has to tell of it.
+_HELD = math.sqrt(0.5)
 _SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest; apart
 _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
+_LIMITS = {"thrust": _HELD}
 _NEEDS = {
     "balance": "vehicle.mass is not given; it would tell friction and the reserve on slopes",
     "slope": "not yet: it needs load and slip of all wheels, and a slope (imu_topic, or odom with pitch)",
@@ -48,14 +52,14 @@ class StrengthEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether friction is: then the margin on a measured soil is the filter's, not that of any ground."""
-        return self.remaining["thrust"] <= DETERMINED
+        """Whether what is held is: then the margin on a measured soil is the filter's, not any ground's."""
+        return self.remaining["thrust"] <= _HELD
 
     @property
     def verdicts(self) -> dict[str, str]:
         """For each number in words whether it is determined, and how far."""
         return {
-            name: ("determined" if left <= DETERMINED else "not determined")
+            name: ("determined" if left <= _LIMITS.get(name, DETERMINED) else "not determined")
             + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
             for name, left in self.remaining.items()
         }
@@ -66,7 +70,7 @@ def strength_of(strengths: Strengths) -> StrengthEstimate:
     believed = strengths.believed[-1][1]
     mean = believed.x[:STRENGTH]
     deviation = _deviations(believed)
-    remaining = dict(zip(_NAMES, (deviation / strengths.now.prior_std).tolist(), strict=True))
+    remaining = dict(zip(_NAMES, (deviation / strengths.reserve.prior_std).tolist(), strict=True))
     # The most that is held under a load, c A + W tan(phi): nearly all of it is friction.
     remaining["thrust"] = remaining["friction_angle"]
     return StrengthEstimate(
@@ -98,10 +102,9 @@ def _deviations(believed: Believed) -> Array:
 
 
 def is_determined(P: Array, prior_std: Array) -> bool:
-    """Whether what is held, nearly all of it friction, is determined: half of the prior's doubt is gone."""
-    return math.sqrt(max(float(P[FRICTION, FRICTION]), 0.0)) <= DETERMINED * float(
-        prior_std[FRICTION]
-    )
+    """Whether what is held, nearly all of it friction, is: half of the prior's variance is gone."""
+    left = math.sqrt(max(float(P[FRICTION, FRICTION]), 0.0))
+    return left <= _HELD * float(prior_std[FRICTION])
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:

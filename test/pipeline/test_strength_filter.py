@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from smallwheel_ros.physics.force_slopes import sloped_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -165,12 +165,18 @@ def test_without_a_mass_or_one_of_the_wheels_there_is_no_balance(count: int) -> 
     assert strengths.record() is None
 
 
-@pytest.mark.parametrize("pull", [-2.0, 8.0, 14.0])
-def test_an_update_finds_the_most_likely_state(pull: float) -> None:
-    """Also where the thrust is another than the prior's by a factor, if it is not far beyond any."""
-    made = StrengthFilter(PRIOR, WHEELS[:1], 0.0)
+def _one_wheel(slip: float) -> tuple[StrengthFilter, Rolling]:
+    size = np.array([0.25]), np.array([0.1])
+    at = Rolling(np.array([0]), contact(1), *size, np.array([slip]))
+    return StrengthFilter(PRIOR, WHEELS[:1], 0.0), at
+
+
+@pytest.mark.parametrize("more", [-1.0, 0.0, 1.0])
+def test_an_update_finds_the_most_likely_state(more: float) -> None:
+    """Of a pull (N) near that which was expected at this slip."""
+    made, at = _one_wheel(0.05)
     before, inverse = made.kalman.x.copy(), np.linalg.inv(made.kalman.P)
-    at = Rolling(np.array([0]), contact(1), np.array([0.25]), np.array([0.1]), np.array([0.05]))
+    pull = more + float(forces(before, made.cells, at)[1].value[0])
     law = 0.02 * LOAD  # what the law itself is believed to be off by
 
     def unlikely(x: Array) -> float:
@@ -181,6 +187,43 @@ def test_an_update_finds_the_most_likely_state(pull: float) -> None:
     best = minimize(lambda u: unlikely(before + u * deviations), np.zeros(len(before)))
     made.update(at, np.array([np.nan]), np.array([pull]), np.array([0.6]), math.nan, math.nan)
     assert (made.kalman.x - before) / deviations == pytest.approx(best.x, abs=0.03)
+
+
+@pytest.mark.parametrize("pull", [-8.0, 8.0, 14.0])
+def test_an_update_explains_a_pull_that_was_not_expected(pull: float) -> None:
+    """To what the law is believed to be off by, 1.2 N, and its noise."""
+    made, at = _one_wheel(0.05)
+    made.update(at, np.array([np.nan]), np.array([pull]), np.array([0.6]), math.nan, math.nan)
+    assert forces(made.kalman.x, made.cells, at)[1].value[0] == pytest.approx(pull, abs=2.7)
+
+
+def _missing(slip: float, asked: float, ahead: float, behind: float) -> float:
+    """What four wheels on two grips (ln) pull more than is asked for, m/s^2."""
+    return 0.5 * sum(balance(0.5, slip, math.exp(grip)) for grip in (ahead, behind)) - asked
+
+
+def test_places_of_different_grip_are_not_taken_for_a_flat_curve() -> None:
+    """Pull is asked for by the slope, slip follows grip, and over the drive pull hardly goes with slip.
+
+    Slopes taken at the slip that was measured end at 0.2 rad for 0.5, five of their deviations too low.
+    """
+    wide = replace(PRIOR, friction_angle=Quantity(0.5, 0.25))
+    off = []
+    for seed in range(3):
+        normal = np.random.default_rng(seed).standard_normal
+        strengths = Strengths(wide, WHEELS, ALL, MASS)
+        grip = [0.25 * normal()]
+        for _ in range(200):
+            grip.append(math.exp(-0.1 / 0.7) * grip[-1] + 0.125 * normal())
+        for i in range(7, 200):  # wheels behind come to where those ahead were after 7 steps
+            asked = 0.3 * math.sin(0.15 * i)
+            slip = brentq(_missing, -0.5, 0.95, args=(asked, grip[i], grip[i - 7]))
+            slip += 0.01 * normal()
+            strengths.take(step(i, slip, asked))
+        angle, deviation = constants_of(strengths.believed[-1][0])["friction_angle"]
+        off.append((angle - 0.5) / deviation)
+    assert np.abs(off).max() < 2.0
+    assert abs(float(np.mean(off))) < 1.0
 
 
 @settings(max_examples=examples(40), deadline=None)

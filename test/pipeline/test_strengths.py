@@ -198,8 +198,9 @@ def test_a_strength_goes_on_from_its_record() -> None:
     again = Strengths(settings.strength, settings.wheels, np.arange(4), settings.mass)
     again.restore(saved)
     assert again.record() == saved
-    mean = constants_of(again.believed[-1][0])["friction_angle"]
-    assert mean == pytest.approx(constants_of(strengths.believed[-1][1])["friction_angle"])
+    for one, other in zip(again.believed[-1], strengths.believed[-1], strict=True):
+        mean = constants_of(one)["friction_angle"]
+        assert mean == pytest.approx(constants_of(other)["friction_angle"])
     with pytest.raises(ValueError, match="another prior"):
         again.restore(saved | {"prior": [1.0] * 6})
 
