@@ -24,8 +24,8 @@ from .margin import AHEAD
 from .mobility import Predicted, mobility
 from .soils import Soils
 from .streams import Streams
-from .strength import Strengths
 from .strength_words import is_determined
+from .strengths import Strengths
 from .stretches import Loads
 from .tables import SECOND, Array, Estimates, Flags, Integers, Mobility, Readings, none_of
 from .warnings import risk_of

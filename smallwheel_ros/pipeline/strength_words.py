@@ -14,7 +14,8 @@ from smallwheel_ros.physics.wheel import Quantity
 from .forces import COHESION, FRICTION, OTHER, SHEAR, Believed
 from .identifiability import DETERMINED
 from .steps import Excitation
-from .strength import FORM_SHEAR, STRENGTH, Strengths
+from .strength import FORM_SHEAR, STRENGTH
+from .strengths import Strengths
 from .tables import Array
 
 # Of the prior's deviation of friction, at most: then data tell as much of what is held as the prior does.

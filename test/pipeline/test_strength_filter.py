@@ -20,8 +20,9 @@ from smallwheel_ros.pipeline.contact import OnSoil
 from smallwheel_ros.pipeline.forces import COHESION, FRICTION, OTHER, Rolling, forces
 from smallwheel_ros.pipeline.forces import WHEELS as WHEELS_AT
 from smallwheel_ros.pipeline.steps import Steps
-from smallwheel_ros.pipeline.strength import StrengthFilter, Strengths
+from smallwheel_ros.pipeline.strength import StrengthFilter
 from smallwheel_ros.pipeline.strength_words import constants_of
+from smallwheel_ros.pipeline.strengths import Strengths
 from smallwheel_ros.pipeline.tables import Array
 
 WHEELS = tuple(

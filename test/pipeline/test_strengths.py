@@ -17,8 +17,8 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.mobility import Predicted, mobility
 from smallwheel_ros.pipeline.soils import Soils
 from smallwheel_ros.pipeline.steps import StepState, steps
-from smallwheel_ros.pipeline.strength import Strengths
 from smallwheel_ros.pipeline.strength_words import constants_of
+from smallwheel_ros.pipeline.strengths import Strengths
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Array, Integers, Readings
 from smallwheel_ros.simulate.world_drive import make_drive
