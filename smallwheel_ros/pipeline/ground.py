@@ -4,9 +4,10 @@
     speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
               the heading, in the middle of both
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
-              the same of three messages in a row; the larger one
-    lag       by how much the turning and the speed follow gyro and rims: largest correlation; until
-              anything follows, it may be half a second
+              the same of three messages in a row; the larger one. Of poses also by their stamps: how far one
+              is from the line between its neighbours, over the rims' speed, is how much its stamp is off
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation, as last found;
+              until anything follows, it may be half a second
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
@@ -49,7 +50,10 @@ _SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a place ho
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
-_TOLD = 10  # speeds that what the parameters say of the deviation counts for
+_SMOOTH = (
+    0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
+)
+_TOLD, _GUESSED = 10, 3  # readings that the parameters' deviation, and `_SCAN`, count for
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
     0.1,
@@ -118,7 +122,8 @@ class Trust:
 class _Sums:
     """Running sums of what is learnt, and what they were at the end of the last piece of way."""
 
-    spread: list[Array] = field(default_factory=lambda: [np.zeros(2), np.zeros(2)])
+    spread: list[Array] = field(default_factory=lambda: [np.zeros(2) for _ in range(3)])
+    lag: list[float] = field(default_factory=lambda: [math.nan, math.nan])
     speed: Array = field(default_factory=lambda: unknown(2))
     way: float = 0.0
     changed: int = NEVER
@@ -145,8 +150,8 @@ class Ground:
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
         self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
         self._own = Stream(
-            "own", 5
-        )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist
+            "own", 6
+        )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
         self._trust = Stream("trust", 9)
         self.posed = True
         self._way = 0.0
@@ -253,7 +258,7 @@ class Ground:
         new[0] |= first == 0
         back: Array = np.zeros(stamps.size)
         speed, turn = values[:, SPEED], values[:, YAW_RATE]
-        way: Array = np.full(stamps.size, np.nan)
+        way, off = unknown(stamps.size), unknown(stamps.size)
         if self.source == ODOMETRY and self.posed:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
@@ -285,7 +290,10 @@ class Ground:
             way = np.where(posed, steps_of(steps, self._way), np.nan)
             self._way = float(way[-1])
             self.posed = bool(posed[-1])
-        self._own.extend(stamps, np.column_stack([back, speed, turn, new, way]))
+            off = np.where(
+                posed, _off_line(all_stamps, all_values, begin, rules.widest)[first:], off
+            )
+        self._own.extend(stamps, np.column_stack([back, speed, turn, new, way, off]))
         middle = stamps - back.astype(np.int64)
         # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
         before_it = np.concatenate([[self.moves.newest], middle[:-1]])
@@ -300,7 +308,7 @@ class Ground:
         if not stamps.size:
             return
         sums = self._sums
-        back, speed, turn, new, no_twist = own.T
+        back, speed, turn, new, no_twist, off = own.T
         middle = stamps - back.astype(np.int64)
         back_to = np.array([*LAGS, _APART, 2 * _APART])
         mean, size, half_turn = (
@@ -320,7 +328,7 @@ class Ground:
         changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
         changed_way = np.maximum(changed_way, sums.changed_way)
         sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
-        variance = self._spread(middle, back, speed, mean[:, [0, -2, -1]])
+        variance = self._spread(middle, back, speed, off, mean[:, [0, -2, -1]])
         lag = self._lag(middle, speed, turn, mean[:, : LAGS.size])
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
@@ -330,41 +338,57 @@ class Ground:
         rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share]
         self._trust.extend(stamps, np.column_stack(rows))
 
-    def _spread(self, middle: Integers, back: Array, speed: Array, rims: Array) -> Array:
+    def _spread(
+        self, middle: Integers, back: Array, speed: Array, off: Array, rims: Array
+    ) -> Array:
         """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
 
-        rims: their mean speed then, `_APART` and twice that before, (rows, 3).
+        off: m, of a place from the line between its neighbours, as `_off_line` has it. rims: their mean
+        speed then, `_APART` and twice that before, (rows, 3).
         """
         sums, rules = self._sums, self.streams.rules
         apart = [self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2)]
         with np.errstate(invalid="ignore"):
             most = np.abs(rims).max(axis=1)
-            even = (np.ptp(rims, axis=1) < _STEADY * most) & (most > STANDSTILL_SPEED)
+            change = np.where(most > STANDSTILL_SPEED, np.ptp(rims, axis=1) / most, np.nan)
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
         bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
         told: Array = np.full(back.size, self.settings.noise.speed**2)
-        place = np.hypot(_PLACE, _SCAN * np.nan_to_num(speed))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            late2 = (off**2 - _PLACE**2) / rims[:, 0] ** 2
+        good = (change < _SMOOTH) & np.isfinite(off)
+        late2 = np.maximum(self._mean(2, good, late2, _SCAN**2, _GUESSED), _SCAN**2)
+        place = np.sqrt(_PLACE**2 + late2 * np.nan_to_num(speed) ** 2)
         posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
         for i, bend in enumerate(bends):
-            good = even & np.isfinite(bend)
-            rows = np.column_stack([good, np.where(good, bend**2 / 6.0, 0.0)])
-            total = np.cumsum(np.concatenate([sums.spread[i][None], rows]), axis=0)[1:]
-            sums.spread[i] = total[-1]
-            found = np.maximum(found, (_TOLD * told + total[:, 1]) / (_TOLD + total[:, 0]))
+            good = (change < _STEADY) & np.isfinite(bend)
+            found = np.maximum(found, self._mean(i, good, bend**2 / 6.0, told, _TOLD))
         return np.asarray(found)
+
+    def _mean(
+        self, i: int, good: Flags, squares: Array, before: Array | float, count: int
+    ) -> Array:
+        """Mean of the good squares so far, in which what was before counts for `count` of them."""
+        rows = np.column_stack([good, np.where(good, squares, 0.0)])
+        total = np.cumsum(np.concatenate([self._sums.spread[i][None], rows]), axis=0)[1:]
+        self._sums.spread[i] = total[-1]
+        return np.asarray((count * before + total[:, 1]) / (count + total[:, 0]))
 
     def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
         """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
+
+        What has been found stays when nothing follows any more: on ground that gives way a speed does not
+        follow the rims, and comes no later for it.
 
         rims: their mean speed `LAGS` before, (rows, lags).
         """
         count = middle.size
         instants = (middle[:, None] - LAGS).ravel()
         gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
-        found, known = np.zeros(count), np.zeros(count, dtype=bool)
+        found = unknown(count)
         for i, (late, early) in enumerate(((turn, gyro), (speed, rims))):
             good = np.isfinite(late) & np.isfinite(early).all(axis=1)
             good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -386,10 +410,13 @@ class Ground:
             best = square.argmax(axis=1)
             most = square.max(axis=1)
             told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
-            known |= told
-            told &= 1.0 - square[:, 0] > _BETTER * (1.0 - most)
-            found = np.maximum(found, np.where(told, LAGS[best] / SECOND, 0.0))
-        return np.where(known, found, _LATE)
+            better = 1.0 - square[:, 0] > _BETTER * (1.0 - most)
+            lag = np.where(told, np.where(better, LAGS[best] / SECOND, 0.0), np.nan)
+            lag = np.concatenate([[self._sums.lag[i]], lag])
+            newest = np.maximum.accumulate(np.where(np.isnan(lag), 0, np.arange(lag.size)))
+            self._sums.lag[i] = float(lag[newest[-1]])
+            found = np.fmax(found, lag[newest[1:]])
+        return np.where(np.isnan(found), _LATE, found)
 
     def _made_of_wheels(
         self, before: Array, way: Array, parts: Array
@@ -420,6 +447,23 @@ class Ground:
         share[begin:] = sums.share
         sums.parts = total[-1]
         return found, may_be, share
+
+
+def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:
+    """By how much (m) the pose before each is off the line between its neighbours, as one place is, or NaN.
+
+    Along its heading, where time is way. begin: of each row, the first behind a silence. widest: ns.
+    """
+    rows = np.arange(stamps.size)
+    now, middle, then = rows, np.maximum(rows - 1, 0), np.maximum(rows - 2, 0)
+    span = stamps[now] - stamps[then]
+    good = (rows - 2 >= begin) & (span > 0) & (span <= 2 * widest)
+    part = (stamps[middle] - stamps[then]) / np.where(good, span, 1)
+    x, y = (
+        values[middle, k] - part * values[now, k] - (1.0 - part) * values[then, k] for k in (X, Y)
+    )
+    along = x * values[middle, COSINE] + y * values[middle, SINE]
+    return np.where(good, along / np.sqrt(1.0 + part**2 + (1.0 - part) ** 2), np.nan)
 
 
 def _scatter(pieces: Array) -> float:

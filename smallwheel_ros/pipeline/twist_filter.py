@@ -8,12 +8,17 @@
     0       = vy + sy                        no motion sideways (Dissanayake et al. 2001), as soft as
                                              the rims are
     ds/dt   = -s / 2 s + noise               deviation of s: slip |rim|
-    slip^2  = weighted mean of (s^2 + var s) / rim^2 over a minute, and a beginning
-                                             (expectation-maximisation, Shumway and Stoffer 1982)
+    slip^2  = mean of s^2 / rim^2 over a minute, each weighted by what the sensors told of it, and a
+                                             beginning
     rim     is taken less a steady share of it, which only a speed over ground teaches: where that comes and
             goes, what it taught is used in its gaps. By pull as well it was no better (docs/odometry.md)
-    var vx  = P + (slip vx)^2 + (0.1 s a)^2  slip that does not change is seen by no imu: taken as large
+    var vx  = P + (slip vx)^2 + (delay a)^2  slip that does not change is seen by no imu: taken as large
                                              as the slip that does; delays that are not known
+
+With r = 1 - var s / (slip rim)^2, the share of a slip that the sensors told, s^2 is r (slip rim)^2 on the
+mean: s^2 - r (1 - r) (slip rim)^2 at a weight of r^2 tells slip. Expectation-maximisation takes s^2 + var s
+at a weight of 1, in which var s is what was believed before: what it began with stays for minutes. What rims
+scatter by, and how late they may come, are learnt beside it.
 
 Rims that jump while the accelerometer feels nothing put s, and with it slip, up; then the imu carries vx for
 some seconds and its variance grows. What is missing is left out: without an accelerometer the velocity may
@@ -31,22 +36,29 @@ from .tables import SECOND, Array, Flags
 _VX, _VY, _BX, _BY, _CX, _CY, _SL, _SR, _SY = range(9)
 _CHI_STD = 0.5  # 1 steered or on one axle, 1.5 to 2 skid steering
 _LEAST_CHI, _MOST_CHI = 0.8, 5.0  # its least is the track itself
-_SLIP, _SLIP_WEIGHT = 0.3, 50.0  # slip to begin with, and what that weighs, m^2/s: seconds at 1 m/s
-_MEMORY = 60.0  # s of driving over which slip and track are learnt
+_MEMORY = 60.0  # s of driving over which slip, delay and track are learnt
 _SLIP_TIME = 2.0  # s that a slip lasts
+_SLIP = 0.3  # to begin with, known by a factor of 3: 0.03 is asphalt, 1 is ice
+_SLIP_WEIGHT = 4.0 * _SLIP_TIME / (2.0 * math.log(3.0)) ** 2  # s of slips that tell as much
+_LEAST_SLIP = 0.02  # effective radii are known no better
 _TILT, _TILT_TIME = 0.3, 10.0  # m/s^2: slope of 2 degrees and zero of the accelerometer; s
 _SHARE = 0.1  # of the rims' speed: steady slip and radii, before a speed over ground has told them
 _SHARE_TIME = 300.0  # s over which that is open again: another ground
 _LEVER = 0.3  # m of the imu off the point about which the vehicle turns
+_CREEP = 0.01  # m/s: of a slip, at any speed
 _DRIVES = 0.2  # m/s at the rim, under which slip is noise
-_RIM_STD, _SPEED_STD = 0.03, 0.02  # m/s, of one reading; at least, of a speed over ground
-_SYNC = 0.1  # s: what is not known of delays
+_RIM_STD, _LEAST_RIM_STD = 0.03, 0.003  # m/s, of one reading, at most and at least
+_SPEED_STD = 0.02  # m/s: at least, of a speed over ground
+_SYNC, _SYNC_WEIGHT = 0.1, 0.5  # s: what is not known of delays, by a factor of 2
+_MOST_DELAY = 1.0  # s
+_SLIPS = 16.0  # squared deviations: what is further off slips, and is not late
 _UNFELT = 1.0  # m^2/s^3: an acceleration that is not measured, 1 m/s in a second
 _STILL = 1.0  # s of rims at 0 after which the vehicle is taken to stand
 _STEP = 0.02  # s: changes of rims are judged over no less
 _EYE = np.eye(9)
 _SEEN = np.zeros((3, 9))  # rims, and no motion sideways
 _SEEN[0, [_VX, _SL]] = _SEEN[1, [_VX, _SR]] = _SEEN[2, [_VY, _SY]] = 1.0
+_MIDDLE = _SEEN[:2].mean(axis=0)
 LONGEST = SECOND  # ns between rims over which the filter goes on
 
 
@@ -60,7 +72,10 @@ class TwistFilter:
         self.places, self.half = places, 0.5 * float(places[0] - places[1])
         self.x: Array = np.zeros(9)
         self.P: Array = np.diag([0.25, 0.01, *[_TILT**2] * 2, *[_LEVER**2] * 2, 0.0, 0.0, 0.0])
-        self.slip2 = self.weight = 0.0  # sums behind `slip`
+        self.slip = _SLIP  # deviation of the slip speed over the rim's speed, as now believed
+        self.slip2 = self.weight = 0.0  # sums behind it
+        self.delay = _SYNC  # s by which rims may come late or early
+        self.delay_sum = self.delay_weight = 0.0  # sums behind it, of its logarithm
         self.chi, self.chi_var = chi, _CHI_STD**2
         self.share, self.share_var = 0.0, 0.0  # of the rims' speed that is lost throughout
         self.unseen = 0.0  # s since a speed over ground came
@@ -69,16 +84,14 @@ class TwistFilter:
         self.gained = 0.0  # m/s^2, over the last 0.3 s
         self.force = math.nan, math.nan  # of the last row
         self.rims: Array = np.full(2, np.nan)
+        self.before: Array = np.full(2, np.nan)  # rims of the row before
+        self.rim2 = _RIM_STD**2  # variance of a rim's reading
         self.held = [0, 0]  # how often a side's rim has been the same to the last digit
+        self.stands = 1.0  # rows for which a rim's value stands, over their last ten changes
         self.jump2 = 0.0  # m^2/s^2: square of what rims in steps jump by, after they were held
         self.still = 0.0  # s for which both rims have been 0
         self.turns = True  # whether a gyro tells of the turn
         self.period, self.count = 0.02, 0
-
-    @property
-    def slip(self) -> float:
-        """Deviation of the slip speed over the rim's speed, as now believed."""
-        return math.sqrt((self.slip2 + _SLIP_WEIGHT * _SLIP**2) / (self.weight + _SLIP_WEIGHT))
 
     def _begin(self, rims: Array) -> None:
         """After a gap: velocity and slips anew; tilt, lever, slip and track stay."""
@@ -89,7 +102,7 @@ class TwistFilter:
             self._set(i, 0.0, var)
         self.gained = 0.0
         self.force = math.nan, math.nan
-        self.rims = np.full(2, np.nan)
+        self.rims, self.before = np.full((2, 2), np.nan)
 
     def _set(self, i: int, mean: float, variance: float) -> None:
         self.P[i] = self.P[:, i] = 0.0
@@ -116,10 +129,11 @@ class TwistFilter:
         moved[np.isnan(moved)] = 0.0
         change = float(moved.sum()) / 2.0
         self._steps(moved)
+        self._scatters(dt, rims)
         self.still = self.still + dt if not rims[there].any() else 0.0
-        self.rims = rims
+        self.rims, self.before = rims, self.rims
         scale = self._on(dt, known, turn, felt[1:])
-        self._see(there, rims, turn, change / max(dt, _STEP))
+        self._see(dt, there, rims, turn, change / max(dt, _STEP))
         if not math.isnan(speed):
             R = max(speed_std, _SPEED_STD) ** 2 + (_SYNC * change / max(dt, _STEP)) ** 2
             self._update(_EYE[:1], np.array([speed]), np.array([[R]]))
@@ -150,7 +164,15 @@ class TwistFilter:
         for i, by in enumerate(moved.tolist()):
             if by != 0.0 and self.rims[i] != 0.0:
                 self.jump2 += 0.1 * ((by * by if self.held[i] > 1 else 0.0) - self.jump2)
+                self.stands += 0.1 * (self.held[i] + 1 - self.stands)
             self.held[i] = self.held[i] + 1 if by == 0.0 else 0
+
+    def _scatters(self, dt: float, rims: Array) -> None:
+        """Variance of a rim's reading, by its neighbours; what it gains evenly is none."""
+        bend2 = float(np.mean((rims - 2.0 * self.rims + self.before) ** 2)) / 6.0
+        if not math.isnan(bend2):
+            bend2 = min(max(bend2, _LEAST_RIM_STD**2), _RIM_STD**2)
+            self.rim2 += min(dt / 5.0, 1.0) * (bend2 - self.rim2)
 
     def _on(self, dt: float, rims: Array, turn: float, force: Array) -> Array:
         """On by the imu; returns the speeds that slips go by, (3,)."""
@@ -189,18 +211,20 @@ class TwistFilter:
         self.P = F @ self.P @ F.T
         added = self.P.reshape(-1)[::10]  # the diagonal
         added[:4] += (noise, noise, tilts, tilts)
-        added[_SL:] += ((self.slip * scale) ** 2 + 1e-4) * (1.0 - keep * keep)
+        added[_SL:] += ((self.slip * scale) ** 2 + _CREEP**2) * (1.0 - keep * keep)
         return scale
 
     @property
     def _jumps2(self) -> float:
         return self.jump2 if self.still < _STILL else 0.0
 
-    def _see(self, there: Flags, rims: Array, turn: float, change: float) -> None:
+    def _see(self, dt: float, there: Flags, rims: Array, turn: float, change: float) -> None:
         """Rims, and no motion sideways. change: of the rims, m/s^2."""
         left, right = (self.places * turn).tolist()
-        own = _RIM_STD**2 + (_SYNC * change) ** 2 + self._jumps2
-        both = self.chi_var * left * right
+        late = (self.delay * change) ** 2
+        # What holds for a while is off by any part of the next jump.
+        own = self.rim2 + late + self._jumps2 / 3.0
+        both = self.chi_var * left * right + late
         R = np.array(
             [
                 [own + self.chi_var * left * left, both, 0.0],
@@ -213,18 +237,44 @@ class TwistFilter:
             R[:2, :2] += (0.1 + abs(self.half * turn)) ** 2 * way[:, None] * way
         z = np.array([rims[0] + self.chi * left, rims[1] + self.chi * right, 0.0])
         if there.all():
+            if not math.isnan(self.force[0]):
+                self._delays(dt, float(z[0] + z[1]) / 2.0, float(R[:2, :2].mean()), late)
             self._update(_SEEN, z, R)
         else:
             rows = np.flatnonzero([*there, True])
             self._update(_SEEN[rows], z[rows], R[rows[:, None], rows])
 
+    def _delays(self, dt: float, middle: float, R: float, late: float) -> None:
+        """Learn the delay by what the rims' middle (m/s) is off from what the imu expects.
+
+        R: its variance; late: what delay has in it. In its logarithm, by the slope of the likelihood and
+        Fisher's information. It is anywhere within the time for which a rim's value stands, at least.
+        """
+        S = float(_MIDDLE @ self.P @ _MIDDLE) + R
+        off2, share = (middle - float(_MIDDLE @ self.x)) ** 2 / S, late / S
+        fade, now = math.exp(-dt / _MEMORY), 2.0 * math.log(self.delay / _SYNC)
+        told = 0.5 * share * share
+        self.delay_weight = fade * self.delay_weight + told
+        self.delay_sum = (
+            fade * self.delay_sum + told * now + 0.5 * share * (min(off2, _SLIPS) - 1.0)
+        )
+        log = 0.5 * self.delay_sum / (self.delay_weight + _SYNC_WEIGHT)
+        least = min(self.stands * self.period / math.sqrt(12.0), _SYNC)
+        self.delay = max(_SYNC * math.exp(min(log, math.log(_MOST_DELAY / _SYNC))), least)
+
     def _learn(self, dt: float, there: Flags, rims: Array, turn: float, scale: Array) -> None:
         """Slip and track, by what the filter now thinks."""
         fade = math.exp(-dt / _MEMORY)
-        sides = np.flatnonzero(there)
-        slips = [self.x[_SL + i] ** 2 + self.P[_SL + i, _SL + i] for i in sides]
-        self.slip2 = fade * self.slip2 + dt * float(sum(slips))
-        self.weight = fade * self.weight + dt * float(scale[sides] @ scale[sides])
+        self.slip2 *= fade
+        self.weight *= fade
+        for i in np.flatnonzero(there).tolist():
+            rim2, s = float(scale[i]) ** 2, float(self.x[_SL + i])
+            usual = self.slip**2 * rim2 + _CREEP**2
+            share = min(max(1.0 - float(self.P[_SL + i, _SL + i]) / usual, 0.0), 1.0)
+            seen = s * s - share * (1.0 - share) * usual - share**2 * _CREEP**2
+            self.slip2 += dt * seen / rim2
+            self.weight += dt * share**2
+        self._believe()
         if not (there.all() and self.turns):
             return
         h, half = float(rims[1] - rims[0]) / 2.0, self.half * turn
@@ -239,6 +289,16 @@ class TwistFilter:
                 max(self.chi, _LEAST_CHI), _MOST_CHI
             )  # a gyro of the wrong sign stays so
             self.chi_var *= 1.0 - gain * half
+
+    def _believe(self) -> None:
+        """Slip by what was seen of it and what it began with, in its logarithm: two steps of Newton's."""
+        seen, beginning = max(self.slip2, self.weight * _LEAST_SLIP**2), 2.0 * math.log(_SLIP)
+        log = 2.0 * math.log(self.slip)
+        for _ in range(2):
+            more = seen * math.exp(-log)
+            less = self.weight + _SLIP_WEIGHT * (log - beginning)
+            log += max((more - less) / (more + _SLIP_WEIGHT), -1.0)
+        self.slip = math.exp(0.5 * log)
 
     def _update(self, H: Array, z: Array, R: Array) -> None:
         """Measurements z = H x with covariance R. P stays symmetric; R is never near 0."""
@@ -266,7 +326,7 @@ class TwistFilter:
                 vx, vy = vx + dt * float(ahead + turn * vy), vy + dt * float(aside - turn * vx)
                 noise = 0.1**2 * dt + 4.0 * self.shakes2 * dt**2
             var_x, var_y = var_x + noise, var_y + noise
-        var_x += (_SYNC * self.gained) ** 2 + (slip**2 + self.share_var) * vx**2
+        var_x += (self.delay * self.gained) ** 2 + (slip**2 + self.share_var) * vx**2
         effective = self.chi * self.half
         left, right = rims.tolist()
         if math.isnan(left + right):  # what one side has more than the middle is the turn

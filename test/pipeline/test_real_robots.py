@@ -98,6 +98,56 @@ def test_late_poses_are_not_taken_for_slip() -> None:
     assert on_time.align.ground.trust(np.array([rows.stamp[-1]])).lag[0] == 0.0
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.4])
+def test_poses_whose_stamps_are_off_are_as_unsure_as_that_makes_them(jitter: float) -> None:
+    """Lidar odometries stamp a scan somewhere within its turn, or when they are done with it."""
+    vehicle = static_rover()
+    random = np.random.default_rng(3)
+    rows = []
+    for name, stamp, values, now in drive(
+        60.0,
+        soil=False,
+        twist=False,
+        odometry_rate=4.0,
+        wave=0.2,
+        speed=lambda t: 0.8 + 0.1 * np.sin(t),
+    ):
+        if name == "odom":
+            v, w, x, *rest = values
+            values = (v, w, x + 0.8 * jitter * random.standard_normal(), *rest)
+        rows.append((name, stamp, values, now))
+    found, _ = run(vehicle, rows, range(0, len(rows), 500))
+    late = _while(found, 10.0, 59.0)
+    known = np.isfinite(late.slip)
+    assert known.mean() > 0.95
+    assert (np.abs(late.slip - 0.1) <= 1.96 * late.slip_std)[known].mean() > 0.85
+    if jitter:
+        wrong = np.sqrt(np.mean((late.slip[known] - 0.1) ** 2))
+        assert np.sqrt(np.mean(late.slip_std[known] ** 2)) == pytest.approx(wrong, rel=0.6)
+    else:
+        assert np.median(late.speed_std) < 0.4  # a scan of 0.1 s
+
+
+def test_a_lag_that_is_known_stays_known_when_the_ground_gives_way() -> None:
+    """A speed that does not follow the rims any more comes no later for it."""
+    vehicle = static_rover()
+    pipeline = Pipeline(vehicle.onboard)
+    rows = []
+    for name, stamp, values, now in drive(
+        60.0, soil=False, noise=0.01, speed=lambda t: 0.5 + 0.2 * np.sin(t)
+    ):
+        seconds = (stamp - START) / SECOND
+        if name == "odom" and seconds > 15.0:
+            values = (0.25 - 0.2 * np.sin(seconds), *values[1:])
+        rows.append((name, stamp, values, now))
+    found, _ = run(vehicle, rows, range(0, len(rows), 500), pipeline=pipeline)
+    ground = pipeline.align.ground
+    at = np.array([START + k * SECOND for k in (2, 58)])
+    assert ground.trust(at[1:]).lag[0] == 0.0
+    sure = _while(found, 20.0, 59.0)
+    assert np.median(sure.slip_std) < 0.1
+
+
 def test_frozen_odometry_is_not_believed_after_half_a_second() -> None:
     vehicle = static_rover()
     rows = drive(soil=False)

@@ -220,10 +220,22 @@ def test_slip_that_the_imu_sees_is_told_as_large_as_it_is() -> None:
     assert 0.5 < np.mean(nees) < 2.0
 
 
+@pytest.mark.parametrize("speed", [0.7, 2.0])
+def test_firm_ground_is_told_as_firm_as_it_is_at_any_speed(speed: float) -> None:
+    nees = []
+    for seed in (1, 2):
+        drive = simulated(seed, slip=0.05, seconds=150.0, speed=speed)
+        found = run(drive).take(drive.time > 30.0)
+        off = found.vx - drive.truth[drive.time > 30.0, 0]
+        nees.append(np.mean(off**2 / found.vx_var))
+        assert np.mean(off**2 < 4.0 * found.vx_var) > 0.9
+    assert 0.3 < np.mean(nees) < 2.0
+
+
 def test_slip_falls_on_firm_ground_and_stays_on_loose() -> None:
     drives = [simulated(1, slip=slip, seconds=150.0, speed=2.0) for slip in (0.02, 0.6)]
     firm, loose = (run(drive).slip[-1] for drive in drives)
-    assert firm < 0.22 < 0.27 < loose
+    assert firm < 0.05 < 0.4 < loose
 
 
 def test_speed_over_ground_narrows_and_corrects() -> None:
