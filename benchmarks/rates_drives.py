@@ -14,7 +14,7 @@ from functools import partial
 from benchmarks.drive_trial import NAMES, SIGMAS, THRESHOLDS, TRUE_THRESHOLD, WORLDS, trial
 from benchmarks.judges import Judge, Line, Subject, events, middle, ratio, share
 
-# m, within which a fault has to be reported: rules that need ten pieces of 0.5 m look again after 0.8 m at most
+# m, within which a fault has to be reported: rules that need ten pieces of 0.5 m look every 0.8 m
 SOON = 6.0
 METRES, SECONDS = 0.5, 3.0  # ahead of being stuck that is in time
 LEAST_HELD = 0.88  # of a drive's truths in a 95 % band
