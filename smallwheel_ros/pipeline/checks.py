@@ -78,7 +78,8 @@ from .checks_odometry import (
 )  # fmt: skip
 from .checks_sums import Said
 from .checks_window import AROUND, SPAN, Memory, Raw, Vehicle, Window
-from .ground import DOWN, OWN, PIECES, Ground
+from .ground import DOWN, Ground
+from .odometry import OWN, PIECES
 from .tables import SECOND, Array, Integers
 
 _NEVER = -(1 << 62)

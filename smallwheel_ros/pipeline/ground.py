@@ -33,6 +33,7 @@ from smallwheel_ros.onboard.settings import (
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 
+from .odometry import LAGS, Lag, OfWheels
 from .stream import NEVER, Stream
 from .streams import Streams
 from .tables import SECOND, Array, Flags, Integers, steps_of, unknown
@@ -53,28 +54,8 @@ _APART = (
 _SMOOTH = (
     0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
 )
-_TOLD, _GUESSED = 10, 3  # readings that the parameters' deviation, and `_SCAN`, count for
-LAGS = np.arange(11) * (SECOND // 10)  # ns
-_TURNS, _ALIKE, _BETTER = (
-    0.1,
-    0.8,
-    1.1,
-)  # rad/s; correlation; what a lag has to explain more than none
-_VARIES = 1e-6  # of the mean square: a thousandth of the mean
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
-_ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
-OWN, _PIECE, PIECES = (
-    0.005,
-    0.5,
-    10,
-)  # of the way, m: the best odometries wander by so much (KITTI)
-_FEW = 2  # pieces, of which a factor leaves something over
-_KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
-_NORMAL = 1.4826  # deviation over the median of the sizes, of normal errors
-_MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
-_RADII = (
-    0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
-)
+_TOLD, _GUESSED = 10, 3  # readings that the parameters' deviation, and `_SCAN`, count for
 
 
 @dataclass(frozen=True)
@@ -123,19 +104,11 @@ class _Sums:
     """Running sums of what is learnt, and what they were at the end of the last piece of way."""
 
     spread: list[Array] = field(default_factory=lambda: [np.zeros(2) for _ in range(3)])
-    lag: list[float] = field(default_factory=lambda: [math.nan, math.nan])
     speed: Array = field(default_factory=lambda: unknown(2))
     way: float = 0.0
     changed: int = NEVER
     changed_way: float = 0.0
     stamp: int = NEVER
-    alike: list[Array] = field(default_factory=lambda: [np.zeros((6, LAGS.size)) for _ in range(2)])
-    parts: Array = field(default_factory=lambda: np.zeros(4))
-    last: Array = field(default_factory=lambda: np.zeros(4))
-    pieces: list[Array] = field(default_factory=list)
-    of_wheels: bool = False
-    share: float = math.nan
-    may_be: bool = True
 
 
 class Ground:
@@ -158,6 +131,7 @@ class Ground:
         self._up = self._looks_down = 0
         self._turned = [NEVER]  # stamps at which the imu was turned over, and back
         self._sums = _Sums()
+        self._turns_late, self._speed_late, self._of_wheels = Lag(), Lag(), OfWheels()
 
     def advance(self, until: int) -> None:
         """Take what came, and learn of it up to a stamp (ns) at which all is there."""
@@ -380,73 +354,21 @@ class Ground:
     def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
         """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
 
-        What has been found stays when nothing follows any more: on ground that gives way a speed does not
-        follow the rims, and comes no later for it.
-
         rims: their mean speed `LAGS` before, (rows, lags).
         """
-        count = middle.size
         instants = (middle[:, None] - LAGS).ravel()
-        gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(count, -1)
-        found = unknown(count)
-        for i, (late, early) in enumerate(((turn, gyro), (speed, rims))):
-            good = np.isfinite(late) & np.isfinite(early).all(axis=1)
-            good &= (np.abs(early) > _TURNS).any(axis=1)
-            y, x = np.where(good, late, 0.0)[:, None], np.where(good[:, None], early, 0.0)
-            ones = np.broadcast_to(good[:, None].astype(float), x.shape)
-            rows = np.stack(
-                [ones, x, np.broadcast_to(y, x.shape), x * x, y * y + 0.0 * x, x * y], 1
-            )
-            total = np.cumsum(np.concatenate([self._sums.alike[i][None], rows]), axis=0)[1:]
-            self._sums.alike[i] = total[-1]
-            n, sx, sy, xx, yy, xy = np.moveaxis(total, 1, 0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                covariance = xy - sx * sy / n
-                own, other = xx - sx * sx / n, yy - sy * sy / n
-                square = covariance**2 / (own * other)
-            # What hardly changes follows nothing, and its variance is what rounding leaves.
-            varies = (own > _VARIES * xx) & (other > _VARIES * yy) & (covariance > 0.0)
-            square = np.where(varies, square, 0.0)
-            best = square.argmax(axis=1)
-            most = square.max(axis=1)
-            told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
-            better = 1.0 - square[:, 0] > _BETTER * (1.0 - most)
-            lag = np.where(told, np.where(better, LAGS[best] / SECOND, 0.0), np.nan)
-            lag = np.concatenate([[self._sums.lag[i]], lag])
-            newest = np.maximum.accumulate(np.where(np.isnan(lag), 0, np.arange(lag.size)))
-            self._sums.lag[i] = float(lag[newest[-1]])
-            found = np.fmax(found, lag[newest[1:]])
+        gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(middle.size, -1)
+        found = np.fmax(self._turns_late.take(turn, gyro), self._speed_late.take(speed, rims))
         return np.where(np.isnan(found), _LATE, found)
 
     def _made_of_wheels(
         self, before: Array, way: Array, parts: Array
     ) -> tuple[Flags, Flags, Array]:
-        """Whether the last pieces of way are those of the rims, or in turning; may be; by how much not."""
-        sums = self._sums
+        """See `OfWheels`; a speed of another topic is not."""
         if self.source != ODOMETRY:
             no = np.zeros(way.size, dtype=bool)
             return no, no, unknown(way.size)
-        total = np.cumsum(np.concatenate([sums.parts[None], parts]), axis=0)[1:]
-        found, may_be = np.empty((2, way.size), dtype=bool)
-        share: Array = np.empty(way.size)
-        ends = np.flatnonzero(np.floor(way / _PIECE) > np.floor(before / _PIECE))
-        begin = 0
-        for end in ends.tolist():
-            found[begin:end], may_be[begin:end] = sums.of_wheels, sums.may_be
-            share[begin:end] = sums.share
-            sums.pieces = [*sums.pieces[1 - _KEPT :], total[end] - sums.last]
-            sums.last, begin = total[end], end
-            off, whole = _scatter(np.array(sums.pieces)), len(sums.pieces) >= PIECES
-            rims, moves = total[end, :2]
-            near = abs(moves - rims) <= _RADII * max(abs(rims), _PIECE)
-            sums.may_be = not whole and near and (off < OWN or len(sums.pieces) < _FEW)
-            sums.share = off
-            if whole:
-                sums.of_wheels = off < (2.0 * OWN if sums.of_wheels else OWN)
-        found[begin:], may_be[begin:] = sums.of_wheels, sums.may_be
-        share[begin:] = sums.share
-        sums.parts = total[-1]
-        return found, may_be, share
+        return self._of_wheels.take(before, way, parts)
 
 
 def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:
@@ -464,27 +386,3 @@ def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> 
     )
     along = x * values[middle, COSINE] + y * values[middle, SINE]
     return np.where(good, along / np.sqrt(1.0 + part**2 + (1.0 - part) ** 2), np.nan)
-
-
-def _scatter(pieces: Array) -> float:
-    """By which share of the way the odometry is no multiple of the rims: straight on, or in turns.
-
-    That of the last pieces, or what is usual of all that are kept, whichever is larger: made of the wheels it
-    is their multiple all the time, and an odometry of its own may be for some metres.
-    """
-    found = np.inf
-    for rims, moves in ((pieces[:, 0], pieces[:, 1]), (pieces[:, 2], pieces[:, 3])):
-        last, gone = rims[-PIECES:], moves[-PIECES:]
-        mean = np.abs(last).mean()
-        if not mean > _MOVES * _PIECE or not gone.any():
-            continue
-        factor = float(last @ gone) / float(last @ last)
-        off = np.sqrt(np.mean((gone - factor * last) ** 2)) / max(abs(factor), 1e-9) / mean
-        if len(pieces) > PIECES:
-            moved = np.abs(rims) > _MOVES * _PIECE
-            shares = moves[moved] / rims[moved]
-            usual = float(np.median(shares))
-            spread = _NORMAL * float(np.median(np.abs(shares - usual)))
-            off = max(off, spread / max(abs(usual), 1e-9))
-        found = min(found, float(off))
-    return found
