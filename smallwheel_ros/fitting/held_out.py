@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
-from smallwheel_ros.fitting.parameters import soil_from, soil_numbers
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, soil_from, soil_numbers
 from smallwheel_ros.fitting.points import Index, Mask, Points, filled
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.table import Measurements
@@ -212,14 +212,20 @@ def cross_validate(
 def _with_middle(model: Model, training: Points, known: Collection[str]) -> Model:
     """The model with the middle of the soils of the training points for a soil that is not among them.
 
-    A fit leaves such a soil at its prior, which is that of all soils there are.
+    A fit leaves such a soil at its prior, which is that of all soils there are. The middle is of the mean
+    of ln z of a plate, ln(z / 10 mm) = (ln p - ln p_ref - m ln(D / 0.2 m)) / n: as a log-log regression has it.
     """
     named = training.conditions.soil
     met = set() if named is None else {str(name) for name in named[training.row]}
     of_met = [soil_numbers(soil) for soil in model.soils if soil.name in met]
     if not of_met:
         return model
-    middle = {name: float(np.mean([one[name] for one in of_met])) for name in of_met[0]}
+    shares = [1.0 / one["n"] for one in of_met]
+    middle = {
+        name: float(np.average([one[name] for one in of_met],
+                               weights=shares if name in SOIL_PARAMETERS else None))
+        for name in of_met[0]
+    }  # fmt: skip
     known = {*known, *met}
     soils = tuple(s if s.name in known else soil_from(s, middle) for s in model.soils)
     return replace(model, soils=soils)
