@@ -19,9 +19,9 @@ from scipy.optimize import least_squares
 
 from smallwheel_ros.benchmark.own import LawError, OwnLaw
 from smallwheel_ros.diagnosis.diagnose import diagnose
-from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
+from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.problem import Base, Problem, fit_from, fitter_of
+from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
@@ -38,6 +38,7 @@ INTEGRAL = "Meirion-Griffith & Spenko, integral"
 OURS = "Ours, with what it names"
 NAMES = (CONSTANT, *(law.name for law in SIZE_LAWS), ONE_SIZE, WONG_REECE, INTEGRAL, OURS)
 
+_CLOSED_FORM = Base(geometry="closed_form", thrust_form="integrated")
 _EDGE = 1e-6  # of a range: a share that is nearer to a bound is at it
 _TRIED = 3  # starts that are followed to their end: a law may have more than one valley
 
@@ -67,20 +68,14 @@ class Fold:
     others: Measurements
 
     @cached_property
-    def whole(self) -> tuple[Fitter, Fit]:
+    def whole(self) -> Problem:
         """The closed form on all that is seen; its noise is that of a law of one's own."""
-        return _closed_form(self.points.take(self.seen))
+        return Problem(self.points.take(self.seen), _CLOSED_FORM)
 
     @cached_property
-    def depths(self) -> tuple[Fitter, Fit]:
+    def depths(self) -> Problem:
         """The closed form on the sinkage alone; its noise is that of the laws of size."""
-        return _closed_form(self.points.take(self.seen).only(("sinkage",)))
-
-
-def _closed_form(points: Points) -> tuple[Fitter, Fit]:
-    base = Base(geometry="closed_form", thrust_form="integrated")
-    fitter = fitter_of(points)
-    return fitter, fit_from(fitter, base.vector(points))
+        return Problem(self.points.take(self.seen).only(("sinkage",)), _CLOSED_FORM)
 
 
 def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
@@ -121,11 +116,12 @@ def _of_size(law: PlateLaw, name: str, fold: Fold) -> Predicted:
     points, held = fold.points, Counter[str]()
     found: Array = np.full(len(points), np.nan)
     if law is SIZE_LAWS[-1] and points.channels != ("sinkage",):
-        fit = fold.whole[1]
+        fit = fold.whole.fit
         found = _of_model(fit.model, points)
         held.update(_at_bound(fit))
     if "sinkage" in points.channels:
-        fitter, fit = fold.depths
+        problem = fold.depths
+        fitter, fit = problem.fitter, problem.fit
         reference = reference_size(law, fitter.points)
         under = fitter.under(partial(UnderLaw, law, reference))
         vector = law_vector(law, fit.vector.of_soils[0].owner)
@@ -142,7 +138,7 @@ def _own(law: OwnLaw, fold: Fold) -> Predicted:
     def said(shares: Array, points: Points) -> Array:
         return _values(law.predict(shares, points.conditions), points)
 
-    fitter, fit = fold.whole
+    fitter, fit = fold.whole.fitter, fold.whole.fit
     points, starts = fitter.points, law.starts()
     tried = np.array([said(shares, points) for shares in starts])
     off = np.mean(np.abs(np.nan_to_num(tried) - points.value) / fitter.level, axis=1)

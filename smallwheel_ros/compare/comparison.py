@@ -22,6 +22,7 @@ from smallwheel_ros.common.results import Result
 from smallwheel_ros.compare.contenders import REGRESSION, STANDARD, Contender, standard_contenders
 from smallwheel_ros.compare.reasons import (
     MISSING,
+    SAME_FREEDOM,
     Reasons,
     left_out,
     lone_soils,
@@ -40,7 +41,7 @@ from smallwheel_ros.fitting.held_out import (
     row_errors,
     rows_of,
 )
-from smallwheel_ros.fitting.line import Line
+from smallwheel_ros.fitting.noise import Line
 from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.display import listed, shown_value, words
@@ -202,9 +203,9 @@ class Comparison(Result, shown="views.comparison"):
                 f"the errors elsewhere are {listed(there)}"
             )
         if best.contender.name == REGRESSION and change is not None:
-            if channel in change.worse:
-                return f"{found}; {law.why.get(channel, MISSING)}"
-            return found + ", within the standard error of their difference"
+            why, worse = law.why.get(channel, MISSING), channel in change.worse
+            found += "" if worse else ", within the standard error of their difference"
+            return f"{found}; {why}" if worse or why not in (MISSING, SAME_FREEDOM) else found
         return found
 
     def headline(self) -> str:

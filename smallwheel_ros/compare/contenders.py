@@ -31,7 +31,7 @@ class Contender:
     """A model to compare: a `Base` is fitted to the data, a `Model` stands as it is.
 
     model: None for no law at all: a constant, the mean of the channel over the rows that a fit may see, or a
-    regression on the settings (`fitting.line`), which has no pull and torque.
+    regression on the settings (`fitting.noise`), which has no pull and torque.
     file, fitted_to: where a standing model came from, and the SHA-256 of the data that it was fitted
     to, "" if unknown.
     """

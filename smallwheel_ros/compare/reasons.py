@@ -11,7 +11,7 @@ from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.constants import HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import rows_of
-from smallwheel_ros.fitting.line import Line
+from smallwheel_ros.fitting.noise import Line
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.measurements.display import percent, shown_value
 from smallwheel_ros.measurements.table import Measurements
@@ -51,14 +51,12 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
 
 
 def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> str:
-    texts = []
-    if "tau" in large:
-        texts.append(
-            f"its runs differ by {percent(large['tau'])} in firmness, more than those of one soil: name the "
-            "soils (column soil)"
-        )
-    if f"own:{channel}" in large:
-        texts.append(f"its runs differ by {percent(large[f'own:{channel}'])} in what they show")
+    texts = [
+        f"its runs differ by {percent(large[component])} in {what}, more than those of one soil: name the "
+        "soils (column soil)"
+        for component, what in (("tau", "firmness"), (f"own:{channel}", "what they show"))
+        if component in large
+    ]
     if f"zero:{channel}" in large:
         middle = float(np.median(fitter.level[fitter.points.of_channel(channel)]))
         size = shown_value(channel, large[f"zero:{channel}"] * middle)

@@ -44,7 +44,7 @@ def add(
     True
     """
     from smallwheel_ros.diagnosis.apply import added
-    from smallwheel_ros.diagnosis.start import start_of
+    from smallwheel_ros.diagnosis.pipeline import start_of
 
     if data is None:
         raise ArgumentError("data: found nothing, expected the measurements to fit the effect to")

@@ -15,10 +15,9 @@ from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
 from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
-from smallwheel_ros.diagnosis.pipeline import Diagnosis, diagnosis_of
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, Start, diagnosis_of
 from smallwheel_ros.diagnosis.search import Candidate, refit
 from smallwheel_ros.diagnosis.settings import SETTINGS
-from smallwheel_ros.diagnosis.start import Start
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import FitResult, Problem

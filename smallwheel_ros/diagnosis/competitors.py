@@ -97,10 +97,10 @@ class Competitor:
 
 def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
     """The vector with a competitor, in the place of what it replaces."""
-    parts = [part for part in vector.parts if part.id != put_in.part.id]
+    parts = tuple(part for part in vector.parts if part.id != put_in.part.id)
     if put_in.geometry is not None:  # no effect with numbers
-        return replace(vector.with_parts(parts), geometry=put_in.geometry)
-    return vector.with_parts([*parts, put_in.part])
+        return replace(vector, parts=parts, geometry=put_in.geometry)
+    return replace(vector, parts=(*parts, put_in.part))
 
 
 TAKEN_OUT = "taken out of the competition"  # why a family does not compete: the user said so

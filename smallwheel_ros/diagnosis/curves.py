@@ -21,7 +21,7 @@ from smallwheel_ros.fitting.constants import CURVE_SIZE
 from smallwheel_ros.fitting.fit import Fit
 from smallwheel_ros.fitting.parameters import EffectPart, FreeParameter, Prior
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.traction import compaction_resistance
+from smallwheel_ros.physics.sinkage import compaction_resistance
 
 Array = NDArray[np.float64]
 

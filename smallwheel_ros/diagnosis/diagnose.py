@@ -50,7 +50,6 @@ def diagnose(
     >>> found.verdict, found.missing_effects
     ('missing_effect', ['slip_sinkage'])
     """
-    from smallwheel_ros.diagnosis.pipeline import diagnosis_of
-    from smallwheel_ros.diagnosis.start import start_of
+    from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
 
     return diagnosis_of(start_of(data, model, effects, without, can, seed), progress)

@@ -13,11 +13,11 @@ import numpy as np
 from smallwheel_ros.common.tables import each
 from smallwheel_ros.diagnosis.competitors import Competitor, Field
 from smallwheel_ros.diagnosis.curves import curve_shown
+from smallwheel_ros.diagnosis.faults import Witness
 from smallwheel_ros.diagnosis.held_out import Step, errors_alone
-from smallwheel_ros.diagnosis.residuals import residuals_left, where_it_fails, worst_left
+from smallwheel_ros.diagnosis.misfit import residuals_left, where_it_fails, worst_left
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict
-from smallwheel_ros.diagnosis.zero import Witness
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM, TIE
@@ -51,7 +51,7 @@ def _short(value: Any) -> Any:
 
 def _head(problem: Problem, word: str, reason: str) -> Entry:
     """What every document has, before there is a result."""
-    measurements = problem.measurements
+    measurements = problem.points.measurements
     return {
         "schema": SCHEMA,
         "verdict": word,
@@ -98,7 +98,7 @@ def document_of(
     seed: of the test of where the base fails. without: families that were taken out of the competition.
     """
     problem, found, told = evidence.problem, evidence.found, evidence.told
-    judged, measurements = problem.judged, problem.measurements
+    judged, measurements = problem.judged, problem.points.measurements
     points, fitter = judged.points, judged.fitter
     base, explained = verdict.steps[0].errors, found.ordered[0]
     best = verdict.best if verdict.named else explained
@@ -190,7 +190,7 @@ def _channels(
     problem: Problem, errors: CvErrors, floors: Mapping[str, float], findings: Mapping[str, str]
 ) -> Entry:
     """Errors of each channel beside the noise. floors: what the true model would leave."""
-    repeats = repeatability(problem.measurements)
+    repeats = repeatability(problem.points.measurements)
     found = {}
     for name, score in errors.scores().items():
         noise = problem.fitter.repeats.channels[name]

@@ -1,19 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a verdict may not be calm over: bad runs, a model's misfit to its repeats, a sensor at its end.
+"""What a model leaves: misfit to its repeats, a sensor at its end, where it fails, and what is left over.
 
-Bad runs do not belong to the others: a digit too many, two rows swapped, a sensor that stuck. A run is held
-against the other runs of its setting, and against what a model, fitted to all, predicts of it from the
-others: with S = V + J P^-1 J' and Q = S^-1, for the values G of a run,
-
-    e_G - E(e_G | all others) = Q_GG^-1 (Q e)_G,     covariance Q_GG^-1
-
-in units of the channel's own robust deviation of these.
+Errors are relative to the size of a value, and the run is the unit of evidence.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,99 +16,30 @@ from scipy.special import fdtrc
 
 from smallwheel_ros.diagnosis.held_out import HeldOut
 from smallwheel_ros.diagnosis.posterior import Posterior
-from smallwheel_ros.diagnosis.residuals import setting_of
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import Fit, Fitter
-from smallwheel_ros.fitting.noise import MOST_OUTLIERS, NORMAL, furthest_off, outlier_limit
+from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.measurements.display import number, words
+from smallwheel_ros.measurements.display import column_display, percent, setting_words, words
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Entry = dict[str, Any]
 
-_FEWEST = 3  # runs of a setting, from which its middle is told from a bad one
 _PLATEAU = 4  # values at least
 _DRAWS = 999
-
-
-@dataclass(frozen=True)
-class BadRun:
-    """A run that lies far off. rows: of the table. deviations: robust, of `channel`. against: of what."""
-
-    name: str
-    rows: Index
-    channel: str
-    deviations: float
-    against: str
-
-    def words(self, measurements: Measurements) -> str:
-        """That it is left out, and why."""
-        lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
-        where = f"{measurements.source}, {measurements.place} {lines}"
-        return (
-            f"run {self.name} ({where}) is left out: its {words(self.channel)} "
-            f"is {number(self.deviations, 2)} {self.against}. Look it up in the protocol"
-        )
-
-
-def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
-    """The runs that lie grossly off, the worst of the repeated settings and the worst of the model."""
-    if fitter.points.run_count <= 2 * _FEWEST:
-        return []
-    return _off_repeats(fitter.points) or _off_model(fitter, fit)
-
-
-def most_bad(runs: int) -> float:
-    """How many runs may be bad: more are no slips of the pen. Two that were swapped are one."""
-    return max(2.0, MOST_OUTLIERS * runs)
-
-
-def _run(points: Points, value: int, deviations: float, against: str) -> BadRun:
-    mine = np.flatnonzero(points.run == points.run[value])
-    rows = np.unique(np.concatenate([points.rows[i] for i in mine]))
-    channel = points.channels[points.channel[value]]
-    return BadRun(points.runs[points.run[value]], rows, channel, deviations, against)
-
-
-def _off_repeats(points: Points) -> list[BadRun]:
-    """Runs far off the others of their setting, where that has at least `_FEWEST`."""
-    found = {}
-    for name in points.channels:
-        mine = np.flatnonzero(points.of_channel(name) & ~points.swept)
-        members = [mine[points.setting[mine] == s] for s in np.unique(points.setting[mine])]
-        members = [m for m in members if m.size >= _FEWEST]
-        for g, i in furthest_off([points.value[m] for m in members]) if members else ():
-            others = np.delete(points.value[members[g]], i)
-            ratio = float(points.value[members[g][i]] / np.median(others))
-            bad = _run(points, int(members[g][i]), ratio, "times the others of its setting")
-            found[bad.name] = bad
-    return list(found.values())
-
-
-def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
-    """The run that lies furthest off what the model predicts of it from the others."""
-    points = fitter.points
-    s = fitter.covariance(fit, fit.taken_up)
-    pulled, inverse = s.solve(fit.away(points.value)), s.solve(np.eye(len(points)))
-    off = np.full(len(points), np.nan)
-    for run in np.unique(points.run[~points.swept]):
-        place = np.flatnonzero((points.run == run) & ~points.swept)
-        covariance = np.linalg.inv(inverse[np.ix_(place, place)])
-        off[place] = covariance @ pulled[place] / np.sqrt(np.diag(covariance))
-    worst, furthest = -1, 0.0
-    for name in points.channels:
-        mine = np.flatnonzero(points.of_channel(name) & np.isfinite(off))
-        if mine.size <= 2 * _FEWEST:
-            continue
-        size = np.abs(off[mine]) / (NORMAL * float(np.median(np.abs(off[mine]))))
-        limit = outlier_limit(mine.size)
-        few = np.count_nonzero(size > limit) <= most_bad(mine.size)
-        if few and size.max() > max(limit, furthest):
-            worst, furthest = int(mine[np.argmax(size)]), float(size.max())
-    return [] if worst < 0 else [_run(points, worst, furthest, "deviations off the best model")]
+_FEWEST_RUNS = 3  # on each side of a cut, or of a part, to say anything
+_REPLICATES = 499
+_SHOWN = 0.05
+_BOTH_SIGNS = 0.2  # least share of a range on the other side of zero
+_MOST = 6
+_PARTS = 3  # low, middle and high of a setting
+_MOST_GROUPS = 12
+_FAR_OFF = 3.0  # standard errors of a part's mean, from which it is reported
 
 
 @dataclass(frozen=True)
@@ -231,3 +157,159 @@ def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
         plateaus(found.fitter, judged),
         model.scatter.deviations,
     )
+
+
+# --- Where a model fails, and what is left over each part of the data
+
+
+def where_it_fails(
+    points: Points, errors: CvErrors, level: Array, seed: int, *, certain: bool = False
+) -> list[Entry]:
+    """The worst cut of each channel by each setting, as far as it is more than chance.
+
+    A cut splits the points by one setting; its statistic is the difference of the two sides' mean
+    error, relative to the level, over its standard error; the largest over all cuts. Its law comes
+    from turning round the sign of whole runs' errors. errors: held out. certain: it does fail
+    somewhere; then the worst cut is given even if few runs cannot confirm it. p_value: over all cuts
+    of the channel. bias, rmse: m or N.
+    """
+    generator = np.random.default_rng([seed, 13])
+    found: list[Entry] = []
+    for channel in points.channels:
+        mine = np.flatnonzero(points.of_channel(channel))
+        error = np.array([np.mean(errors.error[channel][points.rows[i]]) for i in mine])
+        mine, error = mine[np.isfinite(error)], error[np.isfinite(error)]
+        runs = np.unique(points.run[mine], return_inverse=True)[1].reshape(-1)
+        if np.unique(runs).size < 2 * _FEWEST_RUNS:
+            continue
+        signs = generator.choice([-1.0, 1.0], size=(_REPLICATES, int(runs.max()) + 1))
+        share = np.vstack([error, error * signs[:, runs]]) / level[mine]
+        worst: dict[str, tuple[Array, Mask, float]] = {}
+        for name, column in _cut_by(points).items():
+            above, thresholds = _cuts(column[mine], runs)
+            if thresholds.size:
+                statistic = _apart(share, above)
+                best = int(np.argmax(statistic[0]))
+                worst[name] = statistic.max(axis=1), above[best], thresholds[best]
+        null = np.max([statistic[1:] for statistic, _, _ in worst.values()], axis=0, initial=0.0)
+        for name, (statistic, high, threshold) in worst.items():
+            p = float((1 + np.sum(null >= statistic[0])) / (1 + _REPLICATES))
+            if p > _SHOWN and not certain:
+                continue
+            sides = [
+                np.concatenate([errors.error[channel][points.rows[i]] for i in mine[side]])
+                for side in (high, ~high)
+            ]
+            sizes = [float(np.mean(side**2)) for side in sides]
+            here, elsewhere = (0, 1) if sizes[0] >= sizes[1] else (1, 0)
+            found.append({
+                "region": f"{name} {'><'[here]} {threshold:.3g}",
+                "rows": int(sides[here].size),
+                "channel": channel,
+                "bias": float(np.mean(sides[here])),
+                "rmse": float(np.sqrt(sizes[here])),
+                "rmse_elsewhere": float(np.sqrt(sizes[elsewhere])),
+                "p_value": p,
+            })  # fmt: skip
+    found.sort(key=lambda r: (r["p_value"], -r["rmse"] / max(r["rmse_elsewhere"], 1e-300)))
+    sure = [region for region in found if region["p_value"] <= _SHOWN]
+    return sure[:_MOST] or found[:1]
+
+
+def _cut_by(points: Points) -> dict[str, Array]:
+    """What is cut: the settings that vary, and the size of one that has both signs."""
+    columns = {}
+    for name, column in points.varied.items():
+        columns[name] = column
+        low, high = -float(column.min()), float(column.max())
+        if min(low, high) > _BOTH_SIGNS * max(low, high):
+            columns[f"|{name}|"] = np.abs(column)
+    return columns
+
+
+def _cuts(setting: Array, runs: Index) -> tuple[Mask, Array]:
+    """Masks of what lies above each cut, shape (cuts, values), and the cuts; enough runs on both sides."""
+    levels = np.unique(setting)
+    wide = np.diff(levels) > 1e-3 * np.ptp(levels)
+    cuts = (0.5 * (levels[1:] + levels[:-1]))[wide]
+    above = setting > cuts[:, None]
+    enough = [min(np.unique(runs[a]).size, np.unique(runs[~a]).size) >= _FEWEST_RUNS for a in above]
+    return above[enough], cuts[enough]
+
+
+def _apart(share: Array, above: Mask) -> Array:
+    """Difference of the two sides' means over its standard error, shape (data sets, cuts)."""
+    size, high = above.shape[1], above.sum(axis=1)
+    total, square = share.sum(axis=1, keepdims=True), (share**2).sum(axis=1, keepdims=True)
+    mean_high = share @ above.T.astype(float) / high
+    mean_low = (total - mean_high * high) / (size - high)
+    within = np.maximum(square - high * mean_high**2 - (size - high) * mean_low**2, 1e-12)
+    spread = np.sqrt(within / max(size - 2, 1) * (1.0 / high + 1.0 / (size - high)))
+    return np.asarray(np.abs(mean_high - mean_low) / spread)
+
+
+def setting_of(points: Points, values: Index) -> str:
+    """The setting of some values in words: what was varied."""
+    named = {n: float(np.median(c[values])) for n, c in points.varied.items()}
+    return ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in named.items())
+
+
+def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
+    """Mean relative residual of a fit, by channel, in thirds of each setting and by group of rows."""
+    points = fitter.points
+    share = (points.value - fit.predicted) / fitter.level
+    first = np.array([rows[0] for rows in points.rows])
+    table = points.measurements
+    groups = {"wheel": table.wheel, "soil": table.soil, **table.labels}
+    found: list[Entry] = []
+    for channel in points.channels:
+        mine = points.of_channel(channel)
+        for name, column in points.varied.items():
+            edges = np.unique(np.quantile(column[mine], np.linspace(0, 1, _PARTS + 1)))
+            place = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, edges.size - 2)
+            masks = [mine & (place == i) for i in range(edges.size - 1)]
+            parts = [
+                {"at": float(np.median(column[mask])), **_part(share[mask], points.run[mask])}
+                for mask in masks
+                if mask.any()
+            ]
+            found.append({"channel": channel, "setting": name, "parts": parts})
+        for name, labels in groups.items():
+            label = np.asarray(labels)[first]
+            values = np.unique(label[mine])
+            if 1 < values.size <= _MOST_GROUPS:
+                masks = [mine & (label == value) for value in values]
+                parts = [
+                    {"at": str(value), **_part(share[mask], points.run[mask])}
+                    for value, mask in zip(values, masks, strict=True)
+                ]
+                found.append({"channel": channel, "group": name, "parts": parts})
+    return found
+
+
+def _part(share: Array, run: Index) -> Entry:
+    """Mean of some relative residuals and its standard error, by runs."""
+    means = np.array([share[run == r].mean() for r in np.unique(run)])
+    error = float(means.std(ddof=1) / np.sqrt(means.size)) if means.size > 1 else None
+    return {"runs": int(means.size), "mean": float(means.mean()), "std": error}
+
+
+def worst_left(left: list[Entry], measurements: Measurements) -> str:
+    """The setting or group over which the residual differs most, in words; "" where none does."""
+    parts = [
+        (abs(part["mean"]) / part["std"], entry, part)
+        for entry in left
+        for part in entry["parts"]
+        if part["std"] and part["runs"] >= _FEWEST_RUNS
+    ]
+    none: tuple[float, Entry, Entry] = (0.0, {}, {})
+    size, entry, part = max(parts, key=lambda found: found[0], default=none)
+    if size <= _FAR_OFF:
+        return ""
+    if "group" in entry:
+        where = f"{entry['group']} is {part['at']}"
+    else:
+        shown = column_display(measurements, entry["setting"])
+        at = f"{shown.scale * part['at']:.4g} {shown.unit}".rstrip()
+        where = f"{words(entry['setting'])} is about {at}"
+    return f"{words(entry['channel'])} is {percent(part['mean'], signed=True)} off where {where}"

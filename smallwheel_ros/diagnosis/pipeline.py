@@ -4,31 +4,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smallwheel_ros.arguments import unheard
+from smallwheel_ros.arguments import AnyModel, Data, Ids, Levels, OwnEffects, unheard
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.competitors import field_of
+from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, fault_told, most_bad
 from smallwheel_ros.diagnosis.held_out import Step, held_out
-from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, misfit_of, most_bad
-from smallwheel_ros.diagnosis.next_measurement import proposals
+from smallwheel_ros.diagnosis.misfit import misfit_of
+from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
 from smallwheel_ros.diagnosis.posterior import Posterior, Word, posterior_of
 from smallwheel_ros.diagnosis.search import Search, search
-from smallwheel_ros.diagnosis.start import Start
 from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict, decide
-from smallwheel_ros.diagnosis.zero import fault_told
-from smallwheel_ros.effects.registry import Registry
-from smallwheel_ros.fitting import FitResult, Problem
+from smallwheel_ros.effects.registry import Registry, default_registry
+from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.problem import base_of
+from smallwheel_ros.measurements.read import read
 from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.typed import limits_of
+from smallwheel_ros.model.given import ids_of, model_of, registry_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +39,39 @@ if TYPE_CHECKING:
     from smallwheel_ros.model.model_file import CalibratedModel
 
 Progress = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Start:
+    """A table, the model to fit to it, and what may be missing.
+
+    registry: the effects that compete. without: ids of those that do not. limits: by setting (SI), the
+    levels that the user can set. seed: of the simulations, or of permutations and folds.
+    """
+
+    measurements: Measurements
+    base: Base = field(default_factory=Base)
+    registry: Registry = field(default_factory=default_registry)
+    without: tuple[str, ...] = ()
+    limits: Limits = field(default_factory=dict)
+    seed: int = 0
+
+
+def start_of(
+    data: Data,
+    model: AnyModel | None = None,
+    effects: OwnEffects | None = None,
+    without: Ids = (),
+    can: Levels | None = None,
+    seed: int = 0,
+) -> Start:
+    """The start that users describe, as `diagnose.diagnose` has it. model: also a `Base`."""
+    measurements, known = read(data), registry_of(effects)
+    base = Base() if model is None else model
+    if not isinstance(base, Base):
+        base = base_of(model_of(base, known), measurements)
+    out = ids_of(without, known)
+    return Start(measurements, base, known, out, limits_of(can, measurements), seed)
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,7 +99,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
     @property
     def measurements(self) -> Measurements:
         """The table."""
-        return self.problem.measurements
+        return self.problem.points.measurements
 
     @property
     def verdict(self) -> Word:

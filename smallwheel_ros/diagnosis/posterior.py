@@ -244,7 +244,7 @@ def _does_as_well(search: Search, best: Candidate, law: Competitor, other: str) 
     vector = best.vector
     parts = [replace(p, build=build) if p.id == law.part.id else p for p in vector.parts]
     try:
-        fit = search.fitter.fit(vector.with_parts(parts), best.theta, best.scatter)
+        fit = search.fitter.fit(replace(vector, parts=tuple(parts)), best.theta, best.scatter)
     except FAILURES:
         return False
     return fit.evidence > best.evidence - TIE

@@ -3,12 +3,21 @@
 
     P(S) proportional to Z(S) * product over S of (prior odds)
 
-Models are found by linearised evidence (`screen`), refitted, and extended while they lie within
-`WINDOW` of the best.
+Models are found by linearised evidence, refitted, and extended while they lie within `WINDOW` of the best.
+
+At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (what its prior's
+deviation does to the predictions) has
+
+    ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
+
+under no more scatter than is usual, since a missing effect inflates it. The same arithmetic on data drawn
+from the null model gives the law of the statistic "is anything missing" (`Screen`).
 """
 
 from __future__ import annotations
 
+import itertools
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,14 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor, Field, changed
-from smallwheel_ros.diagnosis.screen import Column, Screen, columns_of
 from smallwheel_ros.fitting.constants import (
     EXPECTED_EFFECTS,
     FIRST_REFITS,
+    HIDE,
     MOST_EFFECTS,
     PARENTS,
     REFITS,
     REPLICATES,
+    SPREAD,
     TESTABLE,
     WINDOW,
 )
@@ -32,6 +42,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 Array = NDArray[np.float64]
 Key = tuple[tuple[str, str], ...]
 
+_NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 _FORMS = 2  # of a family, refitted among the extensions of one model
 # Of anything missing over nothing: a Poisson number of effects, of which so many are expected.
 _PRIOR_ODDS = float(np.expm1(EXPECTED_EFFECTS))
@@ -39,10 +50,129 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 
 @dataclass(frozen=True)
+class Column:
+    """What a competitor does to the predictions at its prior's scale, shape (values, columns).
+
+    start: the strengths at which it was taken, to start a fit from.
+    """
+
+    competitor: Competitor
+    shift: Array
+    start: Array
+
+
+def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
+    """Columns of a competitor at a fit; none where it has no finite prediction there."""
+    listed, start = competitor.part.parameters, competitor.part.start
+    vector, main, free = (
+        changed(fit.vector, competitor),
+        competitor.strength,
+        competitor.kind == "unknown",
+    )
+    # A rule of contact has no numbers.
+    starts: Array = start[None, :]
+    scale: Array = np.ones(1)
+    if free:
+        starts = np.diag([_NUDGE * p.prior.deviation for p in listed])
+        scale = np.full(len(listed), 1.0 / _NUDGE)
+    elif competitor.geometry is None:
+        prior = listed[main].prior
+        absent = start[main] if competitor.replaces else 0.0
+        if prior.low < 0.0 or competitor.replaces:
+            sizes = (absent - 0.5 * prior.deviation, absent + 0.5 * prior.deviation)
+        else:
+            usual = prior.centre if prior.centre > 0.0 else prior.deviation
+            sizes = (0.25 * usual, usual)
+        starts = np.tile(start, (len(sizes), 1))
+        starts[:, main] = np.clip(sizes, prior.low, prior.high)
+        starts = starts[np.abs(starts[:, main] - absent) > 1e-12]
+        scale = max(prior.deviation, abs(prior.centre - absent)) / (starts[:, main] - absent)
+    base = np.delete(vector.begun_at(fit.vector, fit.theta), vector.places(competitor.part.id))
+    thetas = np.hstack([np.tile(base, (len(starts), 1)), starts])
+    try:
+        moved = fitter.predictor.many(vector, thetas) - fit.predicted
+    except FAILURES:
+        return []
+    shifts = (moved * scale[:, None]).T
+    if free:
+        found = [Column(competitor, shifts, np.zeros(len(listed)))]
+    else:
+        found = [Column(competitor, shifts[:, [i]], at) for i, at in enumerate(starts)]
+    return [column for column in found if np.isfinite(column.shift).all()]
+
+
+class Screen:
+    """Linearised evidence at one fit, under no more scatter than is usual.
+
+    What a missing effect adds to the scatter must hide neither it nor another one.
+    """
+
+    def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[Column]) -> None:
+        self.fitter, self.fit, self.columns = fitter, fit, list(columns)
+        model = fitter.variance
+        self._kernels = model.kernels(fit.stiffness, fit.scatter.log_length)
+        usual = np.minimum(fit.scatter.log_deviation, model.log_median)
+        self._s = model.total(usual, self._kernels, fit.taken_up)
+        stacked = np.hstack([np.zeros((len(fitter.points), 0)), *(c.shift for c in columns)])
+        self._white = self._s.whiten(stacked)
+        ends = np.cumsum([0] + [c.shift.shape[1] for c in columns])
+        self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+
+    def testability(self) -> list[float]:
+        """Of each column, the squared deviations by which its prior's scale moves the predictions."""
+        size = np.sum(self._white**2, axis=0)
+        return [float(size[place].max()) for place in self._places]
+
+    def cosines(self) -> tuple[list[str], Array]:
+        """Families with one column, and how alike they act after the base is refitted."""
+        best: dict[str, tuple[float, int]] = {}
+        for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
+            family = column.competitor.family
+            if family not in best or size > best[family][0]:
+                best[family] = size, i
+        chosen = {f: self._places[i][0] for f, (_, i) in best.items() if self._places[i].size == 1}
+        white = self._white[:, np.array([*chosen.values()], dtype=np.intp)]
+        unit = white / np.maximum(np.linalg.norm(white, axis=0), 1e-150)
+        return list(chosen), np.abs(unit.T @ unit)
+
+    def draws(self, count: int, seed: int) -> Array:
+        """Errors drawn from the null model, shape (values, count)."""
+        model = self.fitter.variance
+        capped = np.minimum(self.fit.scatter.log_deviation, model.log_median + HIDE * SPREAD)
+        noise = np.random.default_rng(seed).normal(size=(len(self.fitter.points), count))
+        return np.asarray(model.total(capped, self._kernels).root @ noise)
+
+    def gains(self, errors: Array) -> Array:
+        """ln evidence of each column over none, shape (columns, data sets)."""
+        w, found = self._s.whiten(errors), []
+        for place in self._places:
+            size, turned = np.linalg.eigh(self._white[:, place].T @ self._white[:, place])
+            pulled = (self._white[:, place] @ turned).T @ w
+            each = pulled**2 / (1.0 + size)[:, None] - np.log1p(size)[:, None]
+            found.append(0.5 * each.sum(axis=0))
+        return np.array(found)
+
+    def by_family(self, errors: Array) -> dict[str, Array]:
+        """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
+        count = Counter(column.competitor.key for column in self.columns)
+        found: dict[str, Array] = {}
+        for column, gain in zip(self.columns, self.gains(errors), strict=True):
+            c = column.competitor
+            value = gain + np.log(c.share / count[c.key])
+            found[c.family] = np.logaddexp(found.get(c.family, -np.inf), value)
+        return found
+
+
+@dataclass(frozen=True)
 class Candidate(Fit):
-    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
+    """A fitted model with some competitors.
+
+    families: theirs. key: what tells the model from others. weight: ln of evidence times prior odds.
+    """
 
     competitors: tuple[Competitor, ...] = ()
+    families: frozenset[str] = frozenset()
+    key: Key = ()
     weight: float = -np.inf
 
     @classmethod
@@ -50,17 +180,11 @@ class Candidate(Fit):
         """A fit as a model of these competitors."""
         odds = sum(float(np.log(c.share)) for c in competitors)
         known = {name: getattr(fit, name) for name in Fit.__dataclass_fields__}
-        return cls(**known, competitors=tuple(competitors), weight=fit.evidence + odds)
-
-    @property
-    def key(self) -> Key:
-        """What tells the model from others."""
-        return _key(self.competitors)
-
-    @property
-    def families(self) -> frozenset[str]:
-        """Families of its competitors."""
-        return frozenset(c.family for c in self.competitors)
+        families = frozenset(c.family for c in competitors)
+        return cls(
+            **known, competitors=tuple(competitors), families=families, key=_key(competitors),
+            weight=fit.evidence + odds,
+        )  # fmt: skip
 
     def exchanged(self, out: Competitor | None, put_in: Competitor | None) -> list[Competitor]:
         """Its competitors with one more, or less, or another in its place."""
@@ -86,7 +210,8 @@ def refit(
     """
     vector = near.vector
     if out is not None:
-        vector = vector.with_parts([part for part in vector.parts if part.id != out.part.id])
+        kept = tuple(part for part in vector.parts if part.id != out.part.id)
+        vector = replace(vector, parts=kept)
     if put_in is not None:
         vector = changed(vector, put_in)
     theta = vector.begun_at(near.vector, near.theta)
@@ -174,7 +299,8 @@ def search(
     fitter: Fitter, base: Fit, field: Field, *, seed: int = 0, most: int = MOST_EFFECTS
 ) -> Search:
     """Search the models that explain the data. most: effects of the largest; with 0 only p is found."""
-    screen = Screen(fitter, base, columns_of(fitter, base, field.competitors))
+    columns = [column for c in field.competitors for column in columns_of(fitter, base, c)]
+    screen = Screen(fitter, base, columns)
     field, screen = _testable(screen, field)
     found = Search(fitter, field, screen, *_tested(screen, seed), {(): Candidate.of(base)})
     for size in range(1, most + 1 if screen.columns else 0):
@@ -255,8 +381,6 @@ def _extend(found: Search, size: int) -> bool:
             if key not in promising and sum(family == key[0] for family, _ in promising) < forms:
                 promising[key] = column
         for column in list(promising.values())[:most]:
-            if _key(parent.exchanged(None, column.competitor)) in found.models:
-                continue
             made = found.made(parent, column.competitor, column.start)
             reached = reached if made is None else max(reached, made.weight)
     return bool(reached > best - _REST)

@@ -7,7 +7,7 @@ In the order in which it is heard, the first that speaks has the word:
 2. runs that the choice never saw (`held_out`): a name that helps on none is a rival;
 3. what the best explanation leaves (`misfit`): with lack of fit, a sensor at its end or wild scatter no
    law here describes the data, and names are its closest description;
-4. a fault that pull and torque tell (`zero`) stands beside all that, since they judge it alone.
+4. a fault that pull and torque tell (`faults`) stands beside all that, since they judge it alone.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.diagnosis.competitors import TAKEN_OUT
+from smallwheel_ros.diagnosis.faults import BadRun, Witness
 from smallwheel_ros.diagnosis.held_out import HeldOut, Step
-from smallwheel_ros.diagnosis.misfit import BadRun, Misfit
+from smallwheel_ros.diagnosis.misfit import Misfit
 from smallwheel_ros.diagnosis.posterior import Posterior, Word
 from smallwheel_ros.diagnosis.search import Candidate, Search
-from smallwheel_ros.diagnosis.zero import Witness
 from smallwheel_ros.fitting import Problem, constants
 from smallwheel_ros.fitting.constants import ALARM, TIE, USEFUL
 from smallwheel_ros.measurements.display import listed, number, p_text, percent, shown_value, words
@@ -162,7 +162,7 @@ def _of_bad_runs(evidence: Evidence) -> Iterator[str]:
     """Which runs are left out and why, and whether they would change what the probabilities say."""
     bad, before, after = evidence.bad, evidence.first, evidence.posterior
     for one in bad:
-        yield one.words(evidence.problem.measurements)
+        yield one.words(evidence.problem.points.measurements)
     those = "it" if len(bad) == 1 else "them"
     if not bad:
         return

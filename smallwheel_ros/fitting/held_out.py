@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
-from smallwheel_ros.fitting.parameters import soil_from, soil_numbers
-from smallwheel_ros.fitting.points import Index, Mask, Points, filled
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, soil_from, soil_numbers
+from smallwheel_ros.fitting.points import Index, Mask, Points, filled, runs_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
@@ -94,21 +94,14 @@ class Comparison:
     """Two models' held-out errors, by channel.
 
     reduction: relative, of the rmse. z_score: of the difference of the runs' mean squares over its
-    standard error; positive where the second is better.
+    standard error; positive where the second is better. worse: channels whose error rises by more than its
+    standard error. helps: whether an error falls by `USEFUL`, and by more than its standard error.
     """
 
     reduction: Mapping[str, float]
     z_score: Mapping[str, float]
-
-    @property
-    def worse(self) -> tuple[str, ...]:
-        """Channels whose error rises by more than its standard error."""
-        return tuple(name for name, z in self.z_score.items() if z < -1.0)
-
-    @property
-    def helps(self) -> bool:
-        """Whether an error falls by `USEFUL`, and by more than its standard error."""
-        return any(z > 1.0 and self.reduction[name] >= USEFUL for name, z in self.z_score.items())
+    worse: tuple[str, ...]
+    helps: bool
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
@@ -125,7 +118,9 @@ def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
         change = before.by_run(squares[0], both) - before.by_run(squares[1], both)
         spread = float(np.std(change, ddof=1) / np.sqrt(change.size)) if change.size > 1 else np.inf
         z_score[name] = float(change.mean()) / max(spread, 1e-300) if np.any(change) else 0.0
-    return Comparison(reduction, z_score)
+    worse = tuple(name for name, z in z_score.items() if z < -1.0)
+    helps = any(z > 1.0 and reduction[name] >= USEFUL for name, z in z_score.items())
+    return Comparison(reduction, z_score, worse, helps)
 
 
 def folds_of(points: Points) -> Index:
@@ -178,7 +173,8 @@ def row_errors(
 
 def in_sample(points: Points, model: Model) -> CvErrors:
     """Errors of a model as it stands."""
-    return CvErrors(row_errors(points.measurements, model, rows_of(points)), _row_runs(points))
+    error = row_errors(points.measurements, model, rows_of(points))
+    return CvErrors(error, runs_of(points.measurements)[1])
 
 
 def cross_validate(
@@ -206,27 +202,27 @@ def cross_validate(
             model = model if known is None else _with_middle(model, training, known)
             for name, error in row_errors(points.measurements, model, mine).items():
                 errors[step][name][mine[name]] = error[mine[name]]
-    return [CvErrors(e, _row_runs(points)) for e in errors]
+    run = runs_of(points.measurements)[1]
+    return [CvErrors(e, run) for e in errors]
 
 
 def _with_middle(model: Model, training: Points, known: Collection[str]) -> Model:
     """The model with the middle of the soils of the training points for a soil that is not among them.
 
-    A fit leaves such a soil at its prior, which is that of all soils there are.
+    A fit leaves such a soil at its prior, which is that of all soils there are. The middle is what gives the
+    mean ln z of a plate, ln(z / 10 mm) = (ln p - ln p_ref - m ln(D / 0.2 m)) / n, as a regression has it.
     """
     named = training.conditions.soil
     met = set() if named is None else {str(name) for name in named[training.row]}
     of_met = [soil_numbers(soil) for soil in model.soils if soil.name in met]
     if not of_met:
         return model
-    middle = {name: float(np.mean([one[name] for one in of_met])) for name in of_met[0]}
+    shares = [1.0 / one["n"] for one in of_met]
+    middle = {
+        name: float(np.average([one[name] for one in of_met],
+                               weights=shares if name in SOIL_PARAMETERS else None))
+        for name in of_met[0]
+    }  # fmt: skip
     known = {*known, *met}
     soils = tuple(s if s.name in known else soil_from(s, middle) for s in model.soils)
     return replace(model, soils=soils)
-
-
-def _row_runs(points: Points) -> Index:
-    run = np.zeros(len(points.measurements), dtype=np.intp)
-    for i, rows in enumerate(points.rows):
-        run[rows] = points.run[i]
-    return run

@@ -9,7 +9,7 @@ a wheel of 0.2 m: k itself is the pressure at one metre, an extrapolation whose 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -296,7 +296,3 @@ class ParameterVector:
             else:  # new, or what it replaces was a part itself and is gone
                 found.append(effect)
         return found
-
-    def with_parts(self, parts: Sequence[EffectPart]) -> ParameterVector:
-        """The same soils with other effects."""
-        return replace(self, parts=tuple(parts))

@@ -343,18 +343,19 @@ def _along_curve(values: Array, depth: Array) -> float:
 
 def _mean_conditions(conditions: Conditions, groups: list[_Group], depth: Array) -> Conditions:
     first = np.array([group.rows[0] for group in groups])
-
-    def mean(column: Array) -> Array:
-        return np.array([column[group.rows].mean() for group in groups])
-
-    load = mean(conditions.load)
+    columns = {name: conditions[name] for name in ("load", "diameter", "width")}
+    mean = {
+        name: np.array([column[group.rows].mean() for group in groups])
+        for name, column in {**columns, **conditions.covariates}.items()
+    }
+    load, diameter, width = (mean.pop(name) for name in columns)
     for i, rows in ((i, group.rows) for i, group in enumerate(groups) if group.swept):
         load[i] = _along_curve(conditions.load[rows], depth[rows])
     return Conditions(
         load,
-        mean(conditions.diameter),
-        mean(conditions.width),
+        diameter,
+        width,
         conditions.contact[first],
         None if conditions.soil is None else conditions.soil[first],
-        {name: mean(column) for name, column in conditions.covariates.items()},
+        mean,
     )

@@ -239,21 +239,6 @@ def opening(points: Points, vector: ParameterVector) -> Array:
     return theta
 
 
-def fitter_of(points: Points, *, working: bool = True) -> Fitter:
-    """A fitter of these points. working: see `Fitter`. Raises FittingError where there are too few values."""
-    if len(points) < 2:
-        raise FittingError("one measurement cannot be fitted: measure at least a few loads")
-    level = levels_of(points)
-    return Fitter(points, level, repeats_of(points, level), working=working and points.share_errors)
-
-
-def fit_from(fitter: Fitter, vector: ParameterVector, start: Array | None = None) -> Fit:
-    """A model fitted until it rests. start: theta; that of `opening` if not given."""
-    start = opening(fitter.points, vector) if start is None else start
-    fit = fitter.fit(vector, start, turns=1)
-    return settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
-
-
 def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
     """Fit again from where the last fit came to rest, until no number moves by 0.003 of its deviation."""
     for _ in range(_MOST_FITS):
@@ -273,15 +258,15 @@ class Problem:
     """
 
     points: Points
-    outliers: NDArray[np.intp]
-    base: Base
+    base: Base = field(default_factory=Base)
+    outliers: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     judging: bool = False
     folds: dict[bytes, Fit] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
         """Reduce a table, without gross outliers. Raises FittingError where nothing is usable."""
-        problem = cls(points_of(measurements), np.zeros(0, dtype=np.intp), base or Base())
+        problem = cls(points_of(measurements), base or Base())
         return problem.without(outlier_rows(problem.points))
 
     def without(self, rows: NDArray[np.intp]) -> Problem:
@@ -289,7 +274,7 @@ class Problem:
         if not rows.size:
             return self
         outliers = np.union1d(self.outliers, rows)
-        points = points_of(self.measurements, outliers)
+        points = points_of(self.points.measurements, outliers)
         points = points.only([n for n in points.channels if n in self.points.channels])
         return replace(self, points=points, outliers=outliers)
 
@@ -297,11 +282,6 @@ class Problem:
         """The same with one effect more in the base; told: as `Base.told`."""
         parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
         return replace(self, base=replace(self.base, parts=parts, told=known))
-
-    @property
-    def measurements(self) -> Measurements:
-        """The table."""
-        return self.points.measurements
 
     @cached_property
     def vector(self) -> ParameterVector:
@@ -311,12 +291,19 @@ class Problem:
     @cached_property
     def fitter(self) -> Fitter:
         """Fits models to the points, all under the same levels. Raises FittingError for a single value."""
-        return fitter_of(self.points, working=not self.judging)
+        points = self.points
+        if len(points) < 2:
+            raise FittingError("one measurement cannot be fitted: measure at least a few loads")
+        level = levels_of(points)
+        working = points.share_errors and not self.judging
+        return Fitter(points, level, repeats_of(points, level), working=working)
 
     @cached_property
     def fit(self) -> Fit:
-        """The base, fitted."""
-        return fit_from(self.fitter, self.vector)
+        """The base, fitted until it rests."""
+        fitter, vector = self.fitter, self.vector
+        fit = fitter.fit(vector, opening(self.points, vector), turns=1)
+        return settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
 
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
         """A fitter of a fold's training points, and the base fitted to them from where it was."""
@@ -371,7 +358,7 @@ class Problem:
         geometry = fit.vector.geometry
         if parts == base.vector.parts and geometry == base.vector.geometry:
             return base
-        vector = replace(base.vector.with_parts(parts), geometry=geometry)
+        vector = replace(base.vector, parts=parts, geometry=geometry)
         known = [dict(zip(m.vector.names, m.theta, strict=True)) for m in (base, fit)]
         start = np.array([(known[0] | known[1]).get(p.name, p.start) for p in vector.free])
         return fitter.fit(vector, start, base.scatter)

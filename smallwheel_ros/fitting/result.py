@@ -248,7 +248,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     used = [j for j, p in enumerate(fit.vector.free)
             if p.field not in _STRENGTH or np.any(fit.slopes[:, j])]  # fmt: skip
     parameters = [_parameter(fit, covariance, j) for j in used]
-    names = {p.full_name for p in parameters}
+    names = tuple(fit.vector.free[j].name for j in used)
     bounds = SOIL_PARAMETERS["m"][1].low, SOIL_PARAMETERS["m"][1].high
     parameters += [
         FittedParameter(soil.name, "m", soil.m, None, "1", bounds, "held", _REMEDIES["m"])
@@ -264,7 +264,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         model,
         points.measurements,
         tuple(parameters),
-        tuple(fit.vector.free[j].name for j in used),
+        names,
         covariance[np.ix_(used, used)],
         dict(fitter.repeats.channels),
         run_scatter,

@@ -28,11 +28,12 @@ log-normal priors; ln phi is found by maximising
 (restricted likelihood with the parameters' prior) by Newton steps with the average information
 (Gilmour, Thompson and Cullis 1995).
 
-V judges; the weights of a fit are another matter (`working`). Under V a shift or a tilt that all values of a
-curve share costs next to nothing, and a fit leaves to it what its numbers could describe: on a real plate
-8 mm of a zero in each of four runs, twice the error of a straight line in logarithms. A fit weighs
-drawbar pull and torque without what their law is off by, and each point of a curve by a share of its own
-along L and of its own zero med(L): rows as shallow as the error of the zero then weigh little.
+V judges; the weights of a fit are another matter (`working`). Under V what all values of a curve share, a
+level, a shift or a tilt, costs next to nothing, and a fit leaves to it what its numbers could describe: on a
+real plate 8 mm of a zero in each of four runs, twice the error of a straight line in logarithms; of plates
+and wheels in one sand the difference of the two kinds. A fit weighs drawbar pull and torque without what
+their law is off by, and each point of a curve by errors of its own (the working independence of Liang and
+Zeger 1986): rows as shallow as the error of the zero then weigh little.
 """
 
 from __future__ import annotations
@@ -124,8 +125,7 @@ class VarianceModel:
         self._gap = _apart(points.path)
         self._given = np.diag(pure + (_RESOLUTION * level) ** 2)
         if working:
-            shared = [name == "along" or name.startswith("zero:") for name in self.names]
-            self._unit[shared] *= np.where(both, np.eye(len(points)), 1.0)
+            self._unit *= np.where(both, np.eye(len(points)), 1.0)
             return
         self._given += sizes * _force_law(points)
         if self.swept:

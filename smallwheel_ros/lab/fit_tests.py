@@ -87,10 +87,10 @@ def _far_off(problem: "Problem") -> list[str]:
     """One sentence for each run that `diagnose` would leave out as a slip of the pen."""
     import numpy as np
 
-    from smallwheel_ros.diagnosis.misfit import BadRun, bad_runs, most_bad
+    from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, most_bad
     from smallwheel_ros.measurements.display import number, words
 
-    left, table = problem.judged, problem.measurements
+    left, table = problem.judged, problem.points.measurements
     bad: list[BadRun] = []
     most = most_bad(left.points.run_count)
     while (more := bad_runs(left.fitter, left.fit)) and len(bad) + len(more) <= most:

@@ -67,7 +67,7 @@ def learn(
     >>> found.verdict, found.law["drivers"]
     ('law', ['slip'])
     """
-    from smallwheel_ros.diagnosis.start import start_of
+    from smallwheel_ros.diagnosis.pipeline import start_of
     from smallwheel_ros.learn.learning import learnt
 
     return learnt(start_of(data, model, effects, without, can, seed), name, most, progress)

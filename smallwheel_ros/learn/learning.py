@@ -19,7 +19,7 @@ from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, Runs, propose
-from smallwheel_ros.diagnosis.start import Start
+from smallwheel_ros.diagnosis.pipeline import Start
 from smallwheel_ros.effects.registry import Registry, load_effects
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import TIE
@@ -203,7 +203,7 @@ def _published(
             effect = form.suited_to(conditions)
             if effect.objection(conditions):
                 continue
-            vector = base.with_parts([*base.parts, part_of(effect)])
+            vector = replace(base, parts=(*base.parts, part_of(effect)))
             start = vector.begun_at(law.fit.vector, law.fit.theta)
             fit = fitter.fit(vector, start, law.fit.scatter, turns=0)
             if yardstick.score(observed - fit.predicted) + cost < ours + TIE:

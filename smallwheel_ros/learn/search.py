@@ -207,7 +207,7 @@ class Search:
         """Slope of the predictions by the place's ln factor or shift, shape (values,)."""
         step = 1.0 if place.stage == "R" else 1e-4  # what is added in newtons is linear
         probe = part_for(Law(place, "exponential", (CONSTANT,)), {"a1": 0.0}, [1.0])
-        vector = fit.vector.with_parts([*fit.vector.parts, replace(probe, id="probe")])
+        vector = replace(fit.vector, parts=(*fit.vector.parts, replace(probe, id="probe")))
         thetas = np.vstack([np.append(fit.theta, 0.0), np.append(fit.theta, step)])
         without, moved = self.fitter.predictor.many(vector, thetas)
         return np.asarray((moved - without) / step)
@@ -316,7 +316,7 @@ class Search:
                 break
             sizes = [self._size(p.law.place, term) for term in p.law.terms]
             part = part_for(p.law, p.numbers, sizes)
-            vector = self.base.vector.with_parts([*self.base.vector.parts, part])
+            vector = replace(self.base.vector, parts=(*self.base.vector.parts, part))
             start = vector.begun_at(p.near.vector, p.near.theta)
             start[vector.places(SOUGHT)] = part.start
             self._keep(p.law, vector, start, p.cost)

@@ -25,6 +25,7 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import (
     closed_form_sinkage,
+    compaction_resistance,
     layered_load,
     layered_work,
     plate_sinkage,
@@ -35,7 +36,6 @@ from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, soil
 from smallwheel_ros.physics.stresses import ShearLaw, WheelForces, rim_friction, wheel_forces
 from smallwheel_ros.physics.traction import (
     ThrustForm,
-    compaction_resistance,
     contact_length,
     thrust,
 )
@@ -338,7 +338,7 @@ def predict(
     if model.thrust_form == "wong_reece" and "slip" in conditions:
         deeper, sunk_deeper = _with_shear(stages, soil, wheel)
         static, sunk = np.where(rolling, deeper, static), np.where(rolling, sunk_deeper, sunk)
-    z = stages.change_rolling("sinkage", static)
+    z = stages.change("sinkage", static)
     compacted = z
     if stages.acting_at("compaction_sinkage"):
         compacted = static
@@ -363,7 +363,7 @@ def predict(
     prediction = Prediction(
         sinkage=stages.change("measured_sinkage", z),
         compaction_resistance=compaction,
-        resistance=stages.change_rolling("measured_resistance", resistance),
+        resistance=stages.change("measured_resistance", resistance),
         immobilised=sunk | (sunk_to_axle(z, diameter) & ~conditions.plate),
         true_sinkage=z,
         true_resistance=resistance,

@@ -65,7 +65,7 @@ class NearbySinkage:
         log_z = log_z + self._solved.slope_exponent * (there.exponent - here.exponent)
         z = np.exp(log_z)
         for stages in (self._stages, more_stages):
-            z = stages.change_rolling("sinkage", z)
+            z = stages.change("sinkage", z)
         for stages in (self._stages, more_stages):
             z = stages.change("measured_sinkage", z)
         return _log(z)

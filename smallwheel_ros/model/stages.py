@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.effects.base import Effect, EffectError
+from smallwheel_ros.effects.base import ROLLING_STAGES, Effect, EffectError
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import effective_modulus
 
@@ -41,6 +41,8 @@ class Stages:
         self.conditions = conditions
         self.rolling = conditions.rolling
         self.all_rolling = bool(self.rolling.all())
+        # Whether pressure is no power of depth any more.
+        self.layered = bool(self.acting_at("pressure_factor"))
         if self.acting_at("corrected_load"):
             load = self.change("corrected_load", conditions.load)
             self.conditions = replace(conditions, load=load)
@@ -72,7 +74,7 @@ class Stages:
 
         Raises EffectError where they make a load or a diameter that no wheel has.
         """
-        load = self._reaching(self.conditions.load)
+        load = _positive("load", self.change("normal_load", self.conditions.load))
         diameter = _positive("diameter", self.change("wheel_diameter", self.conditions.diameter))
         modulus = effective_modulus(np.asarray(k), np.asarray(m), diameter)
         exponent = np.broadcast_to(np.asarray(n), modulus.shape)
@@ -80,19 +82,11 @@ class Stages:
 
     def on_soil(self, before: Loaded) -> Loaded:
         """What the effects make of the load that reaches the soil, and of the soil itself."""
-        soil = self._soil(before.modulus, before.exponent)
-        return Loaded(self._reaching(before.load), before.diameter, *soil)
-
-    def _reaching(self, load: Array) -> Array:
-        return _positive("load", self.change("normal_load", load))
+        load = _positive("load", self.change("normal_load", before.load))
+        return Loaded(load, before.diameter, *self._soil(before.modulus, before.exponent))
 
     def _soil(self, modulus: Array, exponent: Array) -> tuple[Array, Array]:
         return modulus * self.product("modulus_factor"), exponent + self.total("exponent_shift")
-
-    @property
-    def layered(self) -> bool:
-        """Whether pressure is no power of depth any more."""
-        return bool(self.acting_at("pressure_factor"))
 
     def pressure_factor(self, depth: Array) -> Array:
         """Product of the effects' factors at depths of shape (nodes,) + rows, or rows."""
@@ -108,19 +102,15 @@ class Stages:
         return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
     def change(self, stage: str, value: Array) -> Array:
-        """Let each effect change a value in turn, on every row."""
-        for effect in self.acting_at(stage):
-            value = self.call(effect, stage, value, value)
-        return value
-
-    def change_rolling(self, stage: str, value: Array) -> Array:
-        """Let each effect change a value in turn, on rolling rows.
+        """Let each effect change a value in turn: at `ROLLING_STAGES` of rolling rows alone.
 
         What digs or compacts further does so because the wheel rolls; a pressed body does not, and
         has no resistance to show.
         """
+        everywhere = self.all_rolling or stage not in ROLLING_STAGES
         for effect in self.acting_at(stage):
-            value = np.where(self.rolling, self.call(effect, stage, value, value), value)
+            changed = self.call(effect, stage, value, value)
+            value = changed if everywhere else np.where(self.rolling, changed, value)
         return value
 
 

@@ -15,9 +15,8 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import brentq
 
-from smallwheel_ros.physics.sinkage import closed_form_sinkage
+from smallwheel_ros.physics.sinkage import closed_form_sinkage, compaction_resistance
 from smallwheel_ros.physics.soil import SOILS, Soil, effective_modulus
-from smallwheel_ros.physics.traction import compaction_resistance
 
 Status = Literal["reproduced", "reproduced under an inferred reading", "not reproduced"]
 

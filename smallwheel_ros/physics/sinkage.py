@@ -102,6 +102,21 @@ def plate_sinkage(
     return np.asarray((pressure / np.asarray(modulus)) ** (1.0 / np.asarray(exponent, dtype=float)))
 
 
+def compaction_resistance(
+    sinkage: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
+) -> Array:
+    """R_c = b K z^(n+1) / (n+1), N: the work of the pressure over a metre of rut.
+
+    Bekker 1956; Meirion-Griffith and Spenko 2011, eq. 14. Exact for any shape of the contact.
+    sinkage, width: m. modulus: K = k D^m, Pa/m^n. A sinkage below 0, as effects can make it, is a
+    wheel above the soil: it compacts nothing.
+    """
+    n = np.asarray(exponent, dtype=float)
+    depth = np.maximum(np.asarray(sinkage, dtype=float), 0.0)
+    work = np.asarray(modulus) * depth ** (n + 1.0) / (n + 1.0)
+    return np.asarray(np.asarray(width) * work)
+
+
 def layered_load(
     sinkage: Array,
     diameter: Array,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compaction resistance, and thrust by the published forms, which take it for one number of the contact.
+"""Thrust by the published forms, which take the contact for one number.
 
 The model's own law of pull and torque is the balance of stresses along the contact (`stresses`).
 """
@@ -15,21 +15,6 @@ Array = NDArray[np.float64]
 
 # stress_integral: `stresses`, the default. wong_reece: the same with k and a peak that moves with slip.
 ThrustForm = Literal["stress_integral", "integrated", "exponential", "wong_reece"]
-
-
-def compaction_resistance(
-    sinkage: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
-) -> Array:
-    """R_c = b K z^(n+1) / (n+1), N: the work of the pressure over a metre of rut.
-
-    Bekker 1956; Meirion-Griffith and Spenko 2011, eq. 14. Exact for any shape of the contact.
-    sinkage, width: m. modulus: K = k D^m, Pa/m^n. A sinkage below 0, as effects can make it, is a
-    wheel above the soil: it compacts nothing.
-    """
-    n = np.asarray(exponent, dtype=float)
-    depth = np.maximum(np.asarray(sinkage, dtype=float), 0.0)
-    work = np.asarray(modulus) * depth ** (n + 1.0) / (n + 1.0)
-    return np.asarray(np.asarray(width) * work)
 
 
 def contact_length(sinkage: ArrayLike, diameter: ArrayLike) -> Array:

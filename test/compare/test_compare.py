@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from smallwheel_ros import fit
 from smallwheel_ros.compare.comparison import Comparison, comparison_of
@@ -19,7 +20,7 @@ from smallwheel_ros.compare.shown import comparison_document
 from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem
-from smallwheel_ros.fitting.held_out import folds_of
+from smallwheel_ros.fitting.held_out import folds_of, in_sample
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import words
@@ -449,10 +450,11 @@ LOADS = np.geomspace(40.0, 400.0, 12)
 
 
 def test_a_soil_that_a_fold_never_met_is_the_middle_of_those_that_it_met() -> None:
-    """Three soils of one n, the middle one of one run: it is where the others lead one to expect it."""
+    """Three soils, the middle one of one run: its ln z is the mean of the others', whatever their n are."""
     factor = np.array([0.5, 0.5, 0.5, 1.0, 2.0, 2.0, 2.0])
+    power = np.array([0.9, 0.9, 0.9, 1.2, 1.5, 1.5, 1.5])  # 1 / n
     soil = ["firm"] * 3 + ["middle"] + ["soft"] * 3
-    depth = 1e-3 * factor[:, None] * (LOADS / 40.0) ** 1.2
+    depth = 1e-3 * factor[:, None] * (LOADS / 40.0) ** power[:, None]
     found = pressed(depth, soil)
     law = next(m for m in found.models if m.contender.name == "bekker")
     score = found.score(law, "sinkage", held_out=True, rows=found.measurements.soil == "middle")
@@ -470,7 +472,7 @@ def test_runs_of_several_soils_under_one_name_are_told_to_be_named() -> None:
         table(96, conditions=conditions, channels={"sinkage": depth.reshape(-1)}, run=run)
     )
     said = found.useless("sinkage")
-    assert "in firmness, more than those of one soil: name the soils" in said
+    assert "more than those of one soil: name the soils" in said
     assert "an effect is missing" not in said
 
 
@@ -663,10 +665,10 @@ def test_the_error_that_is_shown_is_that_of_the_fit(
 
 
 def of_plates(size: float | None = None, soil: str = "") -> Measurements:
-    """Curves of the real plates in examples/data: of one size, or of one soil of the other sand."""
+    """Curves of the real plates in examples/data: of one size, or of one soil (or all) of the other sand."""
     if soil:
         data = read_measurements(EXAMPLES / "cullinan_sand" / "plates.csv")
-        return data.take(data.soil == soil)
+        return data if soil == "all" else data.take(data.soil == soil)
     data = read_measurements(EXAMPLES / "cmu_wheel_rig" / "indentation.csv")
     plates = data.take(data.conditions.plate)
     return plates if size is None else plates.take(np.isclose(plates.conditions.diameter, size))
@@ -686,7 +688,7 @@ def test_the_error_of_curves_is_that_of_the_fit() -> None:
 @pytest.mark.parametrize(
     "how",
     [{}, {"size": 0.06}, {"size": 0.08}, {"size": 0.1}]
-    + [{"soil": f"preparation {i}"} for i in (1, 2)],
+    + [{"soil": name} for name in ("preparation 1", "preparation 2", "all")],
 )
 def test_on_real_plates_the_law_is_no_worse_than_a_line_in_logarithms(
     how: dict[str, Any],
@@ -695,6 +697,23 @@ def test_on_real_plates_the_law_is_no_worse_than_a_line_in_logarithms(
     found = comparison_of(of_plates(**how), [Contender("ours", "", Base())])
     error = {m.contender.name: m.held_out.rmse()["sinkage"] for m in found.models if m.held_out}
     assert error["ours"] < 1.1 * error["log_log_regression"]
+
+
+def test_plates_and_a_pressed_wheel_in_one_fit_are_as_near_as_the_law_can_be() -> None:
+    """The law is off by one amount for plates and another for the wheel, which no run tells from its own."""
+    data = read_measurements(EXAMPLES / "cmu_wheel_rig" / "indentation.csv")
+    problem = Problem.of(data)
+    points, fit = problem.points, problem.fit
+
+    def off(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (problem.fitter.predictor(fit.vector, theta) - points.value) * np.sqrt(points.count)
+
+    # in mm, so that a step of the solver is no rounding
+    nearest = least_squares(lambda theta: 1e3 * off(theta), fit.theta, bounds=fit.vector.bounds).x
+    least = in_sample(points, fit.vector.model(nearest)).rmse()["sinkage"]
+    held_out = problem.held_out()
+    assert held_out is not None
+    assert held_out.rmse()["sinkage"] < 1.2 * least
 
 
 def test_a_soil_of_one_run_has_no_say_in_what_is_said_of_the_law() -> None:

@@ -199,7 +199,10 @@ def test_a_fold_that_can_only_extrapolate_has_no_say(
     model = problem.vector.model(problem.vector.start)
     field = field_of(problem.points, model, default_registry())
     law = next(c for c in field.competitors if c.family == "slip_sinkage")
-    slip, row = problem.measurements.conditions["slip"], np.arange(len(problem.measurements))
+    slip, row = (
+        problem.points.measurements.conditions["slip"],
+        np.arange(len(problem.points.measurements)),
+    )
     before = CvErrors({"sinkage": 1.0 + 0.01 * (row % 3)}, row // 3)
     after = CvErrors(
         {"sinkage": before.error["sinkage"] * np.where(slip == 0.8, 3.0, 1.0)}, row // 3

@@ -21,7 +21,8 @@ from benchmarks._bench import rig_table
 from benchmarks.learn_worlds import table as without_a_law
 from smallwheel_ros.compare.compare import compare
 from smallwheel_ros.diagnosis.diagnose import diagnose
-from smallwheel_ros.diagnosis.misfit import bad_runs, lack_of_fit
+from smallwheel_ros.diagnosis.faults import bad_runs
+from smallwheel_ros.diagnosis.misfit import lack_of_fit
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.posterior import family_of
 from smallwheel_ros.effects.registry import default_registry

@@ -11,11 +11,11 @@ from fitted import fit_model
 from plain_rig import table as plain_table
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.fitting import Base, FittingError
+from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.fit import Predictor
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.fitting.problem import fit_from, fitter_of, soil_priors
+from smallwheel_ros.fitting.problem import settled, soil_priors
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict
@@ -217,18 +217,18 @@ def test_an_error_that_values_share_does_not_bias_a_fit(share: float) -> None:
     for seed in range(12):
         noise = np.random.default_rng([seed, 5]).normal(0.0, share, load.size)
         points = points_of(plain_table({"sinkage": exact * (1.0 + noise)}, run, load=load))
-        fit = fit_from(fitter_of(points), Base().vector(points))
+        fit = Problem(points).fit
         off.append(float(np.mean(fit.predicted / exact)) - 1.0)
     assert abs(np.mean(off)) < 0.1 * share
 
 
 def test_no_start_changes_a_fit_beyond_its_tolerance(tmp_path: Path) -> None:
     measurements = table(tmp_path, simulate_rig(RigSettings(seed=2014)).table)
-    points = points_of(measurements)
-    fitter, vector = fitter_of(points), Base().vector(points)
-    fit = fit_from(fitter, vector)
+    problem = Problem.of(measurements)
+    fitter, vector, fit = problem.fitter, problem.vector, problem.fit
     deviations = np.sqrt(np.diag(fit.covariance))
     for sign in (-3.0, 3.0):
-        other = fit_from(fitter, vector, fit.theta + sign * deviations)
+        far = fitter.fit(vector, fit.theta + sign * deviations, turns=1)
+        other = settled(far, lambda last: fitter.fit(vector, last.theta, last.scatter))
         assert np.all(np.abs(other.theta - fit.theta) < 0.3 * deviations)
         assert other.evidence == pytest.approx(fit.evidence, abs=0.1)

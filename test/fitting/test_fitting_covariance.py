@@ -18,7 +18,6 @@ from smallwheel_ros.effects.slip import BySlip
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.fit import FittingError, inverse
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.fitting.problem import fit_from, fitter_of
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
@@ -71,8 +70,8 @@ def test_deviations_agree_with_those_of_scaled_parameters() -> None:
     z -= 1e-7 * at.load / (at.width * np.sqrt(at.diameter * z))  # so that no bound is met
     points = Problem.of(measured).points
     parts = (part_of(Linear()), part_of(effect("elastic_rebound")))
-    fitter = fitter_of(points)
-    fit = fit_from(fitter, Base(parts=parts).vector(points))
+    problem = Problem(points, Base(parts=parts))
+    fitter, fit = problem.fitter, problem.fit
     vector = fit.vector
     scale = vector.scale
     assert scale.max() / scale.min() > 1e6

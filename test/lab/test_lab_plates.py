@@ -187,7 +187,8 @@ def test_plates_of_a_real_rig(shared_data: Path) -> None:
     assert abs(m.value - 1.0) < 1.5 * m.std
     error = [law.held_out for law in laws.laws if law.held_out is not None]
     assert error[0] < 0.14
-    assert max(error) < 0.25  # an m over 1 is beyond what Bekker's and Reece's laws can have
+    assert max(error) < 0.4  # an m over 1 is beyond what Bekker's and Reece's laws can have
+    assert error[0] == min(error)
     assert len(error) == 3
     (wheel,) = found.agreements
     assert wheel.high < 1.0

@@ -14,13 +14,13 @@ from smallwheel_ros.physics.contact import contact_load, contact_sinkage
 from smallwheel_ros.physics.sinkage import (
     closed_form,
     closed_form_sinkage,
+    compaction_resistance,
     layered_load,
     layered_work,
     plate_sinkage,
     solve_layered,
     sunk_to_axle,
 )
-from smallwheel_ros.physics.traction import compaction_resistance
 
 # Sinkage by eq. 10 over the contact integral's, by n and z/D: the project's reference table.
 RATIO_TABLE = {

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from smallwheel_ros.physics.traction import compaction_resistance, contact_length, thrust
+from smallwheel_ros.physics.sinkage import compaction_resistance
+from smallwheel_ros.physics.traction import contact_length, thrust
 
 
 @given(

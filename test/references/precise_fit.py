@@ -23,7 +23,7 @@ without it, while b would not be determined. theta and phi solve together, at th
     S = V + J P^-1 J',  e = y - f + J (theta - c)                            J held
 
 The values of curves are fitted under other weights W than V, which judges: W is V without its last row, and
-within a curve zero and along are each value's own, not shared. theta and the ln phi of W solve together as
+no two values share an error: each of its parts is a value's own. theta and the ln phi of W solve together as
 above; then the ln phi of V and l at this theta and J. Deviations of theta are those of an estimate under W
 of values whose errors have V, and never more than those before the data:
 
@@ -187,23 +187,19 @@ class Components:
             return alone + SHAPE**2 * level[i] * level[j] * shape
 
         def run(i: int, j: int) -> bool:
-            return data.run[i] == data.run[j]
+            shared = i == j or not (weights and data.curves)
+            return shared and data.run[i] == data.run[j]
 
         def own(i: int, j: int, channel: str) -> bool:
             return run(i, j) and data.channel[i] == data.channel[j] == channel
 
-        def shared(i: int, j: int) -> bool:
-            return i == j or not (weights and data.curves)
-
         parts = {"tau": matrix(lambda i, j: stiff[i] * stiff[j] * run(i, j))}
         for c in channels:
             parts[f"own:{c}"] = matrix(lambda i, j, c=c: level[i] * level[j] * own(i, j, c))
-            parts[f"zero:{c}"] = matrix(
-                lambda i, j, c=c: middle[c] ** 2 * own(i, j, c) * shared(i, j)
-            )
+            parts[f"zero:{c}"] = matrix(lambda i, j, c=c: middle[c] ** 2 * own(i, j, c))
         if data.curves:
             parts["along"] = matrix(
-                lambda i, j: level[i] * level[j] * run(i, j) * shared(i, j)
+                lambda i, j: level[i] * level[j] * run(i, j)
                 * mp.exp(-abs(data.path[i] - data.path[j]) / length)
             )  # fmt: skip
         medians = [mp.log(mp.mpf(MEDIANS[name.partition(":")[0]])) for name in parts]
