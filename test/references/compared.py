@@ -73,7 +73,7 @@ ASKED: dict[str, tuple[Asked, ...]] = {
         Asked("k|m", 4, 0, "its priors pull, as far as the scatter of each value leaves m open"),
     ),
     "plates_noise": (
-        Asked(".*", 2.5, 2.5, _STOPS),
+        Asked(".*", 2.5, 2.4, _STOPS),
     ),
     "plates_cmu": (
         Asked(".*", 2.5, 2.5, _STOPS),
