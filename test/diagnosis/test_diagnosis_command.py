@@ -98,7 +98,7 @@ def test_fit_then_add_then_diagnose_with_the_model(digging: Path, tmp_path: Path
         ("covariate:speed", "'speed' is a known setting, and those have effects of their own (pen"),
         ("covariate:load", "(load_dependent_modulus, rig_friction): add one of them"),
         ("covariate:moistness", "no column 'moistness' of numbers"),
-        ("covariate:sinkage", "'sinkage' is what was measured"),
+        ("covariate:sinkage", "'sinkage' is a measured quantity"),
         ("covariate:wheel", "'wheel' is text"),
     ],
 )
