@@ -20,6 +20,7 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,11 +65,8 @@ class Column:
 def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     """Columns of a competitor at a fit; none where it has no finite prediction there."""
     listed, start = competitor.part.parameters, competitor.part.start
-    vector, main, free = (
-        changed(fit.vector, competitor),
-        competitor.strength,
-        competitor.kind == "unknown",
-    )
+    vector, main = changed(fit.vector, competitor), competitor.strength
+    free = competitor.kind == "unknown"
     # A rule of contact has no numbers.
     starts: Array = start[None, :]
     scale: Array = np.ones(1)
@@ -165,14 +163,9 @@ class Screen:
 
 @dataclass(frozen=True)
 class Candidate(Fit):
-    """A fitted model with some competitors.
-
-    families: theirs. key: what tells the model from others. weight: ln of evidence times prior odds.
-    """
+    """A fitted model with some competitors. weight: ln of evidence times prior odds."""
 
     competitors: tuple[Competitor, ...] = ()
-    families: frozenset[str] = frozenset()
-    key: Key = ()
     weight: float = -np.inf
 
     @classmethod
@@ -180,11 +173,17 @@ class Candidate(Fit):
         """A fit as a model of these competitors."""
         odds = sum(float(np.log(c.share)) for c in competitors)
         known = {name: getattr(fit, name) for name in Fit.__dataclass_fields__}
-        families = frozenset(c.family for c in competitors)
-        return cls(
-            **known, competitors=tuple(competitors), families=families, key=_key(competitors),
-            weight=fit.evidence + odds,
-        )  # fmt: skip
+        return cls(**known, competitors=tuple(competitors), weight=fit.evidence + odds)
+
+    @cached_property
+    def key(self) -> Key:
+        """What tells the model from others."""
+        return _key(self.competitors)
+
+    @cached_property
+    def families(self) -> frozenset[str]:
+        """Families of its competitors."""
+        return frozenset(c.family for c in self.competitors)
 
     def exchanged(self, out: Competitor | None, put_in: Competitor | None) -> list[Competitor]:
         """Its competitors with one more, or less, or another in its place."""

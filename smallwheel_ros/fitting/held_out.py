@@ -94,14 +94,21 @@ class Comparison:
     """Two models' held-out errors, by channel.
 
     reduction: relative, of the rmse. z_score: of the difference of the runs' mean squares over its
-    standard error; positive where the second is better. worse: channels whose error rises by more than its
-    standard error. helps: whether an error falls by `USEFUL`, and by more than its standard error.
+    standard error; positive where the second is better.
     """
 
     reduction: Mapping[str, float]
     z_score: Mapping[str, float]
-    worse: tuple[str, ...]
-    helps: bool
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Channels whose error rises by more than its standard error."""
+        return tuple(name for name, z in self.z_score.items() if z < -1.0)
+
+    @property
+    def helps(self) -> bool:
+        """Whether an error falls by `USEFUL`, and by more than its standard error."""
+        return any(z > 1.0 and self.reduction[name] >= USEFUL for name, z in self.z_score.items())
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
@@ -118,9 +125,7 @@ def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
         change = before.by_run(squares[0], both) - before.by_run(squares[1], both)
         spread = float(np.std(change, ddof=1) / np.sqrt(change.size)) if change.size > 1 else np.inf
         z_score[name] = float(change.mean()) / max(spread, 1e-300) if np.any(change) else 0.0
-    worse = tuple(name for name, z in z_score.items() if z < -1.0)
-    helps = any(z > 1.0 and reduction[name] >= USEFUL for name, z in z_score.items())
-    return Comparison(reduction, z_score, worse, helps)
+    return Comparison(reduction, z_score)
 
 
 def folds_of(points: Points) -> Index:
