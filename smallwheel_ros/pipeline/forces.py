@@ -60,7 +60,6 @@ class Believed:
     cells: Integers
     slips: Array  # of the step just over, of each rolling wheel; NaN: it was not in it
     end: float | Array  # s
-    soil: int = 0
 
     @classmethod
     def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:

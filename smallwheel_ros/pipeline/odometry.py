@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from .checks_sums import robust
 from .tables import SECOND, Array, Flags
 
 LAGS = np.arange(11) * (SECOND // 10)  # ns
@@ -27,7 +28,6 @@ OWN, _PIECE, PIECES = (
 )  # of the way, m: the best odometries wander by so much (KITTI)
 _FEW = 2  # pieces, of which a factor leaves something over
 _KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
-_NORMAL = 1.4826  # deviation over the median of the sizes, of normal errors
 _MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
 _RADII = (
     0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
@@ -125,8 +125,7 @@ def _scatter(pieces: Array) -> float:
         if len(pieces) > PIECES:
             moved = np.abs(rims) > _MOVES * _PIECE
             shares = moves[moved] / rims[moved]
-            usual = float(np.median(shares))
-            spread = _NORMAL * float(np.median(np.abs(shares - usual)))
+            usual, spread = robust(shares)
             off = max(off, spread / max(abs(usual), 1e-9))
         found = min(found, float(off))
     return found

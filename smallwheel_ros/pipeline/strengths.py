@@ -11,6 +11,7 @@ import numpy as np
 
 from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
 
+from .contact import OnSoil
 from .forces import Believed, Rolling
 from .steps import Excitation, Steps
 from .strength import StrengthFilter
@@ -34,8 +35,10 @@ class Strengths:
     def __init__(
         self, strength: Strength, wheels: tuple[Wheel, ...], rolling: Integers, mass: float
     ) -> None:
-        self.mass, self._rolling = mass, rolling
-        self._wheels = wheels
+        self.mass, self._count = mass, rolling.size
+        self._order = np.full(len(wheels), -1)  # of each wheel among those that roll
+        self._order[rolling] = np.arange(rolling.size)
+        self._sizes = np.array([(wheel.diameter, wheel.width) for wheel in wheels]).reshape(-1, 2)
         own = tuple(wheels[i] for i in rolling.tolist())
         named = strength.friction_angle
         any_ground = Quantity(named.value, math.hypot(named.standard_deviation, _ANY_FRICTION_STD))
@@ -52,26 +55,25 @@ class Strengths:
     def take(self, steps: Steps) -> Integers:
         """Use steps; stamps from which on each new version holds."""
         self.believed.forget(())
-        order_of = np.full(len(self._wheels), -1)
-        order_of[self._rolling] = np.arange(self._rolling.size)
         for number in range(steps.end.size):
             mine = np.flatnonzero(steps.step == number)
             if int(steps.soil[number]) != self._soil:
                 self._change(int(steps.soil[number]))
             if mine.size:
-                self._take(steps, number, mine, order_of[steps.wheel[mine]])
+                self._take(steps, number, mine)
             else:
                 newest = self.believed[-1][0]
                 self._publish(newest.slips, newest.end)
         return steps.end
 
-    def _take(self, steps: Steps, number: int, mine: Integers, order: Integers) -> None:
-        wheel = steps.wheel[mine]
-        size = [
-            np.array([getattr(w, a) for w in self._wheels])[wheel] for a in ("diameter", "width")
-        ]
-        at = Rolling(order, steps.contact.take(mine), size[0], size[1], steps.slip[mine])
-        force = float(steps.force[number]) if mine.size == self._rolling.size else math.nan
+    def rolling(self, wheel: Integers, on: OnSoil, slip: Array) -> Rolling:
+        """Rows of wheels that roll, as the filters' forces take them. wheel: numbers among all wheels."""
+        diameter, width = self._sizes[wheel].T
+        return Rolling(self._order[wheel], on, diameter, width, slip)
+
+    def _take(self, steps: Steps, number: int, mine: Integers) -> None:
+        at = self.rolling(steps.wheel[mine], steps.contact.take(mine), steps.slip[mine])
+        force = float(steps.force[number]) if mine.size == self._count else math.nan
         torque, pull = steps.torque[mine], steps.pull[mine]
         single = bool(np.isfinite(torque).any() or np.isfinite(pull).any())
         balance = math.isfinite(force) and self.mass > 0.0
@@ -88,8 +90,8 @@ class Strengths:
             alone = one is self.reserve and self._balanced
             turned, pulled = (nothing, nothing) if alone else (torque, pull)
             one.update(at, turned, pulled, steps.pull_std[mine], *told)
-        slips = np.full(self._rolling.size, np.nan)
-        slips[order] = steps.slip[mine]
+        slips = np.full(self._count, np.nan)
+        slips[at.order] = at.slip
         if single or balance:
             self.steps += 1
             self.excitation = self.excitation.widened(at.on.load, np.abs(at.slip))
@@ -103,7 +105,7 @@ class Strengths:
 
     def _now(self, slips: Array, end: float | Array) -> tuple[Believed, Believed]:
         two = [
-            Believed(one.kalman.x, one.kalman.P, one.cells, slips, end, self._soil)
+            Believed(one.kalman.x, one.kalman.P, one.cells, slips, end)
             for one in (self.now, self.reserve)
         ]
         return two[0], two[1]
@@ -151,7 +153,7 @@ class Strengths:
         if record["excitation"] is not None:
             load, slip = record["excitation"]
             self.excitation = Excitation(tuple(load), tuple(slip))
-        self._publish(np.full(self._rolling.size, np.nan), -math.inf)
+        self._publish(np.full(self._count, np.nan), -math.inf)
 
     @property
     def _prior_numbers(self) -> list[float]:

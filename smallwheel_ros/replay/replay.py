@@ -200,14 +200,14 @@ class _Drive:
         """Write a turn into tables and bag, and lay it down on the map."""
         if turn.starts_over:
             self._stretches.starts_over()
-        changing, times = self._happened.take(turn), self._recording.log_times
+        changing, log_times = self._happened.take(turn), self._recording.log_times
         self._stretches.add(turn.readings, changing)
 
         if turn.twists is not None and len(turn.twists):
             assert self._settings.onboard.twist is not None
             self.twists.add(turn.twists)
             self._bag.write_twists(
-                turn.twists, self._settings.onboard.twist, times(turn.twists.stamp)
+                turn.twists, self._settings.onboard.twist, log_times(turn.twists.stamp)
             )
         rows = turn.estimates
         if not len(rows):
@@ -223,7 +223,7 @@ class _Drive:
             plain[k] | {"measurements_rejected": rejected[i]}
             for i, k in enumerate(soil_of.tolist())
         ]
-        recorded = times(rows.stamp)
+        recorded = log_times(rows.stamp)
         self._bag.write_estimates(
             rows, columns, of_rows, recorded, self._recording.frame, self.wheels
         )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 import traceback
 from collections.abc import Callable
@@ -214,11 +215,11 @@ class Session:
                 job.due = now + job.period
                 self._safely(job.name, job.work)
 
-    def _turn(self, within: float = 0.0) -> None:
+    def _turn(self, within: float = math.inf) -> None:
         """Take what has come through the pipeline, and publish what comes of it.
 
         Where nothing comes for a while, what waits for other messages goes on without them. within: s, after
-        which the rest waits for the next turn, so that a node that catches up still answers; 0: never.
+        which the rest waits for the next turn, so that a node that catches up still answers.
         """
         begin = time.monotonic()
         try:
@@ -228,7 +229,7 @@ class Session:
                 self._flushed, self._behind = quiet, False
                 for turn in self._pipeline.turns(last=quiet, span=_SPAN):
                     self._safely("~/mobility", self._outputs.publish, turn, self._frame)
-                    self._behind = within > 0.0 and time.monotonic() - begin > within
+                    self._behind = time.monotonic() - begin > within
                     if self._behind:
                         break
         except Exception:

@@ -58,7 +58,7 @@ class DriveSettings:
     terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
     finish: Annotated[
-        str, Option(f"What the drive gets stuck on at its end:  {', '.join(FINISHES)}.", FINISHES)
+        str, Option(f"What the drive gets stuck on at its end: {', '.join(FINISHES)}.", FINISHES)
     ] = "none"
     hidden: Hidden = ()
     strength: Strength = 1.0
