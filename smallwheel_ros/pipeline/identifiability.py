@@ -25,7 +25,8 @@ class Identifiable(NamedTuple):
     """True: the data has cut the standard deviation to half of the prior's or less.
 
     At half, three quarters of what is known comes from the data. False: the value is essentially
-    the prior's. The modulus is judged at the reference diameter.
+    the prior's, or the model misses an effect, which the numbers then take up: a deviation is that of a
+    law that the data contradicts. The modulus is judged at the reference diameter.
     """
 
     k: bool
@@ -136,22 +137,30 @@ class SoilEstimate:
     @cached_property
     def identifiable(self) -> Identifiable:
         """What the data has determined."""
-        known = {name: self.settled and left <= DETERMINED for name, left in self.remaining.items()}
+        sound = self.settled and self.missing_effect is None
+        known = {name: sound and left <= DETERMINED for name, left in self.remaining.items()}
         return Identifiable(**known)
 
     @property
     def status(self) -> tuple[str, ...]:
         """In words, what is not determined and why; empty when everything is determined."""
+        if self.missing_effect is not None:
+            return (f"nothing is determined: {self._misses}",)
         return _in_words(self.identifiable, self.variety, self.accepted)
 
     @property
     def verdicts(self) -> dict[str, str]:
         """For each parameter in words whether the data has determined it, and how far."""
-        found = {}
+        found, but = {}, self._misses and f" ({self._misses})"
         for name, left in self.remaining.items():
-            known = "determined" if getattr(self.identifiable, name) else "not determined"
+            known = "determined" if getattr(self.identifiable, name) else f"not determined{but}"
             found[name] = f"{known}: {100.0 * left:.0f} % of the prior's standard deviation is left"
         return found
+
+    @property
+    def _misses(self) -> str:
+        missing = self.missing_effect
+        return "" if missing is None else f"the model misses an effect, {missing.effect}"
 
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
         """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).

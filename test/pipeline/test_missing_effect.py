@@ -12,6 +12,7 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.identifiability import DETERMINED
 from smallwheel_ros.pipeline.missing_effect import (
     MissingEffect,
     MissingEffectWatch,
@@ -88,6 +89,12 @@ def test_hidden_slip_sinkage_is_named(terrain: str) -> None:
     assert (
         newest.missed_variance > 0.0
     )  # what every prediction is uncertain by until it is in the model
+    # Numbers of a law that the drive contradicts take up what it misses, however sharp they are.
+    assert pipeline.soil.remaining["reference_pressure"] < DETERMINED
+    assert not any(pipeline.soil.identifiable)
+    misses = "the model misses an effect, slip_sinkage"
+    assert pipeline.soil.status == (f"nothing is determined: {misses}",)
+    assert pipeline.soil.verdicts["n"].startswith(f"not determined ({misses}): ")
 
 
 @pytest.mark.parametrize("terrain", TERRAINS)
