@@ -236,7 +236,7 @@ class World:
     def drawn(self, seed: int) -> World:
         """The world itself, or with `priors` what is off of sensors and soil, with the deviations of priors.
 
-        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm, of all loads' scale 0.1 and of each
+        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm and scale 0.05, of all loads' scale 0.1 and of each
         wheel's half of that, of their zero 0.03 of a wheel's load, of the sides of a vehicle a factor of 1.8
         in k, of the delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the sinkage. Slip digs, at one
         deviation, as deep as half of that of its prior: it cannot fill up.
@@ -253,7 +253,8 @@ class World:
             pitch_error=0.01 * normal(), torque_scale=0.1, friction=0.05,
         )  # fmt: skip
         digging = 0.05 * abs(normal())
+        rut, right = math.exp(0.3 * normal()), math.log(1.8) * normal()
+        sensors = replace(sensors, gain=math.exp(0.05 * normal()))
         return replace(
-            self, sensors=sensors, rut=math.exp(0.3 * normal()), right=math.log(1.8) * normal(),
-            digging=(digging, digging),
+            self, sensors=sensors, rut=rut, right=right, digging=(digging, digging)
         )  # fmt: skip
