@@ -236,10 +236,10 @@ class World:
     def drawn(self, seed: int) -> World:
         """The world itself, or with `priors` what is off of sensors and soil, with the deviations of priors.
 
-        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm and scale 0.05, of all loads' scale 0.1 and of each
-        wheel's half of that, of their zero 0.03 of a wheel's load, of the sides of a vehicle a factor of 1.8
-        in k, of the delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the sinkage. Slip digs, at one
-        deviation, as deep as half of that of its prior: it cannot fill up.
+        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm and of their scale 0.05, of all loads'
+        scale 0.1 and of each wheel's half of that, of their zero 0.03 of a wheel's load, of the sides of a
+        vehicle a factor of 1.8 in k, of the delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the
+        sinkage. Slip digs, at one deviation, as deep as half of that of its prior: it cannot fill up.
         """
         if not self.priors:
             return self
