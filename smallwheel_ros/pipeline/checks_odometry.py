@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from scipy.special import stdtrit
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.physics.wheel import GRAVITY
@@ -31,7 +32,8 @@ ALIKE = 0.1  # of their speed: what wheels of one side differ by on even ground
 JUMP, JUMP_FACTOR = 1.0, 3.0  # m, 1
 REPEAT_WAY = 1.0  # m by the rims
 NO_TWIST_WAY = 2.0  # m of the pose
-TILT, TILT_SURE, STANDS = 0.03, 4.0, 4  # rad, standard deviations, standstills
+TILT, TILT_CHANCE, STANDS = 0.03, 0.001, 4  # rad, of Student's t distribution, standstills
+USUAL = 0.1  # rad: slopes on which vehicles stop, and mountings; in one heading both look alike
 
 
 class NoTwist:
@@ -182,7 +184,8 @@ class Jumps:
 class Tilt:
     """What the imu shows at standstills: a zero stays with the imu, a slope stays with the ground.
 
-    ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: ground; p, r: zeros), least squares.
+    ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: ground; p, r: zeros), with `USUAL` as
+    the deviation of each before; the scatter is that of least squares.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -230,10 +233,12 @@ class Tilt:
         design = np.vstack(
             [np.column_stack([c, s, one, 0 * one]), np.column_stack([-s, c, 0 * one, one])]
         )
-        found = np.linalg.lstsq(design, shown, rcond=None)[0]
-        rest = shown - design @ found
+        rest = shown - design @ np.linalg.lstsq(design, shown, rcond=None)[0]
         variance = max(float(rest @ rest) / (len(shown) - 4), 0.01**2)
-        std = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * variance)
+        covariance = np.linalg.inv(design.T @ design / variance + np.eye(4) / USUAL**2)
+        found = covariance @ design.T @ shown / variance
+        std = np.sqrt(np.diag(covariance))
+        sure = float(stdtrit(len(shown) - 4, 1.0 - 0.5 * TILT_CHANCE))
         return [
             Said(
                 "imu",
@@ -242,5 +247,5 @@ class Tilt:
                 " whichever way the vehicle stands: level it",
             )
             for i, word in ((2, "nose"), (3, "left side"))
-            if abs(found[i]) > max(TILT, TILT_SURE * std[i])
+            if abs(found[i]) > max(TILT, sure * std[i])
         ]

@@ -24,11 +24,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder, settings
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
+from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.checks import RULES, Checks, Finding, table
 from smallwheel_ros.pipeline.checks_loads import impossible_soil
+from smallwheel_ros.pipeline.checks_odometry import Tilt
+from smallwheel_ros.pipeline.checks_window import Vehicle
 from smallwheel_ros.pipeline.ground import Ground
+from smallwheel_ros.pipeline.odometry import OfWheels
 from smallwheel_ros.pipeline.streams import Streams
+from smallwheel_ros.pipeline.tables import Array
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "checks.md"
 BEGIN, END = "<!-- rules -->\n", "<!-- end of rules -->\n"
@@ -160,6 +165,53 @@ def test_every_rule_has_its_fault() -> None:
 
 def test_a_vehicle_that_spins_on_a_diagonal_has_good_encoders() -> None:
     assert said(drive(slips=(0.89, 0.2, 0.2, 0.85), uneven=0.3)) == set()
+
+
+def stood(headings: Array, slopes: Array, zero: float) -> Tilt:
+    """A judge of an imu that shows so much too much, after stands on slopes (east, north)."""
+    judge = Tilt(Vehicle.of(settings()))
+    for a, (e, n) in zip(headings, slopes, strict=True):
+        ahead, left = e * np.cos(a) + n * np.sin(a) + zero, n * np.cos(a) - e * np.sin(a)
+        judge.stands.append(np.array([a, GRAVITY * ahead, GRAVITY * left]))
+    return judge
+
+
+@given(st.integers(0, 2**32), st.integers(4, 40), st.floats(0.0, 0.1), st.floats(0.0, 0.2))
+def test_stands_in_one_heading_tell_no_tilt(
+    seed: int, count: int, spread: float, slope: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    headings = rng.uniform(-3.0, 3.0) + spread * rng.uniform(-1.0, 1.0, count)
+    assert stood(headings, slope * rng.uniform(-1.0, 1.0, (count, 2)), 0.0)._judged() == []
+
+
+@pytest.mark.parametrize("count", [4, 6, 12])
+def test_slopes_of_the_ground_are_no_tilt_of_the_imu(count: int) -> None:
+    rng = np.random.default_rng(count)
+
+    def named(zero: float, slope: float) -> float:
+        drives = [
+            stood(rng.uniform(-3.0, 3.0, count), slope * rng.standard_normal((count, 2)), zero)
+            for _ in range(400)
+        ]
+        return float(np.mean([bool(judge._judged()) for judge in drives]))
+
+    assert named(0.0, 0.1) < 0.01
+    assert named(math.radians(4.0), 0.01) > (0.5 if count == 4 else 0.95)
+
+
+@pytest.mark.parametrize(("wander", "low", "high"), [(1e-4, 1.0, 1.0), (5e-3, 0.0, 0.03)])
+def test_an_odometry_that_wanders_as_the_best_do_is_not_made_of_wheels(
+    wander: float, low: float, high: float
+) -> None:
+    def made(seed: int) -> bool:
+        rng = np.random.default_rng(seed)
+        way, rims = np.arange(1, 201) * 0.1, np.full(200, 0.1)
+        pieces = rng.uniform(0.9, 1.1) * (1.0 + wander * rng.standard_normal(40))
+        parts = np.column_stack([rims, rims * np.repeat(pieces, 5), np.zeros((200, 2))])
+        return bool(OfWheels().take(way - 0.1, way, parts)[0].any())
+
+    assert low <= np.mean([made(seed) for seed in range(300)]) <= high
 
 
 @hypothesis_settings(max_examples=6)
