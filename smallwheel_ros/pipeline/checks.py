@@ -79,7 +79,7 @@ from .checks_odometry import (
 from .checks_sums import Said
 from .checks_window import AROUND, SPAN, Memory, Raw, Vehicle, Window
 from .ground import DOWN, Ground
-from .odometry import OWN, PIECES
+from .odometry import MADE, PIECES
 from .tables import SECOND, Array, Integers
 
 _NEVER = -(1 << 62)
@@ -115,7 +115,7 @@ RULES: tuple[Rule, ...] = (
         "of wheels",
         "the last half metres of the rims",
         "way of the odometry against that of the rims, or its turn against right less left: rms over the way",
-        f"under {OWN:g}, {PIECES} pieces",
+        f"under {MADE:g}, {PIECES} pieces",
         "the best odometries of their own wander by 0.005; worst good drive 0.03",
         "the odometry is made of the wheels and shows no slip",
         lambda vehicle: OfWheels(),

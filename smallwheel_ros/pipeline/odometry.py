@@ -21,9 +21,10 @@ _TURNS, _ALIKE, _BETTER = (
 )  # rad/s; correlation; what a lag has to explain more than none
 _VARIES = 1e-6  # of the mean square: a thousandth of the mean
 _ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
-# Share of the way; m. The best odometries of their own wander by 0.005 (KITTI): of ten pieces by 0.4 of that
-# or less once in 250. Those of real robots that are made of the wheels are their multiples to 0.00001.
-OWN, _PIECE, PIECES = 0.002, 0.5, 10
+# Share of the way by which the best odometries of their own wander (KITTI); ten pieces by 0.4 of that once in
+# 250. Those of real robots that are made of the wheels are their multiples to 0.00001.
+_OWN, MADE = 0.005, 0.002
+_PIECE, PIECES = 0.5, 10  # m, and how many tell
 _FEW = 2  # pieces, of which a factor leaves something over
 _KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
 _MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
@@ -96,10 +97,10 @@ class OfWheels:
             off, whole = _scatter(np.array(self._pieces)), len(self._pieces) >= PIECES
             rims, moves = total[end, :2]
             near = abs(moves - rims) <= _RADII * max(abs(rims), _PIECE)
-            self._may_be = not whole and near and (off < OWN or len(self._pieces) < _FEW)
+            self._may_be = not whole and near and (off < _OWN or len(self._pieces) < _FEW)
             self._share = off
             if whole:
-                self._made = off < (2.0 * OWN if self._made else OWN)
+                self._made = off < (_OWN if self._made else MADE)
         found[begin:], may_be[begin:] = self._made, self._may_be
         share[begin:] = self._share
         self._total = total[-1]
