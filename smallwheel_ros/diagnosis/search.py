@@ -133,13 +133,6 @@ class Screen:
         unit = white / np.maximum(np.linalg.norm(white, axis=0), 1e-150)
         return list(chosen), np.abs(unit.T @ unit)
 
-    def draws(self, count: int, seed: int) -> Array:
-        """Errors drawn from the null model, shape (values, count)."""
-        model = self.fitter.variance
-        capped = np.minimum(self.fit.scatter.log_deviation, model.log_median + HIDE * SPREAD)
-        noise = np.random.default_rng(seed).normal(size=(len(self.fitter.points), count))
-        return np.asarray(model.total(capped, self._kernels).root @ noise)
-
     def gains(self, errors: Array) -> Array:
         """ln evidence of each column over none, shape (columns, data sets)."""
         w, found = self._s.whiten(errors), []
@@ -150,15 +143,29 @@ class Screen:
             found.append(0.5 * each.sum(axis=0))
         return np.array(found)
 
-    def by_family(self, errors: Array) -> dict[str, Array]:
-        """ln of each family's mass over none's, shape (data sets,), forms and columns averaged."""
+    def tested(self, seed: int) -> tuple[float, dict[str, float]]:
+        """p of "is anything missing", and of each family against the largest of all, by simulation.
+
+        The statistic is the mass of each family over that of none, its forms and columns averaged.
+        """
+        if not self.columns:
+            return 1.0, {}
+        points, model = self.fitter.points, self.fitter.variance
+        capped = np.minimum(self.fit.scatter.log_deviation, model.log_median + HIDE * SPREAD)
+        noise = np.random.default_rng(seed).normal(size=(len(points), REPLICATES))
+        drawn = model.total(capped, self._kernels).root @ noise
+        gains = self.gains(np.column_stack([points.value - self.fit.predicted, drawn]))
         count = Counter(column.competitor.key for column in self.columns)
-        found: dict[str, Array] = {}
-        for column, gain in zip(self.columns, self.gains(errors), strict=True):
+        families: dict[str, Array] = {}
+        for column, gain in zip(self.columns, gains, strict=True):
             c = column.competitor
-            value = gain + np.log(c.share / count[c.key])
-            found[c.family] = np.logaddexp(found.get(c.family, -np.inf), value)
-        return found
+            mass = gain + np.log(c.share / count[c.key])
+            families[c.family] = np.logaddexp(families.get(c.family, -np.inf), mass)
+        masses = np.array(list(families.values()))
+        missing, largest = np.logaddexp.reduce(masses), np.max(masses[:, 1:], axis=0)
+        as_bad = np.sum(largest >= masses[:, :1], axis=1), np.sum(missing[1:] >= missing[0])
+        of_each, p = ((1 + n) / (1 + REPLICATES) for n in as_bad)
+        return float(p), dict(zip(families, of_each.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -301,24 +308,11 @@ def search(
     columns = [column for c in field.competitors for column in columns_of(fitter, base, c)]
     screen = Screen(fitter, base, columns)
     field, screen = _testable(screen, field)
-    found = Search(fitter, field, screen, *_tested(screen, seed), {(): Candidate.of(base)})
+    found = Search(fitter, field, screen, *screen.tested(seed), {(): Candidate.of(base)})
     for size in range(1, most + 1 if screen.columns else 0):
         if not _extend(found, size):
             break
     return found
-
-
-def _tested(screen: Screen, seed: int) -> tuple[float, dict[str, float]]:
-    """p of "is anything missing", and of each family against the largest of all, by simulation."""
-    if not screen.columns:
-        return 1.0, {}
-    errors = (screen.fitter.points.value - screen.fit.predicted)[:, None]
-    families = screen.by_family(np.hstack([errors, screen.draws(REPLICATES, seed)]))
-    masses = np.array(list(families.values()))
-    missing, largest = np.logaddexp.reduce(masses), np.max(masses[:, 1:], axis=0)
-    as_bad = np.sum(largest >= masses[:, :1], axis=1), np.sum(missing[1:] >= missing[0])
-    of_each, p = ((1 + count) / (1 + REPLICATES) for count in as_bad)
-    return float(p), dict(zip(families, of_each.tolist(), strict=True))
 
 
 def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:

@@ -128,15 +128,6 @@ class Hardening(_Multipass):
 PartlyDugPassPower = partly_dug(PassPower)
 
 
-def mean_pressure(sinkage: Array, conditions: Conditions) -> Array:
-    """Load over the contact's area (Pa): b sqrt(D z) for a rolling wheel, twice that if pressed."""
-    d, plate = conditions.diameter, conditions.plate
-    width = np.where(plate, d, conditions.width)
-    area = width * np.sqrt(np.maximum(sinkage, 1e-6) * d)
-    area = np.where(conditions.pressed, 2.0 * area, area)
-    return np.asarray(conditions.load / np.where(plate, np.pi / 4.0 * d**2, area))
-
-
 class _ElasticRebound(Effect):
     """What the soil that rises gives back to the wheel is not modelled: no source was found for it.
 
@@ -158,4 +149,9 @@ class Compliance(_ElasticRebound):
     )
 
     def measured_sinkage(self, sinkage: Array, conditions: Conditions) -> Array:
-        return sinkage - self.compliance * mean_pressure(sinkage, conditions)
+        d, plate = conditions.diameter, conditions.plate
+        width = np.where(plate, d, conditions.width)
+        area = width * np.sqrt(np.maximum(sinkage, 1e-6) * d)
+        area = np.where(conditions.pressed, 2.0 * area, area)  # on both sides of its lowest point
+        pressure = conditions.load / np.where(plate, np.pi / 4.0 * d**2, area)
+        return np.asarray(sinkage - self.compliance * pressure)

@@ -45,12 +45,6 @@ class LoadPower(_LoadDependentModulus):
         return np.asarray((conditions.load / self.w0) ** self.g)
 
 
-def _relative_width(conditions: Conditions, b0: float) -> Array:
-    """Width over b0; of a round plate its radius is the width, as in Bekker's plate tests."""
-    plate = conditions.plate
-    return np.where(plate, 0.5 * conditions.diameter, conditions.width) / b0
-
-
 class _WidthDependentModulus(Effect):
     """Two-sided: published values of kc are negative, too."""
 
@@ -71,8 +65,9 @@ class Bekker(_WidthDependentModulus):
     b0: float = constant(0.1, (1e-3, 10.0), "width at which k is k0", unit="m")
 
     def modulus_factor(self, conditions: Conditions) -> Array:
-        ratio = 1.0 / _relative_width(conditions, self.b0)
-        return np.maximum(1.0 + self.a * (ratio - 1.0), 0.02)
+        # Of a round plate the radius is the width, as in Bekker's plate tests.
+        width = np.where(conditions.plate, 0.5 * conditions.diameter, conditions.width)
+        return np.maximum(1.0 + self.a * (self.b0 / width - 1.0), 0.02)
 
 
 def _relative_speed(conditions: Conditions, v0: float) -> Array:

@@ -127,7 +127,8 @@ class VarianceModel:
         if working:
             self._unit *= np.where(both, np.eye(len(points)), 1.0)
             return
-        self._given += sizes * _force_law(points)
+        if points.forces:
+            self._given += sizes * _force_law(points)
         if self.swept:
             self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
 
@@ -233,8 +234,6 @@ class VarianceModel:
 def _force_law(points: Points) -> Array:
     """What the law of pull and torque is off by, of the levels: covariance, shape (values,) * 2."""
     found = np.zeros((len(points), len(points)))
-    if not points.forces:
-        return found
     near = np.exp(-_apart(points.column("slip")) / constants.FORCE_SLIP)
     own = wheel_discrepancy(points.conditions)[points.row]
     names = [n for n in ("diameter", "width", "grouser_height") if n in points.conditions]

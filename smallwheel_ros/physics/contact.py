@@ -193,7 +193,8 @@ def _solve_block(
             break
     sunk = log_ratio == _LOG_AXLE
     if sunk.any():
-        of_axle = shape_integral(exponent[sunk], AXLE_RATIO).value
+        n = exponent[sunk]
+        of_axle, _ = _value_and_slope(_coefficients(n, _OUTLINES[-1]), np.full(n.size, AXLE_RATIO))
         excess = level[sunk] - (half[sunk] * _LOG_AXLE + np.log(of_axle))
         log_ratio[sunk] += np.maximum(excess, 0.0) / half[sunk]
         sunk[sunk] = excess > 0.0

@@ -169,32 +169,26 @@ def solve_layered(
 
     Regula falsi (Illinois) in ln W over ln z, in which a pressure law is nearly a straight line.
     """
-    target = np.log(load)
+    target, high = np.log(load), np.log(upper)
+    low, side = high - 25.0, np.zeros(load.shape)
     with np.errstate(all="ignore"):  # a law may overflow at depths that no root is at
-        return _regula_falsi(target, np.log(upper) - 25.0, np.log(upper), load_at)
-
-
-def _regula_falsi(
-    target: Array, low: Array, high: Array, load_at: Callable[[Array], Array]
-) -> tuple[Array, NDArray[np.bool_]]:
-    f_low, f_high = (np.log(load_at(np.exp(x))) - target for x in (low, high))
-    sunk = f_high < 0.0
-    side = np.zeros(target.shape)
-    for _ in range(80):
-        # of rows that are sunk or met already the quotient is not used
-        x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
-        f = np.log(load_at(np.exp(x))) - target
-        if np.all((np.abs(f) < 1e-12) | sunk | (high - low < 1e-13)):
-            break
-        left = f < 0.0
-        # The end that stays weighs less (Anderson and Bjorck 1973), and half where that is not under 0.
-        shrunk = 1.0 - f / np.where(left, f_low, f_high)
-        shrunk = np.where(shrunk > 0.0, shrunk, 0.5)
-        f_high = np.where(left & (side < 0), shrunk * f_high, f_high)
-        f_low = np.where(~left & (side > 0), shrunk * f_low, f_low)
-        low, f_low = np.where(left, x, low), np.where(left, f, f_low)
-        high, f_high = np.where(left, high, x), np.where(left, f_high, f)
-        side = np.where(left, -1.0, 1.0)
+        f_low, f_high = (np.log(load_at(np.exp(x))) - target for x in (low, high))
+        sunk = f_high < 0.0
+        for _ in range(80):
+            # of rows that are sunk or met already the quotient is not used
+            x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
+            f = np.log(load_at(np.exp(x))) - target
+            if np.all((np.abs(f) < 1e-12) | sunk | (high - low < 1e-13)):
+                break
+            left = f < 0.0
+            # The end that stays weighs less (Anderson and Bjorck 1973), and half where that is not under 0.
+            shrunk = 1.0 - f / np.where(left, f_low, f_high)
+            shrunk = np.where(shrunk > 0.0, shrunk, 0.5)
+            f_high = np.where(left & (side < 0), shrunk * f_high, f_high)
+            f_low = np.where(~left & (side > 0), shrunk * f_low, f_low)
+            low, f_low = np.where(left, x, low), np.where(left, f, f_low)
+            high, f_high = np.where(left, high, x), np.where(left, f_high, f)
+            side = np.where(left, -1.0, 1.0)
     return np.exp(x), sunk
 
 
