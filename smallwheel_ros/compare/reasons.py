@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from smallwheel_ros.fitting import Base
-from smallwheel_ros.fitting.constants import HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import rows_of
 from smallwheel_ros.fitting.noise import Line
 from smallwheel_ros.fitting.points import Index, Points
+from smallwheel_ros.fitting.result import unusual
 from smallwheel_ros.measurements.display import percent, shown_value
 from smallwheel_ros.measurements.table import Measurements
 
@@ -22,6 +22,10 @@ _SUNK = "the wheel was measured deeper than its axle"
 _SIZES = 3  # columns of `line` that a law of plates has, too: load, diameter and width
 
 MISSING = "an effect is missing (`smallwheel diagnose`), or a zero is off"
+_STOPPED = [
+    "its n is at its bound: over these runs depth rises with load less than in any one soil, as where soils "
+    "are mixed"
+]
 SAME_FREEDOM = (
     "both have load and size alone, so this is no sign of a missing effect: the law weighs each depth by "
     "its share and holds its numbers to what soils show, and these curves are no one power of depth, or the "
@@ -32,13 +36,13 @@ SAME_FREEDOM = (
 def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
     """By channel, why a law of bodies that do not roll is worse than a line, in words; of wheels `MISSING`.
 
-    What its fit had to lay to scatter that soils and rigs hardly have, over `HIDE` prior deviations of the
-    usual (95 % of tables have less), else that both have the same settings to go by.
+    What its fit had to lay to scatter that soils and rigs hardly have, and whether it stopped at the largest
+    n; else that both have the same settings to go by.
     """
-    scatter, points, said = fitter.true_scatter(fit), fitter.points, {}
-    far = scatter.log_deviation > fitter.true_variance.log_median + HIDE * SPREAD
-    found = scatter.deviations
-    large = {name: found[name] for name, is_far in zip(scatter.names, far, strict=True) if is_far}
+    points, said = fitter.points, {}
+    large = unusual(fitter, fitter.true_scatter(fit))
+    stopped = [p.field == "n" and value >= p.prior.high
+               for p, value in zip(fit.vector.of_soils, fit.theta, strict=False)]  # fmt: skip
     for name in points.channels:
         use = points.of_channel(name) & (points.value > 0)
         if not use.any() or points.conditions.rolling[points.row[use]].any():
@@ -46,11 +50,13 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
             continue
         used = Line.through(points.value[use], points.row[use], points.conditions).used
         same = (used < (_SIZES if base.fixed_m is None else 1)).all()
-        said[name] = _strays(name, large, fitter) or (SAME_FREEDOM if same else MISSING)
+        strays = _strays(name, large, fitter) + (_STOPPED if any(stopped) else [])
+        said[name] = "; ".join(strays) or (SAME_FREEDOM if same else MISSING)
     return said
 
 
-def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> str:
+def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> list[str]:
+    """Each component of the scatter that is `unusual`, in words."""
     texts = [
         f"its runs differ by {percent(large[component])} in {what}, more than those of one soil: name the "
         "soils (column soil)"
@@ -65,7 +71,7 @@ def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> str:
         )
     if "along" in large:
         texts.append(f"its curves stray by {percent(large['along'])} from a power of depth")
-    return "; ".join(texts)
+    return texts
 
 
 def lone_soils(data: Measurements) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW
+from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.named import (
@@ -30,7 +30,7 @@ from smallwheel_ros.fitting.parameters import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.variance import Scatter, settings_repeated
-from smallwheel_ros.measurements.display import percent, shown_value, words
+from smallwheel_ros.measurements.display import listed, percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
@@ -238,6 +238,15 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     return found
 
 
+def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
+    """Components of the scatter that soils and rigs hardly have, by name. scatter: `Fitter.true_scatter`.
+
+    Over `HIDE` prior deviations of the usual: 95 % of tables have less.
+    """
+    far = scatter.log_deviation > fitter.true_variance.log_median + HIDE * SPREAD
+    return {n: v for (n, v), is_far in zip(scatter.deviations.items(), far, strict=True) if is_far}
+
+
 @one_thread
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
     """Turn a fit into a result for people and for model files."""
@@ -272,7 +281,7 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         outliers,
         fit.evidence,
     )
-    return replace(found, notes=tuple(_notes(found, points)))
+    return replace(found, notes=tuple(_notes(found, points, unusual(fitter, scatter))))
 
 
 def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
@@ -296,8 +305,8 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
     )
 
 
-def _notes(found: FitResult, points: Points) -> list[str]:
-    """What to know of a fit besides its numbers."""
+def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> list[str]:
+    """What to know of a fit besides its numbers. scatter: the components that are `unusual`."""
     notes = list(points.notes)
     said = {
         "held": "{0} is held at {1:g}: only k D^m is determined with one wheel diameter; {2}",
@@ -309,6 +318,13 @@ def _notes(found: FitResult, points: Points) -> list[str]:
         for p in found.parameters
         if p.status in said
     ]
+    apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
+             for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
+    if apart:
+        notes.append(
+            f"runs differ by {listed(apart)}, more than those of one soil: name the soils (column soil), "
+            "record what else differs, or see what is missing (`smallwheel diagnose`)"
+        )
     for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
         notes.append(
             f"{found.names[b]} and {found.names[a]} are tied (correlation {found.correlation[a, b]:.3f}): "

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -722,3 +723,15 @@ def test_a_soil_of_one_run_has_no_say_in_what_is_said_of_the_law() -> None:
     elsewhere = said.partition("nothing is known of it: the errors elsewhere are ")[2]
     law, constant, regression = (float(v) for v in re.findall(r"([\d.]+) mm", elsewhere))
     assert law < regression < constant
+
+
+def test_curves_of_soils_that_are_not_named_are_told_to_be() -> None:
+    """Depth was set and pressure answered: over all of them depth hardly rises with load, as in no soil."""
+    table = pd.read_csv(EXAMPLES / "cullinan_sand" / "plates.csv")
+    data = read_measurements(table.drop(columns=["soil", "dry_density [kg/m^3]"]))
+    said = comparison_of(data).useless("sinkage")
+    assert "name the soils" in said
+    assert "its n is at its bound" in said
+    assert any("name the soils" in note for note in Problem.of(data).result().notes)
+    named = Problem.of(read_measurements(table)).result()
+    assert not any("name the soils" in note for note in named.notes)
