@@ -15,7 +15,7 @@ from smallwheel_ros.diagnosis.competitors import Competitor, Field
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.faults import Witness
 from smallwheel_ros.diagnosis.held_out import Step, errors_alone
-from smallwheel_ros.diagnosis.misfit import residuals_left, where_it_fails, worst_left
+from smallwheel_ros.diagnosis.misfit import at_an_end, residuals_left, where_it_fails, worst_left
 from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict
 from smallwheel_ros.effects.base import Effect
@@ -173,6 +173,8 @@ def _findings(verdict: Verdict, points: Points) -> dict[str, str]:
             said[name] = "nothing missing" + (" besides" if verdict.named else "")
         else:
             said[name] = f"not explained, off by {shown_value(name, last)} on held-out runs"
+        far = at_an_end(points, last_errors, name) if name in points.channels else ""
+        said[name] += f"; {far}" if far else ""
     return said
 
 

@@ -22,7 +22,13 @@ from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.measurements.display import column_display, percent, setting_words, words
+from smallwheel_ros.measurements.display import (
+    column_display,
+    percent,
+    setting_words,
+    shown_value,
+    words,
+)
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
@@ -39,6 +45,8 @@ _BOTH_SIGNS = 0.2  # least share of a range on the other side of zero
 _MOST = 6
 _PARTS = 3  # low, middle and high of a setting
 _MOST_GROUPS = 12
+_ONE_LEVEL = 0.01  # of a setting's range: what differs by less was set alike
+_FEW_LEFT = 0.5  # of an error: where no more is left elsewhere, it is one of that end
 _FAR_OFF = 3.0  # standard errors of a part's mean, from which it is reported
 
 
@@ -252,6 +260,36 @@ def setting_of(points: Points, values: Index) -> str:
     """The setting of some values in words: what was varied."""
     named = {n: float(np.median(c[values])) for n, c in points.varied.items()}
     return ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in named.items())
+
+
+def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
+    """Where most of a held-out error comes from, if that is one end of a setting, in words; else "".
+
+    Of few runs that no other repeats: where one is left out, the others can hardly do more than extrapolate.
+    """
+    mine = points.of_channel(channel) & ~points.swept
+    square = np.array([np.mean(errors.error[channel][rows] ** 2) for rows in points.rows])
+    mine &= np.isfinite(square)
+    found = []
+    for name, column in points.varied.items():
+        levels = np.unique(column[mine])
+        for end, next_to in (levels[-1:-3:-1], levels[:2]) if levels.size > 2 else ():
+            there = mine & (np.abs(column - end) <= _ONE_LEVEL * (levels[-1] - levels[0]))
+            repeated = np.bincount(points.setting[there]).max() > 1
+            if repeated or np.unique(points.run[there]).size >= _FEWEST_RUNS:
+                continue
+            here, elsewhere = (float(np.sqrt(square[m].mean())) for m in (there, mine & ~there))
+            if elsewhere <= _FEW_LEFT * float(np.sqrt(square[mine].mean())):
+                found.append((elsewhere, here, name, end, next_to))
+    if not found:
+        return ""
+    elsewhere, here, name, end, next_to = min(found)
+    at, near = (setting_words(name, float(v)) for v in (end, next_to))
+    return (
+        f"{shown_value(channel, here)} at {words(name)} {at}, the end of what was measured, "
+        f"{shown_value(channel, elsewhere)} elsewhere: to settle it, repeat these runs, or measure between "
+        f"{words(name)} {near} and {at}"
+    )
 
 
 def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:

@@ -22,12 +22,13 @@ from benchmarks.learn_worlds import table as without_a_law
 from smallwheel_ros.compare.compare import compare
 from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.faults import bad_runs
-from smallwheel_ros.diagnosis.misfit import lack_of_fit
+from smallwheel_ros.diagnosis.misfit import at_an_end, lack_of_fit
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.posterior import family_of
 from smallwheel_ros.effects.registry import default_registry
 from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM
+from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import MOST_POINTS
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
@@ -280,3 +281,41 @@ def test_what_a_file_holds_is_fitted(tmp_path: Path) -> None:
     measured = PlainRig().measure(rolled(0), 2)
     for given in (str(law), [str(law), "slip_softens"]):
         assert [e.id for e in sw.fit(measured, effects=given).model.effects] == ["slip_softens"]
+
+
+def one_end(deep: float, times: int) -> tuple[Problem, CvErrors]:
+    """Runs at six slips, the last `times` over; held out all are 1 mm off, those at the last `deep`."""
+    slips = np.array([0.0, 0.1, 0.2, 0.3, 0.4, *([0.6] * times)])
+    data = read_measurements(
+        pd.DataFrame({
+            "run": [f"r{i}" for i in range(slips.size)],
+            "load [N]": 80.0, "diameter [mm]": 300.0, "width [mm]": 150.0, "slip": slips,
+            "sinkage [mm]": 5.0 + 20.0 * slips,
+        })
+    )  # fmt: skip
+    error = np.where(slips == 0.6, deep, 1e-3)
+    return Problem.of(data), CvErrors({"sinkage": error}, np.arange(slips.size))
+
+
+def test_an_error_of_one_end_of_a_setting_is_told_with_what_settles_it() -> None:
+    problem, errors = one_end(8e-3, 1)
+    said = at_an_end(problem.points, errors, "sinkage")
+    assert said.startswith("8.00 mm at slip 0.6, the end of what was measured, 1.00 mm elsewhere")
+    assert said.endswith("measure between slip 0.4 and 0.6")
+
+
+@pytest.mark.parametrize(("deep", "times"), [(1.5e-3, 1), (8e-3, 2)])
+def test_no_end_is_told_where_the_error_is_everywhere_or_the_end_was_repeated(
+    deep: float, times: int
+) -> None:
+    problem, errors = one_end(deep, times)
+    assert not at_an_end(problem.points, errors, "sinkage")
+
+
+def test_the_error_of_a_real_wheel_with_lugs_is_one_of_its_largest_slip(shared_data: Path) -> None:
+    path = shared_data / "published_wheels" / "ding2011.csv"
+    if not path.exists():
+        pytest.skip("needs ../shared/data/published_wheels")
+    said = diagnose(path).document["channels"]["sinkage"]["finding"]
+    end, elsewhere = re.findall(r"([\d.]+) mm at slip 0.6.* ([\d.]+) mm elsewhere", said)[0]
+    assert float(elsewhere) < 1.0 < 5.0 < float(end)
