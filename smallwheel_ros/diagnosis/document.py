@@ -120,7 +120,7 @@ def document_of(
         ),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,
-            "probability_of_none": found.probabilities[()],
+            "probability_of_none": found.probabilities[found.none.key],
         },
         "where_it_fails": where_it_fails(
             points, base, fitter.level, seed, certain=found.p <= ALARM

@@ -150,8 +150,7 @@ def _without_a_law(
         if not curves or any(c.family == name for c in best.competitors):
             kept.append(name)
             continue
-        rest = tuple(sorted(c.key for c in best.competitors if c not in curves))
-        without = search.models.get(rest)
+        without = search.models.get(best.key - {c.key for c in curves})
         least = -np.inf if without is None else without.evidence
         law = _best_form(search, best, curves[0], name)
         if name in law.families and law.evidence > least + BEATS:

@@ -41,7 +41,7 @@ from smallwheel_ros.fitting.constants import (
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 
 Array = NDArray[np.float64]
-Key = tuple[tuple[str, str], ...]
+Key = frozenset[tuple[str, str]]  # family and form of each competitor
 
 _NUDGE = 0.1  # of a curve's prior deviation: its columns are slopes at none
 _FORMS = 2  # of a family, refitted among the extensions of one model
@@ -185,21 +185,12 @@ class Candidate(Fit):
     @cached_property
     def key(self) -> Key:
         """What tells the model from others."""
-        return _key(self.competitors)
+        return frozenset(c.key for c in self.competitors)
 
     @cached_property
     def families(self) -> frozenset[str]:
         """Families of its competitors."""
         return frozenset(c.family for c in self.competitors)
-
-    def exchanged(self, out: Competitor | None, put_in: Competitor | None) -> list[Competitor]:
-        """Its competitors with one more, or less, or another in its place."""
-        kept = [c for c in self.competitors if out is None or c.key != out.key]
-        return kept if put_in is None else [*kept, put_in]
-
-
-def _key(competitors: Sequence[Competitor]) -> Key:
-    return tuple(sorted(c.key for c in competitors))
 
 
 def refit(
@@ -214,12 +205,13 @@ def refit(
 
     start: of the new competitor's numbers. None where it cannot be fitted.
     """
-    vector = near.vector
+    vector, competitors = near.vector, near.competitors
     if out is not None:
-        kept = tuple(part for part in vector.parts if part.id != out.part.id)
-        vector = replace(vector, parts=kept)
+        parts = tuple(part for part in vector.parts if part.id != out.part.id)
+        vector = replace(vector, parts=parts)
+        competitors = tuple(c for c in competitors if c.key != out.key)
     if put_in is not None:
-        vector = changed(vector, put_in)
+        vector, competitors = changed(vector, put_in), (*competitors, put_in)
     theta = vector.begun_at(near.vector, near.theta)
     if put_in is not None:
         theta[vector.places(put_in.part.id)] = put_in.part.start if start is None else start
@@ -230,7 +222,7 @@ def refit(
         fit = fitter.fit(vector, theta, scatter, turns=turns)
     except FAILURES:
         return None
-    return Candidate.of(fit, near.exchanged(out, put_in))
+    return Candidate.of(fit, competitors)
 
 
 @dataclass
@@ -257,7 +249,7 @@ class Search:
     @property
     def none(self) -> Candidate:
         """The base model."""
-        return self.models[()]
+        return self.models[frozenset()]
 
     def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
         """The family alone in its forms that were refitted, the best first, within some nats of it."""
@@ -280,7 +272,7 @@ class Search:
         prior, of B come up with probability 1 / B at most (Markov's inequality for the likelihood
         ratio: Good 1950). What is left of the two is how much unusual scatter one believes.
         """
-        none = self.probabilities[()]
+        none = self.probabilities[self.none.key]
         bound = _PRIOR_ODDS * none / max(1.0 - none, 1e-12)
         return max(min(self.p_drawn, bound), 1.0 / (1.0 + REPLICATES))
 
@@ -292,7 +284,8 @@ class Search:
         out: Competitor | None = None,
     ) -> Candidate | None:
         """A known model with one competitor in the place of another (None: of none), else a new one."""
-        key = _key(near.exchanged(out, put_in))
+        taken, given = (set() if c is None else {c.key} for c in (out, put_in))
+        key = near.key - taken | given
         rules = out is not None and any(c is not None and c.geometry for c in (out, put_in))
         if key not in self.models and not rules:  # a rule of contact has no number to take out
             model = refit(self.fitter, near, put_in, start, out)
@@ -308,7 +301,8 @@ def search(
     columns = [column for c in field.competitors for column in columns_of(fitter, base, c)]
     screen = Screen(fitter, base, columns)
     field, screen = _testable(screen, field)
-    found = Search(fitter, field, screen, *screen.tested(seed), {(): Candidate.of(base)})
+    none = Candidate.of(base)
+    found = Search(fitter, field, screen, *screen.tested(seed), {none.key: none})
     for size in range(1, most + 1 if screen.columns else 0):
         if not _extend(found, size):
             break
