@@ -25,6 +25,7 @@ Every function broadcasts its arguments like NumPy does; units are SI.
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -90,13 +91,13 @@ def _outline_for(ratio: float) -> _Outline:
 
 def _coefficients(exponent: Array, outline: _Outline) -> Array:
     """c_j(n) = a_j B(j + 1/2, n + 1) / 2, shape (terms, rows): I = sum of c_j epsilon^j."""
-    terms = outline.coefficients.size
-    found = np.empty((terms, exponent.size))
-    product = 0.5 * beta(0.5, exponent + 1.0)
-    for j in range(terms):
-        if j:
-            product = product * ((j - 0.5) / (exponent + (j + 0.5)))
-        np.multiply(product, outline.coefficients[j], out=found[j])
+    j = np.arange(1.0, outline.coefficients.size)[:, None]
+    found = np.empty((j.size + 1, exponent.size))
+    found[0] = 0.5 * beta(0.5, exponent + 1.0)
+    found[1:] = (j - 0.5) / (exponent + (j + 0.5))  # of each B over the one before
+    for before, term in itertools.pairwise(found):
+        term *= before
+    found *= outline.coefficients[:, None]
     return found
 
 
