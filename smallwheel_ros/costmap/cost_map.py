@@ -94,9 +94,7 @@ class CostRules:
         spread = np.maximum(np.asarray(deviation, dtype=np.float64), _EXACT)
         with np.errstate(invalid="ignore", over="ignore"):
             risk = ndtr((self.required_margin - mean) / spread)
-        known = ~np.isnan(risk)
-        cost = np.rint(HIGHEST * np.where(known, risk, 0.0))
-        return np.where(known, cost, UNKNOWN).astype(np.int8)
+        return np.where(np.isnan(risk), UNKNOWN, np.rint(HIGHEST * risk)).astype(np.int8)
 
 
 @dataclass

@@ -226,12 +226,14 @@ class CrossedGround:
     def _in_window(self, places: Places) -> tuple[Indices, NDArray[np.bool_]]:
         """Where those places are that are in the window, and which those are."""
         assert self._corner is not None
-        rows, columns = places - np.array(self._corner)[:, None]
-        inside = (rows >= 0) & (rows < self._side) & (columns >= 0) & (columns < self._side)
-        return (rows * self._side + columns)[inside], inside
+        from_corner = places - np.array(self._corner)[:, None]
+        inside = ((from_corner >= 0) & (from_corner < self._side)).all(axis=0)
+        return (from_corner[0] * self._side + from_corner[1])[inside], inside
 
     def _under(self, places: tuple[Places, Places]) -> list[Indices]:
-        return [self._in_window(part)[0] for part in places]
+        at, inside = self._in_window(np.concatenate(places, axis=1))
+        first = int(np.count_nonzero(inside[: places[0].shape[1]]))
+        return [at[:first], at[first:]]
 
     def _swept(self, start: Line, end: Line) -> Places:
         """The cells that a line sweeps from one place to another: two points to a cell each way."""

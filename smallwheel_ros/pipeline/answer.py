@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
+from statistics import median
 
 import numpy as np
 from scipy.special import chdtri, ndtr
@@ -191,7 +192,7 @@ def _does_not_fit(
         shown = state.shown.setdefault(int(rows.wheel[i]), [])
         shown.append(float(rows.sinkage[i]))
         del shown[:-_NEWEST]
-        far = abs(shown[-1] - float(np.median(shown))) > _FAR * noise[i]
+        far = abs(shown[-1] - median(shown)) > _FAR * noise[i]
         found[i] = far and bool(off[i])
     return found
 

@@ -50,8 +50,11 @@ def feed(
                 there = ", ".join(joints) or "no joint"
                 text = f"topic {name} has no value of its joint; it has {there}"
                 streams.note(stream, "no_value", text, index.size)
-    rows = {}
+    rows: dict[str, tuple[Integers, Array, Integers]] = {}
     for stream, groups_of in parts.items():
+        if len(groups_of) == 1:  # in order as it is
+            rows[stream] = groups_of[0]
+            continue
         stamps, values, order = (np.concatenate(column) for column in zip(*groups_of, strict=True))
         sort = np.argsort(order, kind="stable")
         rows[stream] = stamps[sort], values[sort], order[sort]

@@ -121,6 +121,7 @@ class Ground:
     def __init__(self, settings: OnboardSettings, streams: Streams) -> None:
         self.settings, self.streams = settings, streams
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
+        self._rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
         self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
         self._own = Stream(
             "own", 6
@@ -179,19 +180,20 @@ class Ground:
         stamps, values = self._trust.last(instants)
         return stamps, values.T
 
+    def each_rim(self, instants: Integers) -> Array:
+        """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
+        found = np.empty((len(self._rolling), instants.size))
+        for row, wheel in zip(found, self._rolling, strict=True):
+            stream = self.streams.all[f"{wheel.name}/wheel_speed"]
+            row[:] = stream.at(instants, self.streams.rules)[:, 0] * wheel.diameter / 2.0
+        return found
+
     def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
         """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left."""
-        wheels = [
-            (wheel, self.streams.all[f"{wheel.name}/wheel_speed"])
-            for wheel in self.settings.wheels
-            if wheel.contact == ROLLING
-        ]
-        if not wheels:
+        if not self._rolling:
             return unknown(instants.size), unknown(instants.size), unknown(instants.size)
-        rims = np.stack(
-            [s.at(instants, self.streams.rules)[:, 0] * w.diameter / 2.0 for w, s in wheels]
-        )
-        side = np.array([wheel.lateral_position for wheel, _ in wheels])
+        rims = self.each_rim(instants)
+        side = np.array([wheel.lateral_position for wheel in self._rolling])
         turn = unknown(instants.size)
         if (side > 0.0).any() and (side < 0.0).any():
             turn = 0.5 * (rims[side < 0.0].mean(axis=0) - rims[side > 0.0].mean(axis=0))

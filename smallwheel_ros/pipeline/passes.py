@@ -68,30 +68,29 @@ class Passes:
         mine = np.flatnonzero(rolls & np.isfinite(x) & np.isfinite(y) & self._told)
         columns = (x, y, rows.wheel, rows.distance, rows.onward)
         found[mine] = [
-            self._number(_Point(*point), onward)
-            for *point, onward in zip(*(column[mine].tolist() for column in columns), strict=True)
+            self._number(*row) for row in zip(*(c[mine].tolist() for c in columns), strict=True)
         ]
         return found
 
-    def _number(self, point: _Point, onward: bool) -> float:
-        wheel = self._wheels[point.wheel]
-        last = self._last.get(point.wheel)
-        moved = math.inf if last is None else math.dist(point[:2], last[0][:2])
+    def _number(self, x: float, y: float, number: int, travel: float, onward: bool) -> float:
+        wheel, last = self._wheels[number], self._last.get(number)
+        moved = math.inf if last is None else math.hypot(x - last[0].x, y - last[0].y)
         if last is not None and moved > _LONGEST:
             self._forget()
             last = None
         if math.isnan(self._begin):
-            self._begin = point.travel
+            self._begin = travel
         if last is not None and moved < _BETWEEN * wheel.width:
             return last[1]
+        point = _Point(x, y, number, travel)
         first = max(self._ahead) if onward else min(self._ahead)
         behind = abs(first - wheel.longitudinal_position)
-        number = self._crossings(point, wheel.width)
-        if point.travel - self._begin <= behind + self._side:
-            number = math.nan
-        self._last[point.wheel] = point, number
+        passes = self._crossings(point, wheel.width)
+        if travel - self._begin <= behind + self._side:
+            passes = math.nan
+        self._last[number] = point, passes
         self._add(point)
-        return number
+        return passes
 
     def _cell(self, point: _Point) -> tuple[int, int]:
         return math.floor(point.x / self._side), math.floor(point.y / self._side)

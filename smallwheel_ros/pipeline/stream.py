@@ -116,7 +116,7 @@ class Stream:
 
     def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
         """How far (ns) the value at each of `stamps` is held."""
-        if stamps.size < 2 or _HOLDS * int(np.diff(stamps).max()) <= rules.gap:
+        if stamps.size < 2 or _HOLDS * int((stamps[1:] - stamps[:-1]).max()) <= rules.gap:
             return np.full(stamps.size, rules.gap)
         held = (_HOLDS * self.periods(stamps)).astype(np.int64)
         return np.clip(held, rules.gap, rules.widest)
@@ -128,30 +128,31 @@ class Stream:
 
     def at(self, instants: Integers, rules: StampRules) -> Array:
         """Values at instants, interpolated, or held within its gap; else NaN. Shape (rows, width)."""
-        found: Array = np.full((instants.size, self.width), np.nan)
         if not self.stamps.size or not instants.size:
-            return found
-        after = np.searchsorted(self.stamps, instants)
+            return np.full((instants.size, self.width), np.nan)
+        after = self.stamps.searchsorted(instants)
         first = max(int(after.min()) - 1 - _PERIODS, 0)  # no row depends on what is before it
         part = slice(first, int(after.max()) + 1)
         stamps, values = self.stamps[part], self.values[part]
         after -= first
-        last = stamps.size - 1
-        if (stamps[np.minimum(after, last)] == instants).all():
-            return values[after]
-        before = after - 1
-        start, end = stamps[np.maximum(before, 0)], stamps[np.minimum(after, last)]
-        gap = self.gaps(stamps, rules)[np.maximum(before, 0)]
-        later = (after <= last) & (end - instants <= gap)
-        earlier = (before >= 0) & (instants - start <= gap)
-        low, high = values[np.maximum(before, 0)], values[np.minimum(after, last)]
-        span = np.where(end > start, end - start, 1)
-        share = ((instants - start) / span)[:, None]
-        both = (earlier & later)[:, None]
-        found = np.where(both, low + share * (high - low), found)
-        found = np.where((earlier & ~later)[:, None], low, found)
-        exact = later & (end == instants)
-        return np.where(((later & ~earlier) | exact)[:, None], high, found)
+        later = np.minimum(after, stamps.size - 1)
+        end = stamps[later]
+        exact = end == instants
+        if exact.all():
+            return np.asarray(values[later])
+        before = np.maximum(after - 1, 0)
+        start = stamps[before]
+        gap = self.gaps(stamps, rules)[before]
+        from_start, to_end = instants - start, end - instants
+        holds = (from_start >= 0) & (from_start <= gap)
+        comes = (to_end >= 0) & (to_end <= gap)
+        # Between two rows where both are near; else both are the one that is.
+        low = values[np.where(holds & ~exact, before, later)]
+        high = values[np.where(comes, later, before)]
+        share = from_start / np.maximum(end - start, 1)
+        found: Array = low + share[:, None] * (high - low)
+        found[~(holds | comes)] = np.nan
+        return found
 
     def last(self, instants: Integers) -> tuple[Integers, Array]:
         """Stamp and values of the newest row at or before each instant; NEVER and NaN before the first."""

@@ -218,8 +218,9 @@ class Session:
     def _turn(self, within: float = math.inf) -> None:
         """Take what has come through the pipeline, and publish what comes of it.
 
-        Where nothing comes for a while, what waits for other messages goes on without them. within: s, after
-        which the rest waits for the next turn, so that a node that catches up still answers.
+        Where nothing comes for a while, what waits for other messages goes on without them. within: s, which
+        another slice must not pass if it takes as long as the newest one: the rest then waits for the next
+        turn, so that a node that catches up still answers.
         """
         begin = time.monotonic()
         try:
@@ -227,11 +228,14 @@ class Session:
             quiet = begin - self._inputs.arrived > _FLUSH_AFTER
             if came or self._behind or (quiet and not self._flushed):
                 self._flushed, self._behind = quiet, False
+                before = begin
                 for turn in self._pipeline.turns(last=quiet, span=_SPAN):
                     self._safely("~/mobility", self._outputs.publish, turn, self._frame)
-                    self._behind = time.monotonic() - begin > within
+                    now = time.monotonic()
+                    self._behind = now - begin + (now - before) > within
                     if self._behind:
                         break
+                    before = now
         except Exception:
             if not rclpy.ok():
                 raise
