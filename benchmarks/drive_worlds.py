@@ -105,12 +105,14 @@ _GROUNDS = (
     ),
     World("bad motors", sensors=_with(torque_scale=0.12, friction=0.15)),
 )  # fmt: skip
+# Without an imu the odometry tells the slope.
+_NO_IMU = {"imu": "", "pitch": True}
 # What tells of the strength: the balance needs mass and slope; with neither, nothing does.
 KINDS: dict[str, tuple[dict[str, object], dict[str, object]]] = {
-    "nothing": ({"imu": ""}, {"vehicle.mass": None}),
+    "nothing": (_NO_IMU, {"vehicle.mass": None}),
     "balance": ({}, {}),
     "balance and torque": ({"torque": True}, {}),
-    "pull sensor": ({"imu": "", "pull": True}, {"vehicle.mass": None}),
+    "pull sensor": ({**_NO_IMU, "pull": True}, {"vehicle.mass": None}),
 }
 TRACTION = _named(
     replace(
@@ -205,7 +207,7 @@ SLIP = _named((
     _plain("soil, 300 kg", "300 kg, six", speed=0.8),
     _plain("loam", "80 kg", "loam", way="bends", told=2.0),
     _plain("slopes", "35 kg, six", slope=0.10),
-    _plain("no imu", slope=0.07, imu=""),
+    _plain("no imu", slope=0.07, **_NO_IMU),
     _plain("torque", "80 kg", slope=0.07, torque=True),
     _plain("stop and go", way="stop and go"),
     _plain("stop and go, 200 kg", "200 kg", way="stop and go", speed=0.8, told=0.0),
@@ -217,7 +219,7 @@ SLIP = _named((
     _plain("softens, 80 kg", "80 kg", features=_SOFT, told=0.0),
     _plain("softens, 200 kg", "200 kg", features=_SOFT, speed=0.8),
     _plain("softens, 300 kg", "300 kg, six", features=_SOFT, speed=0.6, told=2.0),
-    _plain("softens, no imu", features=_SOFT, imu=""),
+    _plain("softens, no imu", features=_SOFT, **_NO_IMU),
     _plain("softens, torque", "80 kg", features=_SOFT, torque=True),
     _plain("slippery", "80 kg", "loam", features=_SLIPPERY),
     _plain("slippery, 20 kg", features=_SLIPPERY, told=0.5),

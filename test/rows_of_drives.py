@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.streams import Streams
 from smallwheel_ros.pipeline.tables import SECOND, Columns, Estimates, Readings
 from smallwheel_ros.simulate import Drive
+from smallwheel_ros.simulate.drive_bag import recorded
 
 Array = NDArray[np.float64]
 Row = tuple[str, int, tuple[float, ...], int | None]  # stream, stamp, values, what the clock said
@@ -135,28 +135,22 @@ def rover_of(made: Drive, **changes: object) -> NodeSettings:
 def rows_of(made: Drive, late: Callable[[str], float] = lambda _: 0.0) -> list[Row]:
     """Rows of a simulated drive in the order of arrival; the clock says when each arrives.
 
+    Its odometry tells neither variances nor a slope.
     late: s by which those of a stream arrive later than they were recorded.
     """
     found: list[Row] = []
 
-    def add(name: str, of: Any, *columns: Array) -> None:
-        arrival = of.log_time + round(late(name) * SECOND)
-        values = np.stack(columns, axis=1)
-        for stamp, row, now in zip(of.stamp, values, arrival, strict=True):
-            found.append((name, int(stamp), tuple(map(float, row)), int(now)))
-
-    for name, loads in made.load.items():
-        add(f"{name}/load", loads, loads.normal)
-    for name, sinkages in made.sinkage.items():
-        add(f"{name}/sinkage", sinkages, sinkages.sinkage, sinkages.variance)
-    for j, wheel in enumerate(made.rover.wheels):
-        add(f"{wheel.name}/wheel_speed", made.joints, made.joints.velocity[:, j])
-    o = made.odometry
-    x, y, z, w = o.orientation.T
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    zero = np.zeros(yaw.size)
-    pose = o.x, o.y, np.cos(yaw), np.sin(yaw)
-    add("odom", o, o.forward_speed, o.yaw_rate, *pose, zero, zero, zero, zero)
+    arrivals = recorded(made)
+    for name, (stamps, values) in made.rows.items():
+        kind = name.rpartition("/")[2]
+        if kind not in ("load", "sinkage", "wheel_speed", "odom"):
+            continue
+        if kind == "odom":
+            values = np.column_stack([values[:, :6], np.zeros((len(values), 4))])
+        arrival = arrivals["joint_states" if kind == "wheel_speed" else name]
+        arrival = (arrival + round(late(name) * SECOND)).tolist()
+        each = zip(stamps.tolist(), values.tolist(), arrival, strict=True)
+        found += [(name, stamp, tuple(row), now) for stamp, row, now in each]
     return sorted(found, key=lambda row: (row[3], row[0]))
 
 

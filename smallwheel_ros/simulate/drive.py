@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.simulate.drive_settings import (
     DriveSettings,
@@ -26,7 +27,7 @@ from smallwheel_ros.simulate.drive_settings import (
     in_ground,
 )
 from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.sensors import Readings, Sensors
+from smallwheel_ros.simulate.sensors import Integers, Measured, Rows
 from smallwheel_ros.simulate.truth import (
     Array,
     Circumstances,
@@ -45,14 +46,15 @@ _FINISH = 15.0  # m of ground on which a rover gets stuck
 _SLOWEST = 0.01  # m/s: a standing wheel keeps the state of a slow one
 _SPARE = 1.15  # of the rims' speed, since wheels on these soils slip by 0.13
 _ATTEMPTS = 20
+_GAP = 1.5  # s in which the sinkage of the second wheel is missing, where anything is
 
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive: readings by wheel name and of the whole rover, and what was true.
+    """One drive: rows of its sensors by stream (`sensors`), and what was true.
 
     truth: of its sinkage, what an instrument without noise would show. stretch: index of the stretch that
-    each wheel is on, shape (times, wheels).
+    each wheel is on, shape (times, wheels). outliers: which rows of a stream are gross errors.
     """
 
     settings: DriveSettings
@@ -61,11 +63,8 @@ class Drive:
     effects: tuple[HiddenEffect, ...]
     truth: Truth
     stretch: Places
-    load: Mapping[str, Readings]
-    sinkage: Mapping[str, Readings]
-    odometry: Readings
-    joints: Readings
-    imu: Readings
+    rows: Rows
+    outliers: Mapping[str, NDArray[np.bool_]]
 
     def answer(self) -> dict[str, Any]:
         """Return what the bag must not say: soils, hidden effects, true values over time.
@@ -75,13 +74,14 @@ class Drive:
         """
         truth, time = self.truth, self.truth.time
         settings = asdict(self.settings) | {"wheels": [asdict(w) for w in self.rover.wheels]}
-        settings.pop("stretches")
+        for own in ("stretches", "sensors"):
+            settings.pop(own)
         slip = np.nan_to_num(truth.slip)
         x, y, _ = truth.course
         wheels = {}
         for j, wheel in enumerate(self.rover.wheels):
-            readings = self.sinkage[wheel.name]
-            at = (readings.stamp - EPOCH) / 1e9
+            stream = f"{wheel.name}/sinkage"
+            at = (self.rows[stream][0] - EPOCH) / 1e9
             wheels[wheel.name] = {
                 "time": _rounded(at, 9),
                 "sinkage": _rounded(np.interp(at, time, truth.sinkage[:, j]), 7),
@@ -91,7 +91,7 @@ class Drive:
                 "torque": _rounded(np.interp(at, time, truth.torque[:, j]), 4),
                 "stretch": self.stretch[np.searchsorted(time, at, side="right") - 1, j].tolist(),
                 "moving": (np.interp(at, time, truth.speed) > 1e-3).tolist(),
-                "outlier": readings.outlier.tolist(),
+                "outlier": self.outliers[stream].tolist(),
             }
         return {
             "kind": "drive",
@@ -151,25 +151,42 @@ def simulate_drive(settings: DriveSettings) -> Drive:
             f"the rover gets no farther than {truth.path[-1]:.1f} m: take a firmer soil, a lighter rover or"
             " a smaller strength"
         )
-    sensors = Sensors(truth, rover, settings)
-    names = [wheel.name for wheel in rover.wheels]
-    return Drive(
-        settings=settings,
-        rover=rover,
-        stretches=stretches,
-        effects=effects,
-        truth=truth,
-        stretch=wheels.kinds(truth),
-        load={name: sensors.load(j) for j, name in enumerate(names)},
-        sinkage={name: sensors.sinkage(j) for j, name in enumerate(names)},
-        odometry=sensors.odometry(),
-        joints=sensors.joints(),
-        imu=sensors.imu(),
-    )
+    rows, outliers = _recorded(wheels.world, rover, truth, settings)
+    kinds = wheels.kinds(truth)
+    return Drive(settings, rover, stretches, effects, truth, kinds, rows, outliers)
 
 
 def _stream(settings: DriveSettings, *purpose: int) -> np.random.Generator:
     return np.random.default_rng([settings.seed, *purpose])
+
+
+def _recorded(
+    world: World, rover: Rover, truth: Truth, settings: DriveSettings
+) -> tuple[Rows, dict[str, NDArray[np.bool_]]]:
+    """What the sensors show, less what is missing; and which of it are gross errors."""
+    measured = Measured(world, rover, truth, _stream(settings, 1))
+    rows, outliers = measured.rows(), {}
+    for j, wheel in enumerate(rover.wheels):
+        for number, what in enumerate(("load", "sinkage"), 2):
+            stream = f"{wheel.name}/{what}"
+            stamps, values = rows[stream]
+            keep = _kept(
+                stamps, settings, _stream(settings, number, j), what == "sinkage" and j == 1
+            )
+            rows[stream] = stamps[keep], values[keep]
+        outliers[stream] = measured.outliers[wheel.name][keep]
+    return rows, outliers
+
+
+def _kept(
+    stamps: Integers, settings: DriveSettings, rng: np.random.Generator, gap: bool
+) -> NDArray[np.bool_]:
+    """Which rows are not missing: single ones are, and all in a gap."""
+    keep = rng.uniform(size=stamps.size) >= settings.dropouts
+    if gap and settings.dropouts > 0:
+        begin = int(stamps[int(rng.uniform(0.3, 0.9) * stamps.size)])
+        keep &= (stamps < begin) | (stamps > begin + round(_GAP * 1e9))
+    return keep
 
 
 def _world(settings: DriveSettings, rng: np.random.Generator) -> World:
@@ -177,9 +194,10 @@ def _world(settings: DriveSettings, rng: np.random.Generator) -> World:
     half = 0.5 * settings.distance
     bend = min(rng.uniform(0.5, 1.0) / half, 0.1)
     legs = Leg(half, bend, stand=3.0), Leg(half + _FINISH, -bend, stand=1.0)
+    sensors = replace(settings.sensors, noise_factor=settings.noise, outliers=settings.outliers)
     return World(
         "drive", way=legs, speed=_SPARE * settings.speed, ramp=0.35, slope=0.06, swing=1.6, grip=0.05,
-        own_grip=0.02, scatter=0.05, sticks=True, patience=4.0,
+        own_grip=0.02, scatter=0.05, sticks=True, patience=4.0, sensors=sensors,
     )  # fmt: skip
 
 

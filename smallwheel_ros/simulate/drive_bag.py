@@ -3,24 +3,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from smallwheel_ros.bags import BagMessage, BagWriter, Message, Storage, header
 from smallwheel_ros.simulate.drive import Drive
-from smallwheel_ros.simulate.sensors import Readings
+from smallwheel_ros.simulate.sensors import Integers
 from smallwheel_ros.simulate.truth import Array
+
+# Shortest and typical further delay between measurement and recording (s).
+_DELAYS = {
+    "load": (0.002, 0.002),
+    "sinkage": (0.055, 0.015),
+    "odom": (0.015, 0.005),
+    "joint_states": (0.002, 0.001),
+    "imu": (0.002, 0.001),
+}
+Fields = Iterator[dict[str, Any]]  # of messages, besides their headers
 
 
 def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap") -> int:
     """Write the drive's readings as a bag in a new folder; return the number of messages.
 
     Topics: ``/<wheel>/load`` (geometry_msgs/WrenchStamped, 50 Hz: force.z positive when the soil
-    pushes the wheel up, force.x what it pushes the wheel forward with), ``/<wheel>/sinkage``
+    pushes the wheel up, force.x what it last pushed the wheel forward with), ``/<wheel>/sinkage``
     (smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels),
     ``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``, effort in N m at
     the wheel) and ``/imu`` (sensor_msgs/Imu, 50 Hz, in base_link). Messages are recorded some
@@ -35,86 +46,127 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
     """
     with BagWriter(path, storage=storage) as writer:
         # Header stamps and log times do not depend on the order of topics here; ties do.
-        messages = sorted(_messages(drive), key=lambda m: (m.log_time, m.topic))
+        messages = sorted(_messages(drive, recorded(drive)), key=lambda m: (m.log_time, m.topic))
         for m in tqdm(messages, "writing the bag", unit=" messages", disable=None, leave=False):
             writer.write(*m)
     return len(messages)
 
 
-def _messages(drive: Drive) -> Iterator[BagMessage]:
-    wrench, joint_state = "geometry_msgs/msg/WrenchStamped", "sensor_msgs/msg/JointState"
-    for wheel in (wheel.name for wheel in drive.rover.wheels):
-        yield from _topic(f"/{wheel}/load", wrench, wheel, drive.load[wheel], _load)
-        kind = "smallwheel_ros/msg/WheelSinkage"
-        yield from _topic(f"/{wheel}/sinkage", kind, wheel, drive.sinkage[wheel], _sinkage)
-    yield from _topic("/odom", "nav_msgs/msg/Odometry", "odom", drive.odometry, _odometry)
-    names = [f"{wheel.name}_joint" for wheel in drive.rover.wheels]
-
-    def joints(of: Readings, i: int) -> dict[str, Any]:
-        states = {"position": of.position[i], "velocity": of.velocity[i], "effort": of.effort[i]}
-        return {"name": names, **states}
-
-    yield from _topic("/joint_states", joint_state, "", drive.joints, joints)
-    yield from _topic("/imu", "sensor_msgs/msg/Imu", "base_link", drive.imu, _imu)
+def recorded(drive: Drive) -> dict[str, Integers]:
+    """When the rows of each topic were recorded, ns since 1970; those of one topic in their order."""
+    names = [wheel.name for wheel in drive.rover.wheels]
+    streams = {f"{name}/{what}": what for name in names for what in ("load", "sinkage")}
+    found = {}
+    for number, (topic, kind) in enumerate({**streams, "odom": "odom", "imu": "imu"}.items()):
+        found[topic] = _delayed(drive, drive.rows[topic][0], kind, number)
+    stamps, _ = drive.rows[f"{names[0]}/wheel_speed"]
+    return found | {"joint_states": _delayed(drive, stamps, "joint_states", len(found))}
 
 
-def _topic(
-    topic: str,
-    kind: str,
-    frame: str,
-    readings: Readings,
-    fields: Callable[[Readings, int], dict[str, Any]],
-) -> Iterator[BagMessage]:
-    """Give a topic's messages. fields: those of a reading's message, besides its header."""
-    times = zip(readings.stamp.tolist(), readings.log_time.tolist(), strict=True)
-    for i, (stamp, log_time) in enumerate(times):
-        message = Message(header=header(stamp, frame), **fields(readings, i))
-        yield BagMessage(topic, kind, log_time, message)
+def _delayed(drive: Drive, stamps: Integers, kind: str, number: int) -> Integers:
+    shortest, more = _DELAYS[kind]
+    rng = np.random.default_rng([drive.settings.seed, 9, number])
+    delay = 1e9 * (shortest + rng.exponential(more, stamps.size))
+    return np.maximum.accumulate(stamps + np.round(delay).astype(np.int64))
+
+
+def _messages(drive: Drive, log_times: Mapping[str, Integers]) -> Iterator[BagMessage]:
+    names = [wheel.name for wheel in drive.rover.wheels]
+    kinds = [("load", "geometry_msgs/msg/WrenchStamped", _loads)]
+    kinds += [("sinkage", "smallwheel_ros/msg/WheelSinkage", _sinkages)]
+    topics = {
+        f"{name}/{what}": (kind, name, drive.rows[f"{name}/{what}"][0], made(drive, name))
+        for name in names
+        for what, kind, made in kinds
+    }
+    topics["odom"] = "nav_msgs/msg/Odometry", "odom", drive.rows["odom"][0], _odometry(drive)
+    stamps, _ = drive.rows[f"{names[0]}/wheel_speed"]
+    topics["joint_states"] = "sensor_msgs/msg/JointState", "", stamps, _joints(drive, names)
+    topics["imu"] = "sensor_msgs/msg/Imu", "base_link", drive.rows["imu"][0], _imu(drive)
+    for topic, (kind, frame, stamps, each) in topics.items():
+        times = zip(stamps.tolist(), log_times[topic].tolist(), each, strict=True)
+        for stamp, log_time, fields in times:
+            message = Message(header=header(stamp, frame), **fields)
+            yield BagMessage(f"/{topic}", kind, log_time, message)
 
 
 def _vector(x: float, y: float, z: float) -> Message:
     return Message(x=float(x), y=float(y), z=float(z))
 
 
-def _orientation(of: Readings, i: int) -> Message:
-    return Message(**dict(zip("xyzw", of.orientation[i].tolist(), strict=True)))
+def _orientations(roll: Array, pitch: Array, yaw: Array) -> list[Message]:
+    """REP 103: positive about x lifts the left side, positive about y lowers the nose."""
+    turned: Array = Rotation.from_euler("xyz", np.stack([roll, pitch, yaw], axis=1)).as_quat()
+    return [Message(x=x, y=y, z=z, w=w) for x, y, z, w in turned.tolist()]
 
 
-def _covariance(*deviations: float) -> Array:
-    """Row-major, three of each standard deviation: 6x6 of positions (m) and angles (rad), or 3x3."""
-    return np.diag(np.repeat(np.square(deviations), 3)).ravel()
+def _covariance(*variances: float) -> Array:
+    """Row-major, three of each variance: 6x6 of positions (m) and angles (rad), or 3x3."""
+    return np.diag(np.repeat(variances, 3)).ravel()
 
 
-_POSE, _TWIST = _covariance(0.02, 0.002), _covariance(0.008, 0.005)
-_ANGLE, _RATE, _FELT = _covariance(6e-3), _covariance(3e-3), _covariance(0.1)
+_POSE = _covariance(0.02**2, 0.002**2)
+_ANGLE, _RATE, _FELT = (_covariance(deviation**2) for deviation in (6e-3, 5e-3, 0.1))
 
 
-def _load(of: Readings, i: int) -> dict[str, Any]:
-    force = _vector(of.pull[i], 0.0, of.normal[i])
-    return {"wrench": Message(force=force, torque=_vector(0.0, 0.0, 0.0))}
+def _integral(rates: Array, stamps: Integers) -> Array:
+    """Where it is by its rates: of each since the stamp before, from 0."""
+    return np.cumsum(rates * np.diff(stamps, prepend=stamps[:1])) / 1e9
 
 
-def _sinkage(of: Readings, i: int) -> dict[str, Any]:
-    return {"sinkage": float(of.sinkage[i]), "variance": float(of.variance[i])}
+def _loads(drive: Drive, name: str) -> Fields:
+    stamps, loads = drive.rows[f"{name}/load"]
+    told, pulls = drive.rows[f"{name}/drawbar_pull"]
+    newest = np.maximum(np.searchsorted(told, stamps, side="right") - 1, 0)
+    for pull, load in zip(pulls[newest, 0], loads[:, 0], strict=True):
+        force = _vector(pull, 0.0, load)
+        yield {"wrench": Message(force=force, torque=_vector(0.0, 0.0, 0.0))}
 
 
-def _odometry(of: Readings, i: int) -> dict[str, Any]:
-    position = _vector(of.x[i], of.y[i], of.z[i])
-    speed, rate = _vector(of.forward_speed[i], 0.0, 0.0), _vector(0.0, 0.0, of.yaw_rate[i])
-    pose = Message(position=position, orientation=_orientation(of, i))
-    return {
-        "child_frame_id": "base_link",
-        "pose": Message(pose=pose, covariance=_POSE),
-        "twist": Message(twist=Message(linear=speed, angular=rate), covariance=_TWIST),
+def _sinkages(drive: Drive, name: str) -> Fields:
+    for sinkage, variance in drive.rows[f"{name}/sinkage"][1].tolist():
+        yield {"sinkage": sinkage, "variance": variance}
+
+
+def _joints(drive: Drive, names: list[str]) -> Fields:
+    of = {
+        what: np.column_stack([drive.rows[f"{name}/{what}"][1][:, 0] for name in names])
+        for what in ("wheel_speed", "torque")
     }
+    stamps, _ = drive.rows[f"{names[0]}/wheel_speed"]
+    turned = np.column_stack([_integral(speed, stamps) for speed in of["wheel_speed"].T])
+    for position, velocity, effort in zip(turned, of["wheel_speed"], of["torque"], strict=True):
+        states = {"position": position, "velocity": velocity, "effort": effort}
+        yield {"name": [f"{name}_joint" for name in names], **states}
 
 
-def _imu(of: Readings, i: int) -> dict[str, Any]:
-    return {
-        "orientation": _orientation(of, i),
-        "orientation_covariance": _ANGLE,
-        "angular_velocity": _vector(0.0, 0.0, of.yaw_rate[i]),
-        "angular_velocity_covariance": _RATE,
-        "linear_acceleration": _vector(*of.acceleration[i]),
-        "linear_acceleration_covariance": _FELT,
-    }
+def _odometry(drive: Drive) -> Fields:
+    stamps, rows = drive.rows["odom"]
+    pitch, roll = rows[:, 8:].T
+    orientations = _orientations(roll, pitch, np.arctan2(rows[:, 5], rows[:, 4]))
+    heights = _integral(-rows[:, 0] * np.sin(pitch), stamps)
+    for row, z, orientation in zip(rows, heights, orientations, strict=True):
+        speed, rate, x, y = row[:4]
+        pose = Message(position=_vector(x, y, z), orientation=orientation)
+        twist = Message(linear=_vector(speed, 0.0, 0.0), angular=_vector(0.0, 0.0, rate))
+        yield {
+            "child_frame_id": "base_link",
+            "pose": Message(pose=pose, covariance=_POSE),
+            "twist": Message(twist=twist, covariance=_covariance(*row[6:8])),
+        }
+
+
+def _imu(drive: Drive) -> Fields:
+    stamps, rows = drive.rows["imu"]
+    ahead, left, up = rows[:, 4:].T
+    yaw = _integral(rows[:, 0], stamps)
+    orientations = _orientations(np.arctan2(left, up), -np.arcsin(ahead), yaw)
+    for (rate, *felt), orientation in zip(rows[:, :4], orientations, strict=True):
+        yield {
+            "orientation": orientation,
+            "orientation_covariance": _ANGLE,
+            "angular_velocity": _vector(0.0, 0.0, rate),
+            "angular_velocity_covariance": _RATE,
+            "linear_acceleration": _vector(*felt),
+            "linear_acceleration_covariance": _FELT,
+        }

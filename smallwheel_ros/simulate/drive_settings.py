@@ -21,7 +21,7 @@ from smallwheel_ros.simulate.hidden import (
 )
 from smallwheel_ros.simulate.truth import SimulationError, TruthSoil
 from smallwheel_ros.simulate.wheel_laws import RimStrength
-from smallwheel_ros.simulate.world import ROVERS, Rover
+from smallwheel_ros.simulate.world import ROVERS, Rover, Sensors
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE, Soil, Started
 
 TERRAINS = ("mixed", "single")
@@ -31,6 +31,10 @@ _REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
 _TO_BE_STUCK = (
     12.0  # m over which a slope steepens; every soil here holds less than what it ends in
 )
+SENSORS = Sensors(
+    torque=True, pull=True, sinkage_told=0.03, load_rate=50.0, joint_rate=50.0, encoder_steps=(30_000,),
+    odometry_rate=(30.0,), pitch=True,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ class DriveSettings:
     """What drive to simulate: the options of `smallwheel simulate drive`.
 
     The same seed gives the same drive, to the byte. `wheels` may be a rover of your own, and `stretches`,
-    where given, are driven over instead of `terrain`. A `finish` is what the drive ends in after
+    where given, are driven over instead of `terrain`; `sensors`, of which the noise and the share of
+    outliers are those of the settings, may be your own, too. A `finish` is what the drive ends in after
     `distance`, stuck: a slope that steepens, or slippery ground. With dropouts above 0 one wheel's
     sinkage is also missing for 1.5 s.
     """
@@ -57,6 +62,7 @@ class DriveSettings:
     wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
     terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
+    sensors: Sensors = SENSORS
     finish: Annotated[
         str, Option(f"What the drive gets stuck on at its end: {', '.join(FINISHES)}.", FINISHES)
     ] = "none"

@@ -1,175 +1,226 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors of a rover make of the truth: rates, phases, delays, noise, gaps, outliers."""
+"""What the sensors of a world's vehicle make of the truth: rows of stamps (ns) and values, by stream.
+
+Columns are those of the library's streams: of the odometry speed, yaw rate, x, y, cosine and sine of the yaw,
+variances of the first two (0: not told), pitch and roll; of the imu yaw rate, specific force, and where up
+is. A sinkage has its variance beside it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import SimpleNamespace
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+from scipy.signal import lfilter
 
-from smallwheel_ros.simulate.drive_settings import DriveSettings
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.vehicle import TICK, Truth, stamps_of
-from smallwheel_ros.simulate.world import Rover
+from smallwheel_ros.simulate.world import Rover, World
 
-_RATES = {"load": 50.0, "sinkage": 10.0, "odometry": 30.0, "joints": 50.0, "imu": 50.0}
-# Shortest and typical further delay between measurement and recording (s).
-_DELAYS = {
-    "load": (0.002, 0.002),
-    "sinkage": (0.055, 0.015),
-    "odometry": (0.015, 0.005),
-    "joints": (0.002, 0.001),
-    "imu": (0.002, 0.001),
-}
-_JITTER = {"load": 0.0003, "sinkage": 0.002, "odometry": 0.001, "joints": 0.0003, "imu": 0.0003}
-_GAP = 1.5  # s
-_STANDS = 1e-3  # m/s, below which nothing moves
+Integers = NDArray[np.int64]
+Rows = dict[str, tuple[Integers, Array]]
+_SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they are alike
 
 
-class Readings(SimpleNamespace):
-    """Readings of one sensor: arrays, the first axis of each is time.
+class Measured:
+    """The sensors of a drive. outliers: of each wheel, which of its sinkages are gross errors."""
 
-    stamp, log_time: when it was measured, and when recorded, ns since the epoch. Then, of
+    def __init__(self, world: World, rover: Rover, truth: Truth, rng: np.random.Generator) -> None:
+        self.world, self.rover, self.truth, self.rng = world, rover, truth, rng
+        self.sensors = world.sensors
+        self.outliers: dict[str, NDArray[np.bool_]] = {}
+        self.end = float(truth.time[-1])
+        self.half = np.array([0.5 * w.diameter for w in rover.wheels])
 
-    - a wheel's load, in its frame: `normal` (N), positive when the soil pushes the wheel up; `pull` (N),
-      what the soil pushes it forward with, thrust less resistance;
-    - a wheel's sinkage: `sinkage` (m), positive down; `variance` (m^2); `outlier` marks gross errors;
-    - odometry of a source other than the wheels (visual and inertial): `x`, `y`, `z` (m) and
-      `orientation` in odom, `forward_speed` (m/s) and `yaw_rate` (rad/s) in the base;
-    - joints, shape (times, wheels), positive forward: `position` (rad), `velocity` (rad/s), `effort` (N m);
-    - the imu, in base_link: `orientation`, `yaw_rate` (rad/s), and `acceleration`, what is felt
-      (m/s^2), shape (times, 3).
+    def normal(self, size: int | tuple[int, ...] | None = None) -> Any:
+        """What all noise is made of: numbers of deviation 1, or as large as the noise is to be."""
+        return self.sensors.noise_factor * self.rng.standard_normal(size)
 
-    An orientation is a quaternion, x, y, z, w, shape (times, 4).
-    """
+    def rows(self) -> Rows:
+        """Rows of every stream."""
+        found: Rows = {}
+        for j, wheel in enumerate(self.rover.wheels):
+            if self.sensors.load:
+                found[f"{wheel.name}/load"] = self._load(j)
+            if self.sensors.sinkage:
+                found[f"{wheel.name}/sinkage"] = self._sinkage(j)
+            if self.sensors.pull:
+                time = self._times(self.sensors.load_rate)
+                shown = self.truth.at(time, self.truth.pull[:, j]) + 0.6 * self.normal(time.size)
+                found[f"{wheel.name}/drawbar_pull"] = _stamped(time, shown)
+        found |= self._joints()
+        found["odom"] = self._odometry()
+        if self.sensors.imu:
+            found["imu"] = self._imu()
+        return found
 
+    def _times(self, rate: float) -> Array:
+        return np.asarray((np.arange(int(self.end * rate) - 1) + self.rng.uniform()) / rate)
 
-@dataclass(frozen=True)
-class Sensors:
-    """Reads a truth; each kind of reading has a random stream of its own, by the drive's seed."""
+    def _lasting(self, count: int, keep: float) -> Array:
+        """Errors of deviation 1 of which a share `keep` is left in the next one."""
+        shocks = math.sqrt(1.0 - keep**2) * self.normal(count)
+        shocks[:1] = self.normal(min(count, 1))
+        return np.asarray(lfilter([1.0], [1.0, -keep], shocks))
 
-    truth: Truth
-    rover: Rover
-    settings: DriveSettings
+    def _load(self, j: int) -> tuple[Integers, Array]:
+        sensors, time = self.sensors, self._times(self.sensors.load_rate)
+        scale = sensors.load_scale[j] if sensors.load_scale else 1.0
+        true = scale * self.truth.at(time, self.truth.load[:, j])
+        shown = true * (1.0 + sensors.load_noise * self.normal(time.size))
+        shown = shown + 0.4 * self.normal(time.size) + sensors.tare
+        return _stamped(time, np.maximum(shown, 0.1))
 
-    def _stream(self, *purpose: int) -> np.random.Generator:
-        return np.random.default_rng([self.settings.seed, *purpose])
-
-    def _times(self, kind: str, rng: np.random.Generator) -> tuple[Array, Readings]:
-        """When a sensor measures (s), and readings with nothing but their stamps."""
-        end = self.truth.time[-1]
-        rate = _RATES[kind]
-        count = int(end * rate) - 1
-        time: Array = (np.arange(count, dtype=np.float64) + rng.uniform(0.0, 1.0)) / rate
-        time = np.clip(time + rng.normal(0.0, _JITTER[kind], count), 0.0, end)
-        shortest, more = _DELAYS[kind]
-        recorded = time + shortest + rng.exponential(more, count)
-        # One topic's messages arrive in their order.
-        recorded = np.maximum.accumulate(recorded)
-        return time, Readings(stamp=stamps_of(time), log_time=stamps_of(recorded))
-
-    def _orientation(self, time: Array, wrong: Array) -> Array:
-        """How the rover stands, with errors of roll, pitch and yaw (rad), shape (3, times).
-
-        REP 103: positive about x lifts the left side, positive about y lowers the nose.
-        """
-        truth = self.truth
-        angles = wrong + [self.truth.at(time, one) for one in (truth.roll, -truth.climb, truth.yaw)]
-        turned: Array = Rotation.from_euler("xyz", angles.T).as_quat()
-        return turned
-
-    def load(self, wheel: int) -> Readings:
-        """Read the force sensor of a wheel: noise 0.4 N and 1.2 % (1 sigma)."""
-        rng, noise = self._stream(1, wheel), self.settings.noise
-        time, found = self._times("load", rng)
-        true = self.truth.at(time, self.truth.load[:, wheel])
-        spread = noise * np.hypot(0.4, 0.012 * true)
-        # An unloaded sensor can show a little less than nothing; this one clips, as many do.
-        found.normal = np.maximum(true + rng.normal(0.0, 1.0, time.size) * spread, 0.1)
-        pull = self.truth.at(time, self.truth.pull[:, wheel])
-        found.pull = pull + rng.normal(0.0, 1.0, time.size) * noise * 0.6
-        keep = self._stream(2, wheel).uniform(size=time.size) >= self.settings.dropouts
-        return _kept(found, keep)
-
-    def sinkage(self, wheel: int) -> Readings:
-        """Read the sinkage of a wheel: noise 0.5 mm and 3 % (1 sigma), below 0 too."""
-        rng, noise = self._stream(3, wheel), self.settings.noise
-        time, found = self._times("sinkage", rng)
-        true = self.truth.at(time, self.truth.sinkage[:, wheel])
-        spread = noise * np.hypot(0.5e-3, 0.03 * true)
-        read = true + rng.normal(0.0, 1.0, time.size) * spread
-        wild = self._stream(4, wheel)
-        found.outlier = wild.uniform(size=time.size) < self.settings.outliers
-        # Wrong matches of the camera: several times too deep, or somewhere on the rut's rim.
-        gross = np.where(
-            wild.uniform(size=time.size) < 0.5,
-            true * wild.uniform(2.5, 5.0, time.size),
-            true + wild.uniform(0.015, 0.040, time.size),
+    def _sinkage(self, j: int) -> tuple[Integers, Array]:
+        sensors, wheel = self.sensors, self.rover.wheels[j]
+        time = self._times(sensors.sinkage_rate)
+        true = self.truth.at(time - sensors.delay, self.truth.sinkage[:, j])
+        length = np.sqrt(np.maximum(true, 1e-6) * wheel.diameter)
+        rise = sensors.rebound * self.truth.at(time, self.truth.load[:, j]) / (wheel.width * length)
+        shown = sensors.gain * (true - rise) + sensors.zero
+        shown = shown - sensors.pitch_error * self.truth.at(time, self.truth.climb)
+        shown = shown + sensors.zero_drift * time / self.end
+        per_reading = self.world.speed / sensors.sinkage_rate
+        shown = shown + sensors.rough * self._lasting(time.size, math.exp(-per_reading / 0.05))
+        keep = math.exp(-1.0 / sensors.sinkage_rate)
+        shown = shown + sensors.correlated * self._lasting(time.size, keep)
+        shown = shown + np.hypot(sensors.sinkage_noise, 0.03 * true) * self.normal(time.size)
+        wild = self.rng.uniform(size=time.size) < sensors.outliers
+        gross = true * self.rng.uniform(2.0, 5.0, time.size) + self.rng.uniform(
+            0.0, 0.02, time.size
         )
-        found.sinkage = np.where(found.outlier, gross, read)
-        gaps = self._stream(5, wheel)
-        keep = gaps.uniform(size=time.size) >= self.settings.dropouts
-        start = gaps.uniform(0.3, 0.9) * self.truth.time[-1]
-        if wheel == 1 and self.settings.dropouts > 0:
-            keep &= (time < start) | (time > start + _GAP)
+        shown = np.where(wild, gross, shown)
+        self.outliers[wheel.name] = wild
+        if sensors.step:
+            shown = sensors.step * np.round(shown / sensors.step)
+        told = np.hypot(sensors.sinkage_noise, sensors.sinkage_told * shown)
         # With its noise switched off an instrument still does not claim to be perfect.
-        found.variance = np.hypot(0.5e-3, 0.03 * found.sinkage) ** 2 * max(noise, 0.1) ** 2
-        return _kept(found, keep)
+        variance = (max(sensors.noise_factor, 0.1) * told) ** 2
+        return _stamped(time, np.column_stack([shown, variance]))
 
-    def odometry(self) -> Readings:
-        """Read the odometry: 8 mm/s (1 sigma) while moving, less when standing; the pose drifts."""
-        rng, noise, truth = self._stream(6), self.settings.noise, self.truth
-        time, found = self._times("odometry", rng)
-        speed = self.truth.at(time, truth.speed)
-        still = np.where(speed > 1e-3, 1.0, 0.4) * noise
-        rate = self.truth.at(time, truth.rate)
-        drift = np.cumsum(rng.normal(0.0, 2e-4, (2, time.size)) * still, axis=1)
-        angles = rng.normal(0.0, 2e-3, (3, time.size)) * noise
-        x, y, height = truth.course
-        found.x = self.truth.at(time, x) + drift[0]
-        found.y = self.truth.at(time, y) + drift[1]
-        found.z = self.truth.at(time, height)
-        found.orientation = self._orientation(time, angles)
-        found.forward_speed = speed + rng.normal(0.0, 0.008, time.size) * still
-        found.yaw_rate = rate + rng.normal(0.0, 0.005, time.size) * still
+    def _joints(self) -> Rows:
+        """Encoders of so many steps a turn, of wheels whose radius is not quite as told; motors' torques."""
+        sensors, time = self.sensors, self._times(self.sensors.joint_rate)
+        radius = self.half * (1.0 + 0.007 * (self.normal() + self.normal(self.half.size)))
+        step = 2.0 * np.pi / self.rng.choice(sensors.encoder_steps)
+        turned = np.cumsum(self.truth.rim, axis=0) * TICK
+        angle = np.floor(self.truth.at(time, turned) / radius / step) * step
+        speed = np.diff(angle, axis=0, prepend=angle[:1]) * sensors.joint_rate
+        speed = speed * (1.0 + 0.004 * self.normal(speed.shape))
+        self.shown_rims = time, speed * self.half
+        found = {
+            f"{w.name}/wheel_speed": _stamped(time, speed[:, j])
+            for j, w in enumerate(self.rover.wheels)
+        }
+        if sensors.torque:
+            turns = np.abs(self.truth.at(time, self.truth.rim)) > 1e-3
+            torque = self.truth.at(time, self.truth.torque) + sensors.friction * turns
+            torque = torque * (1.0 + sensors.torque_scale * self.normal(self.half.size))
+            torque = torque + 0.03 * self.normal(torque.shape)
+            if sensors.current:  # a motor that stands takes none, and shows its amount alone
+                torque = np.where(turns, np.abs(torque), 0.0)
+            found |= {
+                f"{w.name}/torque": _stamped(time, torque[:, j])
+                for j, w in enumerate(self.rover.wheels)
+            }
         return found
 
-    def joints(self) -> Readings:
-        """Read the wheel encoders: 0.4 % and 0.01 rad/s (1 sigma); and what the motors say.
+    def _own(self, time: Array, rate: float) -> tuple[Array, float]:
+        """A speed that is made of pictures: late, of another scale, with errors that last for a while."""
+        sensors, truth = self.sensors, self.truth
+        smooth = self.rng.uniform(*sensors.lag)
+        true = truth.speed
+        if smooth > TICK:
+            true = np.asarray(
+                lfilter([TICK / smooth], [1.0, TICK / smooth - 1.0], true), np.float64
+            )
+        deviation, alike = self.rng.uniform(*sensors.noise), sensors.alike[0]
+        keep = math.exp(-1.0 / rate / alike) if alike else 0.0
+        part = self.rng.uniform(0.2, 0.8) if alike else 1.0
+        noise = part * self.normal(time.size)
+        noise = noise + math.sqrt(1.0 - part**2) * self._lasting(time.size, keep)
+        scale = 1.0 + sensors.scale * self.normal()
+        return scale * self.truth.at(time - self.lag, true) + deviation * noise, deviation
 
-        Their torque is 3 % off in scale, another for each motor; it holds 0.05 N m of friction.
-        """
-        rng, noise = self._stream(7), self.settings.noise
-        time, found = self._times("joints", rng)
-        radius = np.array([wheel.diameter / 2 for wheel in self.rover.wheels])
-        omega = self.truth.rim / radius
-        found.position = self.truth.at(time, np.cumsum(omega * TICK, axis=0))
-        velocity = self.truth.at(time, omega)
-        spread = noise * np.hypot(0.01 * (velocity > 1e-3), 0.004 * velocity)
-        found.velocity = velocity + rng.normal(0.0, 1.0, velocity.shape) * spread
-        rng = self._stream(8)
-        scale = 1.0 + noise * rng.normal(0.0, 0.03, len(self.rover.wheels))
-        torque = self.truth.at(time, self.truth.torque)
-        turns = np.abs(self.truth.at(time, self.truth.rim)) > _STANDS
-        friction = 0.05 * noise * turns
-        found.effort = (torque + friction) * scale + noise * rng.normal(0.0, 0.03, torque.shape)
-        return found
+    def _of_wheels(self, time: Array, filtered: bool) -> Array:
+        """A speed that is made of the joints, as it is or by a filter with the imu's gains."""
+        when, rims = self.shown_rims
+        shown = rims.mean(axis=1)
+        if not filtered:
+            return np.asarray(np.interp(time, when, shown))
+        # Half of them use accelerations, half take the speed for constant.
+        felt: Array = np.zeros(when.size)
+        if self.rng.uniform() < 0.5:
+            felt = self.truth.at(when, self.truth.acceleration) + 0.05 * self.normal()
+            felt = felt + 0.1 * self.normal(when.size)
+        speed, gain = np.zeros(when.size), self.rng.uniform(0.15, 0.5)
+        for i in range(1, when.size):
+            expected = speed[i - 1] + felt[i] * (when[i] - when[i - 1])
+            speed[i] = expected + gain * (shown[i] - expected)
+        return np.asarray(np.interp(time, when, speed))
 
-    def imu(self) -> Readings:
-        """Read the imu: angles 0.3 degrees off all the time and 0.2 more (1 sigma), 0.1 m/s^2."""
-        rng, noise, truth = self._stream(9), self.settings.noise, self.truth
-        time, found = self._times("imu", rng)
-        off = np.radians(0.3) * rng.normal(0.0, 1.0, (3, 1))
-        wrong = noise * (off + np.radians(0.2) * rng.normal(0.0, 1.0, (3, time.size)))
-        felt = truth.felt(time)
-        found.orientation = self._orientation(time, wrong)
-        found.yaw_rate = truth.at(time, truth.rate) + noise * rng.normal(0.0, 0.003, time.size)
-        found.acceleration = felt + noise * rng.normal(0.0, 0.1, felt.shape)
-        return found
+    def _turned_by_wheels(self, time: Array) -> Array:
+        when, rims = self.shown_rims
+        y = np.array([w.y for w in self.rover.wheels])
+        rate = (rims[:, y < 0].mean(axis=1) - rims[:, y > 0].mean(axis=1)) / (
+            y[y > 0].mean() - y[y < 0].mean()
+        )
+        return np.asarray(np.interp(time, when, rate))
+
+    def _odometry(self) -> tuple[Integers, Array]:
+        sensors, truth = self.sensors, self.truth
+        rate = float(self.rng.choice(sensors.odometry_rate))
+        self.lag = self.rng.uniform(*sensors.lag)
+        time = self._times(rate)
+        turning = self.truth.at(time - self.lag, truth.rate)
+        if sensors.odometry in ("own", "pose"):
+            speed, deviation = self._own(time, rate)
+        elif sensors.odometry == "half":
+            speed, deviation = self._own(time, rate)
+            speed = 0.5 * (speed + self._of_wheels(time, filtered=True))
+        else:
+            speed, deviation = self._of_wheels(time, sensors.odometry == "filter"), 0.01
+        if sensors.odometry == "wheels":
+            turning = self._turned_by_wheels(time)
+            yaw = np.cumsum(turning) / rate
+        else:
+            turning = turning + 0.005 * self.normal(time.size)
+            yaw = self.truth.at(time - self.lag, truth.yaw) + 2e-3 * self.normal(time.size)
+        x, y = (np.cumsum(speed * part(yaw)) / rate for part in (np.cos, np.sin))
+        nothing: Array = np.zeros(time.size)
+        pitch = nothing
+        if sensors.pitch:
+            pitch = -self.truth.at(time, truth.climb) + 2e-3 * self.normal(time.size)
+        spread = (
+            nothing + (sensors.told * deviation) ** 2,
+            nothing + (0.005 * bool(sensors.told)) ** 2,
+        )
+        if sensors.odometry == "pose":
+            speed, turning, spread = nothing, nothing, (nothing, nothing)
+        columns = [speed, turning, x, y, np.cos(yaw), np.sin(yaw), *spread, pitch, nothing]
+        return _stamped(time, np.stack(columns, axis=1))
+
+    def _imu(self) -> tuple[Integers, Array]:
+        truth, time = self.truth, self._times(self.sensors.imu_rate)
+        drives = self.sensors.imu == "driven"
+        off = math.radians(0.3) * self.normal(2)
+        climb, roll = truth.at(time, truth.climb), truth.at(time, truth.roll)
+        moves = np.abs(truth.at(time, truth.speed)) > 0.02
+        shakes = _SHAKES * moves if drives else np.zeros(time.size)
+        felt = truth.felt(time, off)
+        keep = math.exp(-1.0 / self.sensors.imu_rate / _SHAKEN)
+        lasting = np.stack([self._lasting(time.size, keep) for _ in range(3)], axis=1)
+        felt = felt + shakes[:, None] * lasting + 0.1 * self.normal((time.size, 3))
+        turn = truth.at(time, truth.rate) + 5e-3 * self.normal(time.size)
+        noise = math.radians(0.2) * self.normal((2, time.size))
+        shown, side = climb + off[0] + noise[0], roll + off[1] + noise[1]
+        up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
+        if drives:
+            up = [np.full(time.size, np.nan)] * 3
+        return _stamped(time, np.column_stack([turn, felt, *up]))
 
 
-def _kept(readings: Readings, keep: NDArray[np.bool_]) -> Readings:
-    return Readings(**{name: values[keep] for name, values in vars(readings).items()})
+def _stamped(time: Array, values: Array) -> tuple[Integers, Array]:
+    return stamps_of(time), np.reshape(values, (time.size, -1)).astype(float)

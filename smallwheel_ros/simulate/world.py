@@ -125,14 +125,16 @@ class Feature:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What the vehicle measures, and how well; SI units.
+    """What the vehicle measures, how often (Hz) and how well; SI units.
 
-    sinkage, load, torque, pull: whether it is measured; without loads they are the weight's. current: the
-    torque is told by a motor's current, which is 0 at standstill. told: load noise, and the deviation of
-    odometry's speed, as told, over the true ones. load_scale: of each wheel. odometry: `own` is made of
+    sinkage, load, torque, pull: whether it is measured, the pull as often as the load; without loads they are
+    the weight's. current: the torque is told by a motor's current, which is 0 at standstill. noise_factor: on
+    all noise. sinkage_told: share of the sinkage in its variance, beside the noise; the true one is 0.03.
+    load_scale: of each wheel. encoder_steps: in a turn of a wheel, one of them. odometry: `own` is made of
     pictures or echoes, `wheels` of the joints, `filter` of joints and imu, `half` a filter of wheels and
     pictures, `pose` tells places alone. lag, noise: s and m/s, of the odometry; alike: s over which its
-    errors are alike, of `own`. imu: `` none, `level` all right, `driven` shakes and has no orientation.
+    errors are alike, of `own`; told: deviation of its speed, as told, over the true one; pitch: whether its
+    orientation has that. imu: `` none, `level` all right, `driven` shakes and has no orientation.
     """
 
     sinkage: bool = True
@@ -140,7 +142,9 @@ class Sensors:
     torque: bool = False
     current: bool = False
     pull: bool = False
+    noise_factor: float = 1.0
     sinkage_noise: float = 5e-4
+    sinkage_told: float = 0.0
     sinkage_rate: float = 10.0
     zero: float = 0.0
     gain: float = 1.0
@@ -152,12 +156,14 @@ class Sensors:
     delay: float = 0.0
     rebound: float = 0.0
     pitch_error: float = 0.0
+    load_rate: float = 20.0
     load_noise: float = 0.012
-    load_told: float = 1.0
     load_scale: tuple[float, ...] = ()
     tare: float = 0.0
     torque_scale: float = 0.03
     friction: float = 0.05
+    joint_rate: float = 20.0
+    encoder_steps: tuple[int, ...] = (4_000, 8_000, 30_000)
     odometry: str = "own"
     odometry_rate: tuple[float, ...] = (20.0,)
     lag: Range = (0.0, 0.02)
@@ -165,7 +171,9 @@ class Sensors:
     alike: Range = (0.0, 0.0)
     scale: float = 0.0
     told: float = 1.0
+    pitch: bool = False
     imu: str = "level"
+    imu_rate: float = 50.0
 
 
 PLAIN = Sensors(

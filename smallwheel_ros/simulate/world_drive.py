@@ -1,26 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drives through a `World`: what was true, and rows of what its sensors show, by stream.
 
-    drive = make_drive(world, seed=1)
-    drive.rows["front_left/load"]   # stamps (ns) and values, shape (rows, columns)
+drive = make_drive(world, seed=1)
+drive.rows["front_left/load"]   # stamps (ns) and values, shape (rows, columns)
 
-Columns are those of the library's streams: of the odometry speed, yaw rate, x, y, cosine and sine of the yaw,
-variances of the first two (0: not told), pitch and roll; of the imu yaw rate, specific force, and where up
-is.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from smallwheel_ros.simulate.truth import Array
-from smallwheel_ros.simulate.vehicle import EPOCH, TICK, Truth, driven, stamps_of
+from smallwheel_ros.simulate.sensors import Integers, Measured, Rows
+from smallwheel_ros.simulate.vehicle import EPOCH, Truth, driven
 from smallwheel_ros.simulate.world import VEHICLES, Rover, World
 from smallwheel_ros.simulate.world_ground import (
     Ground,
@@ -30,11 +24,7 @@ from smallwheel_ros.simulate.world_ground import (
     settle,
 )
 
-Integers = NDArray[np.int64]
-Rows = dict[str, tuple[Integers, Array]]
-_LOAD_RATE, _JOINT_RATE, _IMU_RATE = 20.0, 20.0, 50.0  # Hz
 _ATTEMPTS = 300
-_SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they are alike
 
 
 @dataclass(frozen=True)
@@ -93,200 +83,3 @@ def parameters_of(world: World, rover: Rover, rng: np.random.Generator) -> dict[
         if sensors.pull:
             found[f"{wheel.name}.drawbar_pull_topic"] = f"{wheel.name}/load"
     return found
-
-
-class Measured:
-    """The sensors of a drive."""
-
-    def __init__(self, world: World, rover: Rover, truth: Truth, rng: np.random.Generator) -> None:
-        self.world, self.rover, self.truth, self.rng = world, rover, truth, rng
-        self.sensors, self.normal = world.sensors, rng.standard_normal
-        self.end = float(truth.time[-1])
-        self.half = np.array([0.5 * w.diameter for w in rover.wheels])
-
-    def rows(self) -> Rows:
-        """Rows of every stream."""
-        found: Rows = {}
-        for j, wheel in enumerate(self.rover.wheels):
-            if self.sensors.load:
-                found[f"{wheel.name}/load"] = self._load(j)
-            if self.sensors.sinkage:
-                found[f"{wheel.name}/sinkage"] = self._sinkage(j)
-            if self.sensors.pull:
-                time = self._times(_LOAD_RATE)
-                shown = self.truth.at(time, self.truth.pull[:, j]) + 0.6 * self.normal(time.size)
-                found[f"{wheel.name}/drawbar_pull"] = _stamped(time, shown)
-        found |= self._joints()
-        found["odom"] = self._odometry()
-        if self.sensors.imu:
-            found["imu"] = self._imu()
-        return found
-
-    def _times(self, rate: float) -> Array:
-        return np.asarray((np.arange(int(self.end * rate) - 1) + self.rng.uniform()) / rate)
-
-    def _lasting(self, count: int, keep: float) -> Array:
-        """Errors of deviation 1 of which a share `keep` is left in the next one."""
-        shocks = math.sqrt(1.0 - keep**2) * self.normal(count)
-        shocks[:1] = self.normal(min(count, 1))
-        return np.asarray(lfilter([1.0], [1.0, -keep], shocks))
-
-    def _load(self, j: int) -> tuple[Integers, Array]:
-        sensors, time = self.sensors, self._times(_LOAD_RATE)
-        scale = sensors.load_scale[j] if sensors.load_scale else 1.0
-        true = scale * self.truth.at(time, self.truth.load[:, j])
-        shown = true * (1.0 + sensors.load_noise * self.normal(time.size))
-        shown = shown + 0.4 * self.normal(time.size) + sensors.tare
-        return _stamped(time, np.maximum(shown, 0.1))
-
-    def _sinkage(self, j: int) -> tuple[Integers, Array]:
-        sensors, time, wheel = (
-            self.sensors,
-            self._times(self.sensors.sinkage_rate),
-            self.rover.wheels[j],
-        )
-        true = self.truth.at(time - sensors.delay, self.truth.sinkage[:, j])
-        length = np.sqrt(np.maximum(true, 1e-6) * wheel.diameter)
-        rise = sensors.rebound * self.truth.at(time, self.truth.load[:, j]) / (wheel.width * length)
-        shown = sensors.gain * (true - rise) + sensors.zero
-        shown = shown - sensors.pitch_error * self.truth.at(time, self.truth.climb)
-        shown = shown + sensors.zero_drift * time / self.end
-        per_reading = self.world.speed / sensors.sinkage_rate
-        shown = shown + sensors.rough * self._lasting(time.size, math.exp(-per_reading / 0.05))
-        keep = math.exp(-1.0 / sensors.sinkage_rate)
-        shown = shown + sensors.correlated * self._lasting(time.size, keep)
-        shown = shown + np.hypot(sensors.sinkage_noise, 0.03 * true) * self.normal(time.size)
-        wild = self.rng.uniform(size=time.size) < sensors.outliers
-        gross = true * self.rng.uniform(2.0, 5.0, time.size) + self.rng.uniform(
-            0.0, 0.02, time.size
-        )
-        shown = np.where(wild, gross, shown)
-        if sensors.step:
-            shown = sensors.step * np.round(shown / sensors.step)
-        stamps, values = _stamped(time, shown)
-        return stamps, np.column_stack([values, np.full(time.size, sensors.sinkage_noise**2)])
-
-    def _joints(self) -> Rows:
-        """Encoders of so many steps a turn, of wheels whose radius is not quite as told; motors' torques."""
-        sensors, time = self.sensors, self._times(_JOINT_RATE)
-        radius = self.half * (1.0 + 0.007 * (self.normal() + self.normal(self.half.size)))
-        step = 2.0 * np.pi / self.rng.choice([4000, 8000, 30000])
-        turned = np.cumsum(self.truth.rim, axis=0) * TICK
-        angle = np.floor(self.truth.at(time, turned) / radius / step) * step
-        speed = np.diff(angle, axis=0, prepend=angle[:1]) * _JOINT_RATE
-        speed = speed * (1.0 + 0.004 * self.normal(speed.shape))
-        self.shown_rims = time, speed * self.half
-        found = {
-            f"{w.name}/wheel_speed": _stamped(time, speed[:, j])
-            for j, w in enumerate(self.rover.wheels)
-        }
-        if sensors.torque:
-            turns = np.abs(self.truth.at(time, self.truth.rim)) > 1e-3
-            torque = self.truth.at(time, self.truth.torque) + sensors.friction * turns
-            torque = torque * (1.0 + sensors.torque_scale * self.normal(self.half.size))
-            torque = torque + 0.03 * self.normal(torque.shape)
-            if sensors.current:  # a motor that stands takes none, and shows its amount alone
-                torque = np.where(turns, np.abs(torque), 0.0)
-            found |= {
-                f"{w.name}/torque": _stamped(time, torque[:, j])
-                for j, w in enumerate(self.rover.wheels)
-            }
-        return found
-
-    def _own(self, time: Array, rate: float) -> tuple[Array, float]:
-        """A speed that is made of pictures: late, of another scale, with errors that last for a while."""
-        sensors, truth = self.sensors, self.truth
-        smooth = self.rng.uniform(*sensors.lag)
-        true = truth.speed
-        if smooth > TICK:
-            true = np.asarray(
-                lfilter([TICK / smooth], [1.0, TICK / smooth - 1.0], true), np.float64
-            )
-        deviation, alike = self.rng.uniform(*sensors.noise), sensors.alike[0]
-        keep = math.exp(-1.0 / rate / alike) if alike else 0.0
-        part = self.rng.uniform(0.2, 0.8) if alike else 1.0
-        noise = part * self.normal(time.size)
-        noise = noise + math.sqrt(1.0 - part**2) * self._lasting(time.size, keep)
-        scale = 1.0 + sensors.scale * self.normal()
-        return scale * self.truth.at(time - self.lag, true) + deviation * noise, deviation
-
-    def _of_wheels(self, time: Array, filtered: bool) -> Array:
-        """A speed that is made of the joints, as it is or by a filter with the imu's gains."""
-        when, rims = self.shown_rims
-        shown = rims.mean(axis=1)
-        if not filtered:
-            return np.asarray(np.interp(time, when, shown))
-        # Half of them use accelerations, half take the speed for constant.
-        felt: Array = np.zeros(when.size)
-        if self.rng.uniform() < 0.5:
-            felt = self.truth.at(when, self.truth.acceleration) + 0.05 * self.normal()
-            felt = felt + 0.1 * self.normal(when.size)
-        speed, gain = np.zeros(when.size), self.rng.uniform(0.15, 0.5)
-        for i in range(1, when.size):
-            expected = speed[i - 1] + felt[i] * (when[i] - when[i - 1])
-            speed[i] = expected + gain * (shown[i] - expected)
-        return np.asarray(np.interp(time, when, speed))
-
-    def _turned_by_wheels(self, time: Array) -> Array:
-        when, rims = self.shown_rims
-        y = np.array([w.y for w in self.rover.wheels])
-        rate = (rims[:, y < 0].mean(axis=1) - rims[:, y > 0].mean(axis=1)) / (
-            y[y > 0].mean() - y[y < 0].mean()
-        )
-        return np.asarray(np.interp(time, when, rate))
-
-    def _odometry(self) -> tuple[Integers, Array]:
-        sensors, truth = self.sensors, self.truth
-        rate = float(self.rng.choice(sensors.odometry_rate))
-        self.lag = self.rng.uniform(*sensors.lag)
-        time = self._times(rate)
-        turning = self.truth.at(time - self.lag, truth.rate)
-        if sensors.odometry in ("own", "pose"):
-            speed, deviation = self._own(time, rate)
-        elif sensors.odometry == "half":
-            speed, deviation = self._own(time, rate)
-            speed = 0.5 * (speed + self._of_wheels(time, filtered=True))
-        else:
-            speed, deviation = self._of_wheels(time, sensors.odometry == "filter"), 0.01
-        if sensors.odometry == "wheels":
-            turning = self._turned_by_wheels(time)
-            yaw = np.cumsum(turning) / rate
-        else:
-            turning = turning + 0.005 * self.normal(time.size)
-            yaw = self.truth.at(time - self.lag, truth.yaw) + 2e-3 * self.normal(time.size)
-        x, y = (np.cumsum(speed * part(yaw)) / rate for part in (np.cos, np.sin))
-        nothing: Array = np.zeros(time.size)
-        pitch = nothing
-        if not sensors.imu and sensors.odometry != "wheels":
-            pitch = -self.truth.at(time, truth.climb) + 2e-3 * self.normal(time.size)
-        spread = (
-            nothing + (sensors.told * deviation) ** 2,
-            nothing + (0.005 * bool(sensors.told)) ** 2,
-        )
-        if sensors.odometry == "pose":
-            speed, turning, spread = nothing, nothing, (nothing, nothing)
-        columns = [speed, turning, x, y, np.cos(yaw), np.sin(yaw), *spread, pitch, nothing]
-        return _stamped(time, np.stack(columns, axis=1))
-
-    def _imu(self) -> tuple[Integers, Array]:
-        truth, time = self.truth, self._times(_IMU_RATE)
-        drives = self.sensors.imu == "driven"
-        off = math.radians(0.3) * self.normal(2)
-        climb, roll = truth.at(time, truth.climb), truth.at(time, truth.roll)
-        moves = np.abs(truth.at(time, truth.speed)) > 0.02
-        shakes = _SHAKES * moves if drives else np.zeros(time.size)
-        felt = truth.felt(time, off)
-        keep = math.exp(-1.0 / _IMU_RATE / _SHAKEN)
-        lasting = np.stack([self._lasting(time.size, keep) for _ in range(3)], axis=1)
-        felt = felt + shakes[:, None] * lasting + 0.1 * self.normal((time.size, 3))
-        turn = truth.at(time, truth.rate) + 5e-3 * self.normal(time.size)
-        noise = math.radians(0.2) * self.normal((2, time.size))
-        shown, side = climb + off[0] + noise[0], roll + off[1] + noise[1]
-        up = [np.sin(shown), np.cos(shown) * np.sin(side), np.cos(shown) * np.cos(side)]
-        if drives:
-            up = [np.full(time.size, np.nan)] * 3
-        return _stamped(time, np.column_stack([turn, felt, *up]))
-
-
-def _stamped(time: Array, values: Array) -> tuple[Integers, Array]:
-    return stamps_of(time), np.reshape(values, (time.size, -1)).astype(float)

@@ -65,7 +65,7 @@ def test_each_sinkage_is_answered_once_in_order(
     _, _, made = whole
     for number, wheel in enumerate(drive.rover.wheels):
         stamps = made.stamp[made.wheel == number]
-        assert stamps.tolist() == sorted(drive.sinkage[wheel.name].stamp.tolist())
+        assert stamps.tolist() == drive.rows[f"{wheel.name}/sinkage"][0].tolist()
     assert (np.diff(made.stamp) >= 0).all()
 
 
@@ -88,7 +88,7 @@ def test_it_finds_what_is_true(drive: Drive, whole: tuple[Pipeline, Readings, Es
     log_pressure = math.log(true.k * 0.01**true.n * 0.2**true.m)
     deviation = math.sqrt(soil.log_covariance[0, 0])
     assert abs(soil.log_reference_pressure - log_pressure) < 3 * deviation
-    assert deviation < 0.17  # of it 0.05 (n + 1/2) is the scale of the sinkage sensors
+    assert deviation < 0.18  # of it 0.05 (n + 1/2) is the scale of the sinkage sensors
     assert abs(soil.n - true.n) < 3 * math.sqrt(soil.covariance[1, 1])
     assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])
     assert 7.75 < soil.distance < 8.1  # the last of its stretches of 0.25 m may be open
@@ -186,7 +186,9 @@ def test_a_load_that_drops_out_is_named_and_survived(drive: Drive, rows: list[Ro
     ]
     pipeline = Pipeline(rover_of(drive, **EVERY).onboard)
     _, made = driven(pipeline, kept)
-    assert len(made) == sum(len(s.stamp) for s in drive.sinkage.values())
+    assert len(made) == sum(
+        len(of[0]) for name, of in drive.rows.items() if name.endswith("/sinkage")
+    )
     missing = made.status == Status.LOAD_MISSING
     assert missing.sum() > 20
     assert (made.wheel[missing] == 0).all()

@@ -38,19 +38,9 @@ def driven(seed: int, distance: float, **more: object) -> Pipeline:
         values |= {f"{wheel.name}.lateral_position": wheel.y}
     pipeline = Pipeline(settings_from(values).onboard)
     pipeline.soils.forget = lambda *_: None  # type: ignore[method-assign]
-    odom, joints = drive.odometry, drive.joints
-    none = np.zeros(odom.stamp.size)
-    yaw = 2.0 * np.arctan2(odom.orientation[:, 2], odom.orientation[:, 3])
-    columns = [odom.forward_speed, odom.yaw_rate, odom.x, odom.y, np.cos(yaw)]
-    columns += [np.sin(yaw), none, none, none, none]
-    rows = {"odom": (odom.stamp, np.column_stack(columns))}
-    for j, wheel in enumerate(drive.rover.wheels):
-        load, sinkage = drive.load[wheel.name], drive.sinkage[wheel.name]
-        rows[f"{wheel.name}/wheel_speed"] = joints.stamp, joints.velocity[:, j : j + 1]
-        rows[f"{wheel.name}/load"] = load.stamp, load.normal[:, None]
-        shown = np.column_stack([sinkage.sinkage, sinkage.variance])
-        rows[f"{wheel.name}/sinkage"] = sinkage.stamp, shown
-    for begin in range(int(odom.stamp[0]), int(odom.stamp[-1]), 5 * SECOND):
+    rows = {name: drive.rows[name] for name in pipeline.streams.all}
+    stamps = drive.rows["odom"][0]
+    for begin in range(int(stamps[0]), int(stamps[-1]), 5 * SECOND):
         block = {}
         for name, (stamps, shown) in rows.items():
             part = (stamps >= begin) & (stamps < begin + 5 * SECOND)

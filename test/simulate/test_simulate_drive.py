@@ -235,7 +235,8 @@ def test_imu_and_motors_tell_of_the_forces(drive, messages):
     pull = np.interp(at, truth.time, truth.pull.sum(axis=1))
     moves = np.interp(at, truth.time, truth.speed) > 0.05
     off = mass * felt[moves] - pull[moves]
-    assert abs(np.mean(off)) < 1.0
+    # Mounted 0.3 degrees (1 sigma) off the level, it feels that share of the weight.
+    assert abs(np.mean(off)) < 3.0 * mass * GRAVITY * np.radians(0.3)
     assert np.std(off) == pytest.approx(mass * 0.1, rel=0.25)
     turned = [m.message.orientation for m in messages["/imu"]]
     pitch = np.arcsin([2.0 * (q.w * q.y - q.z * q.x) for q in turned])
@@ -270,30 +271,35 @@ def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
 def test_outliers_and_their_marks_change_nothing_else():
     plain = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.0))
     wild = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.0, outliers=0.1))
-    for wheel in WHEELS:
-        calm, odd = plain.sinkage[wheel], wild.sinkage[wheel]
-        assert not calm.outlier.any()
-        assert 0.03 < odd.outlier.mean() < 0.2
-        assert np.array_equal(calm.sinkage[~odd.outlier], odd.sinkage[~odd.outlier])
-        assert np.all(odd.sinkage[odd.outlier] > 1.5 * calm.sinkage[odd.outlier])
-        assert np.array_equal(plain.load[wheel].normal, wild.load[wheel].normal)
+    for stream in (f"{wheel}/sinkage" for wheel in WHEELS):
+        calm, odd = (made.rows[stream][1][:, 0] for made in (plain, wild))
+        gross = wild.outliers[stream]
+        assert not plain.outliers[stream].any()
+        assert 0.03 < gross.mean() < 0.2
+        assert np.array_equal(calm[~gross], odd[~gross])
+        assert np.all(odd[gross] > 1.5 * calm[gross])
+    for stream in {*plain.rows} - {f"{wheel}/sinkage" for wheel in WHEELS}:
+        assert np.array_equal(plain.rows[stream][1], wild.rows[stream][1]), stream
 
 
 def test_dropouts():
     full = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.0))
     gaps = simulate_drive(DriveSettings(seed=2, distance=8.0, dropouts=0.3))
-    assert 0.6 < gaps.load["rear_left"].stamp.size / full.load["rear_left"].stamp.size < 0.8
-    assert np.max(np.diff(full.sinkage["front_right"].stamp)) < 0.3e9
-    assert np.max(np.diff(gaps.sinkage["front_right"].stamp)) > 1.4e9
-    assert set(gaps.sinkage["rear_left"].stamp) <= set(full.sinkage["rear_left"].stamp)
+    before, after = (
+        {name: stamps for name, (stamps, _) in made.rows.items()} for made in (full, gaps)
+    )
+    assert 0.6 < after["rear_left/load"].size / before["rear_left/load"].size < 0.8
+    assert np.max(np.diff(before["front_right/sinkage"])) < 0.3e9
+    assert np.max(np.diff(after["front_right/sinkage"])) > 1.4e9
+    assert set(after["rear_left/sinkage"]) <= set(before["rear_left/sinkage"])
 
 
 def test_no_noise_is_the_truth():
     made = simulate_drive(DriveSettings(seed=1, distance=4.0, noise=0.0))
     truth = made.answer()["wheels"]["rear_right"]
-    readings = made.sinkage["rear_right"]
-    assert readings.sinkage == pytest.approx(truth["sinkage"], abs=1e-7)
-    assert np.all(readings.variance > 0)
+    sinkage, variance = made.rows["rear_right/sinkage"][1].T
+    assert sinkage == pytest.approx(truth["sinkage"], abs=1e-7)
+    assert np.all(variance > 0)
 
 
 def test_two_wheel_sizes_in_one_soil():
@@ -314,7 +320,7 @@ def test_own_rover_and_own_soils():
         for start, pressure in ((0.0, 60e3), (3.0, 25e3))
     )
     made = simulate_drive(DriveSettings(distance=6.0, wheels=rover, stretches=soils))
-    assert set(made.load) == {"probe", "main"}
+    assert {name for name in made.rows if name.endswith("/load")} == {"probe/load", "main/load"}
     assert [s["name"] for s in made.answer()["stretches"]] == ["s0.0", "s3.0"]
     truth = made.truth
     assert np.median(truth.sinkage[made.stretch == 1]) > 1.4 * np.median(
