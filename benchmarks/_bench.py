@@ -129,7 +129,7 @@ def designed(
     seed: int, part: int, hidden: Sequence[str], runs: int
 ) -> tuple[RigDesign, tuple[HiddenEffect, ...], tuple[RunSettings, ...]]:
     """Soil, effects and drawn runs as the simulator's rig has them."""
-    effects = draw_effects(hidden, stream(seed, 0, 20), 1.0, "own")
+    effects = draw_effects(hidden, stream(seed, 0, 20))
     design = draw_design(effects, (), stream(seed, 0, 21))
     return design, effects, draw_runs(design, effects, runs, stream(seed, part, 22))
 

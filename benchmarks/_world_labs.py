@@ -46,7 +46,7 @@ def lab(
     Fresh runs lie between the grid's points.
     """
     soil = draw_design((), (), stream(seed, 0, 21)).soil
-    effects = draw_effects(hidden, stream(seed, 0, 20), 1.0, "own")
+    effects = draw_effects(hidden, stream(seed, 0, 20))
     rng = stream(seed, part, 40)
     pairs = [(load, slip) for load in loads for slip in slips] * 3
     if part:

@@ -37,7 +37,7 @@ def any_lab(
     """
     names = {text.partition("=")[0] for text in hidden}
     own = stream(seed, 0, 60)
-    effects = draw_effects(hidden, stream(seed, 0, 20), 1.0, "own")
+    effects = draw_effects(hidden, stream(seed, 0, 20))
     soil = draw_design(effects, (), stream(seed, 0, 21)).soil
     heavy = names & {"load_dependent_modulus", "hardpan", "bulldozing"} or any(
         name.startswith(("sinkage_", "load_", "resistance_", "rig_")) for name in names

@@ -117,9 +117,6 @@ _PAIRS = (
     ("load_dependent_modulus", "multipass"),
     ("skid_sinkage", "bulldozing"),
 )
-# Forms of the literature, which act after the balance of load and keep the resistance of the
-# undisturbed soil to the greater depth.
-_PUBLISHED = ("slip_sinkage", "skid_sinkage", "multipass", "hardpan", "penetration_rate")
 _FAULTS = (
     *(f"sinkage_gain={size}" for size in ("0.1", "-0.1")),
     *(f"sinkage_offset={size}" for size in ("0.001", "-0.001", "0.002", "-0.002")),
@@ -158,12 +155,6 @@ def _designs() -> Iterator[World]:
         yield _world(f"tie/slip-load-{name}", table, (name,), verdicts=TIED)
     table = partial(rig_table, hidden=("slip_sinkage",), runs=5)
     yield _world("few/5-runs-slip_sinkage", table, ("slip_sinkage",), verdicts=TOO_FEW)
-
-
-def _published() -> Iterator[World]:
-    for name in _PUBLISHED:
-        table = partial(rig_table, hidden=(name,), form="published")
-        yield _world(f"published/{name}", table, (name,))
 
 
 def _faults() -> Iterator[World]:
@@ -257,6 +248,6 @@ def _misfits() -> Iterator[World]:
 
 WORLDS: dict[str, World] = {
     world.name: world
-    for group in (_soils, _designs, _published, _faults, _curves, _labs, _pulls, _odd, _misfits)
+    for group in (_soils, _designs, _faults, _curves, _labs, _pulls, _odd, _misfits)
     for world in group()
 }

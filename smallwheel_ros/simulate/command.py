@@ -18,7 +18,7 @@ from smallwheel_ros.simulate.drive_bag import write_drive_bag
 from smallwheel_ros.simulate.drive_settings import DriveSettings
 from smallwheel_ros.simulate.rig import RigSettings, check_suffix, simulate_rig, write_table
 
-_FIRST = ("hidden", "seed", "strength", "form")  # options that drive and rig have alike
+_FIRST = ("hidden", "seed", "strength")  # options that drive and rig have alike
 _ANSWER = click.option(
     "--answer",
     type=click.Path(path_type=Path, dir_okay=False),

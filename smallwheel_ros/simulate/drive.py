@@ -137,7 +137,7 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     if isinstance(rover, str):
         rover = ROVERS[rover]
     # Streams of their own: more outliers do not change the ground, nor another soil the noise.
-    effects = draw_effects(settings.hidden, _stream(settings, 10), settings.strength, settings.form)
+    effects = draw_effects(settings.hidden, _stream(settings, 10), settings.strength)
     stretches = settings.stretches or draw_stretches(
         settings.terrain, distance, _stream(settings, 11)
     )

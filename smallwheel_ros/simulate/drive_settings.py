@@ -12,7 +12,6 @@ import numpy as np
 from smallwheel_ros.common.options import Option
 from smallwheel_ros.simulate.hidden import (
     FRACTION,
-    FormOfHidden,
     Hidden,
     Seed,
     Strength,
@@ -68,7 +67,6 @@ class DriveSettings:
     ] = "none"
     hidden: Hidden = ()
     strength: Strength = 1.0
-    form: FormOfHidden = "own"
     noise: Annotated[float, Option("Factor on every sensor's noise.", (0.0, 20.0))] = 1.0
     outliers: Annotated[
         float, Option("Share of measured sinkages that are grossly wrong.", (0.0, 0.5), FRACTION)

@@ -3,11 +3,10 @@
 
 Each acts on the stress at the points of the contact, and has a form of its own, other than the
 published forms which the library fits: a tool that finds the effect only where it knows the exact
-formula has found nothing. The form ``published`` is one from the literature instead, to see what
-a fit reaches where its form is right.
+formula has found nothing.
 
-An effect is a row of `EFFECTS`: for each form its formula, its typical size, and a function for each
-stage of the truth in which it acts (`truth.Shape`). In the formulas A is the amplitude, i slip, and s
+An effect is a row of `EFFECTS`: its formula, its typical size, the stage of the truth in which it acts, and
+what it does there (`truth.Law`). In the formulas A is the amplitude, i slip, and s
 the share of the contact's length that the soil at a point has passed (0 at the entry, 1 at the lowest
 point). With slip i it was carried i s of that length by the rim: Wong and Reece's (1967) shear
 displacement less its part at no slip, over the length of the contact.
@@ -23,20 +22,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from typing import Annotated, Any, NamedTuple
 
-import click
 import numpy as np
 
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.options import Option, options_of
 from smallwheel_ros.simulate.truth import (
-    FORMS,
     Array,
     Circumstances,
     Contact,
-    Form,
     HiddenEffect,
     Law,
-    Shape,
     SimulationError,
     TruthSoil,
     check_range,
@@ -66,12 +61,6 @@ def _wall(a: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
     passive = np.cos(phi) ** 2 / (np.cos(friction) * (1.0 - root) ** 2)
     sides = soil.unit_weight * depth**3 * passive * np.tan(phi) / 3
     return np.asarray(a * (_pushed(passive, depth, soil, at) + sides))
-
-
-def _plane_wall(a: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
-    """Rankine's."""
-    passive = np.tan(np.pi / 4 + soil.friction_angle / 2) ** 2
-    return a * _pushed(passive, depth, soil, at)
 
 
 def _pushed(passive: float, depth: Array, soil: TruthSoil, at: Circumstances) -> Array:
@@ -111,11 +100,6 @@ def _lower_layer(
     return np.asarray(1.0 + a * below / x**soil.n)
 
 
-def _rigid_base(a: float, contact: Contact, *_: object, level: float) -> Array:
-    x = np.clip(contact.depth / (2.0 * level), 1e-9, 1.0 - 1e-9)
-    return np.asarray(np.power(-np.log1p(-x) / x, a))
-
-
 def _dug_away(a: float, contact: Contact, at: Circumstances) -> Array:
     carried = _carried(contact, _driven(at))
     return np.asarray(-a * at.grouser_height[:, None] * np.expm1(-carried / 0.15))
@@ -132,9 +116,8 @@ def _in_column(at: Circumstances, column: str, centre: float, half_range: float)
 def _fault(
     formula: str, typical: float, channel: str, does: Callable[..., Any], either_sign: bool = False
 ) -> Law:
-    """Return a fault of an instrument; there is one sensible form, which the library fits too."""
-    shape = Shape(f"measured {formula}", typical, f"shown_{channel}", does)
-    return Law(shape, shape, either_sign=either_sign)
+    """Return a fault of an instrument, which the library fits in the same form."""
+    return Law(f"measured {formula}", typical, f"shown_{channel}", does, either_sign=either_sign)
 
 
 def _offset(a: float, shown: Array, _: Circumstances) -> Array:
@@ -145,8 +128,6 @@ def _gain(a: float, shown: Array, _: Circumstances) -> Array:
     return shown * (1.0 + a)
 
 
-_UNRECORDED = Shape("k exp(A u)", 0.4, "modulus", lambda a, at: np.exp(a * at.hidden))
-
 # fmt: off
 EFFECTS: dict[str, Law] = {
     # Digging in when driven: 2 to 3 times the sinkage at slip 0.6. The soil that the rim has carried
@@ -154,97 +135,78 @@ EFFECTS: dict[str, Law] = {
     # forward with slip, as Wong and Reece (1967) measured, the wheel sinks until it carries the load
     # again, and the front has more soil to push down.
     "slip_sinkage": Law(
-        Shape("stress / (1 + (A i s)^1.7), i > 0", 5.5, "stress",
-              lambda a, contact, at, _: 1.0 / (1.0 + (a * _carried(contact, _driven(at))) ** 1.7)),
-        Shape("z = z0 exp(A i), i > 0", 1.5, "sinkage",
-              lambda a, z, at: z * np.exp(a * _driven(at))),
+        "stress / (1 + (A i s)^1.7), i > 0", 5.5, "stress",
+        lambda a, contact, at, _: 1.0 / (1.0 + (a * _carried(contact, _driven(at))) ** 1.7),
     ),
     # Ploughing in when braked: soil dragged along with the rim holds less.
     "skid_sinkage": Law(
-        Shape("stress exp(-A (|i| s)^1.3), i < 0", 6.0, "stress",
-              lambda a, contact, at, _: np.exp(-a * _carried(contact, _braked(at)) ** 1.3)),
-        Shape("z = z0 exp(A |i|), i < 0", 1.5, "sinkage",
-              lambda a, z, at: z * np.exp(a * _braked(at))),
+        "stress exp(-A (|i| s)^1.3), i < 0", 6.0, "stress",
+        lambda a, contact, at, _: np.exp(-a * _carried(contact, _braked(at)) ** 1.3),
     ),
     # Ploughing sideways: soil that the rim has pushed aside holds less.
     "slip_angle_sinkage": Law(
-        Shape("stress / (1 + A s tan(beta)^2)", 4.0, "stress",
-              lambda a, contact, at, _:
-                  1.0 / (1.0 + a * _carried(contact, np.tan(at.slip_angle) ** 2))),
-        Shape("z = z0 (1 + A (1 - cos beta))", 4.0, "sinkage",
-              lambda a, z, at: z * (1.0 + a * (1.0 - np.cos(at.slip_angle)))),
+        "stress / (1 + A s tan(beta)^2)", 4.0, "stress",
+        lambda a, contact, at, _:
+            1.0 / (1.0 + a * _carried(contact, np.tan(at.slip_angle) ** 2)),
         needs=("slip_angle",),
     ),
     # Soil pushed ahead of the wheel: 20 to 60 % more resistance; sinkage does not show it.
     "bulldozing": Law(
-        Shape("R = A (b (g z^2 K / 2 + 2 c z sqrt(K)) + g z^3 K tan(phi) / 3), K Coulomb's passive"
-              " coefficient with wall friction phi/2: a wall with failing wedges at its sides",
-              1.0, "resistance", _wall),
-        Shape("R = A b (g z^2 K / 2 + 2 c z sqrt(K)), K Rankine's passive coefficient",
-              1.4, "resistance", _plane_wall),
+        "R = A (b (g z^2 K / 2 + 2 c z sqrt(K)) + g z^3 K tan(phi) / 3), K Coulomb's passive"
+        " coefficient with wall friction phi/2: a wall with failing wedges at its sides",
+        1.0, "resistance", _wall,
     ),
     # Soil is stiffer where it is pressed faster: 15 to 20 % of sinkage over 0.01 to 0.5 m/s. A point
     # of the rim goes down at v sin(theta): fastest at the entry, not at all at the bottom.
     "penetration_rate": Law(
-        Shape("stress (1 + A x / (1 + x)), x = v sin(theta) / 0.02 m/s", 0.45, "stress",
-              _pressed_faster),
-        Shape("k (v / 0.1 m/s)^A", 0.06, "modulus",
-              lambda a, at: np.power(np.maximum(at.speed, 1e-3) / 0.1, a)),
+        "stress (1 + A x / (1 + x)), x = v sin(theta) / 0.02 m/s", 0.45, "stress",
+        _pressed_faster,
         on_stiffness=True,
     ),
     # Soil is stiffer under a heavier wheel, a little more so right under its axle. Only a little:
     # confinement of the axle alone would change the shape of the stress more than its size, and be
     # another effect than one of the load.
     "load_dependent_modulus": Law(
-        Shape("stress (1 + A W / (W + 60 N) (1 - 0.1 (theta / theta0)^2))", 2.0, "stress",
-              _confined),
-        Shape("k (W / 60 N)^A", 0.25, "modulus", lambda a, at: np.power(at.load / 60.0, a)),
+        "stress (1 + A W / (W + 60 N) (1 - 0.1 (theta / theta0)^2))", 2.0, "stress",
+        _confined,
         on_stiffness=True,
     ),
     # Soil is stiffer under a narrower wheel: its edges shear soil that holds on beside it; the zone at
     # the edges is wider where the wheel is deeper.
     "width_dependent_modulus": Law(
-        Shape("stress (1 + A (2 l / b) (1 - exp(-b / (2 l)))), l = 20 mm + z", 3.0, "stress",
-              _held_at_edges),
-        Shape("k (1 + A 0.1 m / b): Bekker's kc/b + kphi", 0.3, "modulus",
-              lambda a, at: 1.0 + a * 0.1 / at.width),
+        "stress (1 + A (2 l / b) (1 - exp(-b / (2 l)))), l = 20 mm + z", 3.0, "stress",
+        _held_at_edges,
         on_stiffness=True,
     ),
     # The rut deepens with each pass, from the untouched surface: 1.5 times at the fifth. Loose soil
     # that slid back into the rut holds less than it did; below the rut the soil is as it was. Each pass
     # therefore finds its depth a little below the one before, ever less so.
     "multipass": Law(
-        Shape("stress (1 - A exp(-(z / rut)^4)), rut the depth after the pass before", 0.66,
-              "stress", _loose),
-        Shape("z = z1 N^A", 0.25, "sinkage", lambda a, z, at: z * np.power(at.pass_number, a)),
+        "stress (1 - A exp(-(z / rut)^4)), rut the depth after the pass before", 0.66,
+        "stress", _loose,
         in_ruts=True,
     ),
     # A hard layer below; `level` (m) is where it makes itself felt.
     "hardpan": Law(
-        Shape("p = p0(z) + A p0(level) ln(1 + exp((z - level) / d)) d / level, d = level / 10:"
-              " two layers, the lower one a bed of springs", 8.0, "stress", _lower_layer),
-        Shape("p = k z^n D^m (-ln(1 - x) / x)^A, x = z / (2 level) (Preston and Thomas)",
-              1.0, "stress", _rigid_base),
+        "p = p0(z) + A p0(level) ln(1 + exp((z - level) / d)) d / level, d = level / 10:"
+        " two layers, the lower one a bed of springs", 8.0, "stress", _lower_layer,
         numbers={"level": (0.014, 0.024)},
     ),
     # Grousers dig when they slip: they carry away soil that the rim would have pressed on.
     "grouser": Law(
-        Shape("stress at z - A h (1 - exp(-i s / 0.15)), i > 0", 0.8, "carried_away", _dug_away),
-        Shape("z = z0 + A h i, i > 0", 1.3, "sinkage",
-              lambda a, z, at: z + a * at.grouser_height * _driven(at)),
+        "stress at z - A h (1 - exp(-i s / 0.15)), i > 0", 0.8, "carried_away", _dug_away,
         needs=("grouser_height",),
     ),
     # The rut, which is measured, is shallower than the wheel was. The soil that rises behind the lowest
     # point carries a share of the load and pushes the wheel on.
     "elastic_rebound": Law(
-        Shape("rut = z - A p / (1 + p / softening), p the pressure at z; it unloads as x^1.5, x"
-              " the share of the rebound that is still to come", 8e-8, "rebound",
-              lambda a, p, softening: (a * p / (1.0 + p / softening), 1.5)),
-        Shape("rut = z - A p; it unloads as x", 7e-8, "rebound", lambda a, p, **_: (a * p, 1.0)),
+        "rut = z - A p / (1 + p / softening), p the pressure at z; it unloads as x^1.5, x"
+        " the share of the rebound that is still to come", 8e-8, "rebound",
+        lambda a, p, softening: (a * p / (1.0 + p / softening), 1.5),
         numbers={"softening": 60e3},
     ),
     # k follows something that was not recorded, one value u a run, even between -1 and 1.
-    "unrecorded": Law(_UNRECORDED, _UNRECORDED),
+    "unrecorded": Law("k exp(A u)", 0.4, "modulus", lambda a, at: np.exp(a * at.hidden)),
     # The zero of the sinkage sensor is off by 2 to 3 mm, always the same way.
     "sinkage_offset": _fault("z = z + A, m", 0.0025, "sinkage", _offset),
     # Scales are off by 10 %, zeros of the load cell by 4 N and of the sensor of resistance by 2 N.
@@ -258,19 +220,15 @@ EFFECTS: dict[str, Law] = {
                            lambda a, shown, at: shown + a * at.load),
     # The measured resistance grows with slip, the sinkage does not: by half at slip 1.
     "slip_resistance": Law(
-        Shape("measured R = R (1 + A (1 - exp(-2 i)) / (1 - exp(-2))), i > 0", 0.5,
-              "shown_resistance", lambda a, shown, at:
-                  shown * (1.0 + a * (np.expm1(-2.0 * _driven(at)) / np.expm1(-2.0)))),
-        Shape("measured R = R (1 + A i), i > 0", 0.5, "shown_resistance",
-              lambda a, shown, at: shown * (1.0 + a * _driven(at))),
+        "measured R = R (1 + A (1 - exp(-2 i)) / (1 - exp(-2))), i > 0", 0.5,
+        "shown_resistance", lambda a, shown, at:
+            shown * (1.0 + a * (np.expm1(-2.0 * _driven(at)) / np.expm1(-2.0))),
     ),
 }
 # k follows something else that is recorded: its column is `column`, its middle `centre`.
 _OF_COLUMN = Law(
-    Shape("k (1 + A tanh((w - centre) / half_range))", 0.4, "modulus",
-          lambda a, at, **of: 1.0 + a * np.tanh(_in_column(at, **of))),
-    Shape("k exp(A (w - centre) / half_range)", 0.4, "modulus",
-          lambda a, at, **of: np.exp(a * _in_column(at, **of))),
+    "k (1 + A tanh((w - centre) / half_range))", 0.4, "modulus",
+    lambda a, at, **of: 1.0 + a * np.tanh(_in_column(at, **of)),
     on_stiffness=True,
 )
 # fmt: on
@@ -307,14 +265,6 @@ Hidden = Annotated[
         f"Effects and faults of instruments in the truth: {', '.join(hidden_names())}."
         " With a size, that is its amplitude in SI units: load_offset=-4.",
         words={"default": "none", "metavar": "EFFECT[=SIZE][,EFFECT]"},
-    ),
-]
-FormOfHidden = Annotated[
-    Form,
-    Option(
-        "Form of the hidden effects: the simulator's own, or one from the literature.",
-        FORMS,
-        {"type": click.Choice(FORMS)},
     ),
 ]
 FRACTION = {"metavar": "FRACTION"}  # of options that are a share
@@ -391,7 +341,7 @@ def in_drives(text: str) -> bool:
     if column is not None:
         return False
     law = EFFECTS[name]
-    return not law.needs and law.own.stage not in ("shown_load", "shown_resistance")
+    return not law.needs and law.stage not in ("shown_load", "shown_resistance")
 
 
 def extra_column(column: str) -> tuple[str, float, float]:
@@ -400,18 +350,18 @@ def extra_column(column: str) -> tuple[str, float, float]:
 
 
 def draw_effects(
-    hidden: Sequence[str], rng: np.random.Generator, strength: float, form: Form
+    hidden: Sequence[str], rng: np.random.Generator, strength: float = 1.0
 ) -> tuple[HiddenEffect, ...]:
     """Draw the numbers of the named effects, in that order."""
     texts = check_hidden(hidden)
-    return tuple(_drawn(Asked.of(text), rng, strength, form) for text in texts)
+    return tuple(_drawn(Asked.of(text), rng, strength) for text in texts)
 
 
-def _drawn(asked: Asked, rng: np.random.Generator, strength: float, form: Form) -> HiddenEffect:
+def _drawn(asked: Asked, rng: np.random.Generator, strength: float) -> HiddenEffect:
     """Draw an effect of about the typical size (within 15 %), or of that size and its numbers."""
     name, column, size = asked
     law = EFFECTS[name] if column is None else _OF_COLUMN
-    amplitude = strength * law.forms[form].typical
+    amplitude = strength * law.typical
     between = {key: at for key, at in law.numbers.items() if isinstance(at, tuple)}
     if law.either_sign and rng.uniform() >= 0.5:
         amplitude = -amplitude
@@ -421,4 +371,4 @@ def _drawn(asked: Asked, rng: np.random.Generator, strength: float, form: Form) 
     if column is not None:
         name, (_, low, high) = "column", extra_column(column)
         numbers = {"column": column, "centre": (low + high) / 2, "half_range": (high - low) / 2}
-    return HiddenEffect(name, law, form, amplitude if size is None else size, numbers)
+    return HiddenEffect(name, law, amplitude if size is None else size, numbers)

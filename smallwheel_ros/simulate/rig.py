@@ -22,7 +22,6 @@ from smallwheel_ros.simulate.drive_settings import soil_of_pressure
 from smallwheel_ros.simulate.hidden import (
     FRACTION,
     Asked,
-    FormOfHidden,
     Hidden,
     Seed,
     Strength,
@@ -95,7 +94,6 @@ class RigSettings:
     seed: Seed = 0
     hidden: Hidden = ()
     strength: Strength = 1.0
-    form: FormOfHidden = "own"
     runs: Annotated[int, Option(within=(1, 100_000))] = 32
     rows_per_run: Annotated[int, Option("Repeats of each run's setting.", (1, 1000))] = 3
     noise: Annotated[float, Option("Relative noise of the channels.", (0.0, 0.5))] = _TYPICAL_NOISE
@@ -291,7 +289,7 @@ def simulate_rig(settings: RigSettings) -> Rig:
     """
     settings = settings.check()
     rng = np.random.default_rng([settings.seed, 20])
-    effects = draw_effects(settings.hidden, rng, settings.strength, settings.form)
+    effects = draw_effects(settings.hidden, rng, settings.strength)
     design = draw_design(effects, settings.tie, np.random.default_rng([settings.seed, 21]))
     runs = draw_runs(design, effects, settings.runs, np.random.default_rng([settings.seed, 22]))
     truth = RigTruth(settings, design.soil, effects, design, runs)

@@ -31,7 +31,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -268,13 +268,9 @@ def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
 # --- Effects that the user does not know of
 
 
-Form = Literal["own", "published"]
-FORMS: tuple[Form, ...] = ("own", "published")
-
-
 @dataclass(frozen=True)
-class Shape:
-    """One form of an effect: its formula, its amplitude at strength 1, and what it does in one stage.
+class Law:
+    """One effect: its formula, its amplitude at strength 1, and what it does in one stage.
 
     That stage of the truth calls it with the effect's amplitude, its own arguments, and the effect's
     other numbers by name:
@@ -284,7 +280,6 @@ class Shape:
     | `modulus` | circumstances | factor on k for the whole contact, by row |
     | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
     | `carried_away` | contact, circumstances | thickness (m) of soil at each point that is gone |
-    | `sinkage` | sinkage (m), circumstances | depth (m) where the balance of load gives `sinkage` |
     | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the front's stress |
     | `rebound` | pressure (Pa) under the wheel | how far the soil comes up behind it (m); it unloads as |
     | | | the share of that which is still to come, to this exponent |
@@ -296,14 +291,6 @@ class Shape:
     typical: float
     stage: str
     does: Callable[..., Any]
-
-
-@dataclass(frozen=True)
-class Law:
-    """One effect: its two forms, and what else is to be known of it."""
-
-    own: Shape
-    published: Shape
     needs: tuple[str, ...] = ()  # columns that a table has only for this effect
     on_stiffness: bool = False  # changes how firm the soil is for any wheel
     in_ruts: bool = False  # depends on the rut that earlier passes left
@@ -312,11 +299,6 @@ class Law:
     # amplitude is the typical one.
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
-    @property
-    def forms(self) -> dict[Form, Shape]:
-        """Its forms by name."""
-        return {"own": self.own, "published": self.published}
-
 
 @dataclass(frozen=True)
 class HiddenEffect:
@@ -324,26 +306,20 @@ class HiddenEffect:
 
     name: str
     law: Law
-    form: Form
     amplitude: float
     numbers: Mapping[str, Any]
 
-    @property
-    def shape(self) -> Shape:
-        """Its form, of the law's."""
-        return self.law.forms[self.form]
-
     def describe(self) -> dict[str, Any]:
         """Name, formula and numbers, for the answer."""
-        told = {"effect": self.name, "formula": self.shape.formula}
-        return {**told, "form": self.form, "amplitude": self.amplitude, **self.numbers}
+        told = {"effect": self.name, "formula": self.law.formula}
+        return {**told, "amplitude": self.amplitude, **self.numbers}
 
 
 def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
     """Give what effects do in a stage, in their order."""
     for effect in effects:
-        if effect.shape.stage == stage:
-            yield partial(effect.shape.does, effect.amplitude, **effect.numbers)
+        if effect.law.stage == stage:
+            yield partial(effect.law.does, effect.amplitude, **effect.numbers)
 
 
 def shown_by_instrument(
@@ -442,16 +418,11 @@ class WheelsOnSoil:
         """Compute the truth for each row.
 
         Sinkage is where the stress over the contact carries the load, resistance the horizontal
-        component of the same stress. Bulldozing comes on top, at the final depth. Effects of the form
-        `published` that deepen the rut do so after that balance, as their authors have it; resistance
-        is then that of the undisturbed soil down to the greater depth.
+        component of the same stress. Bulldozing comes on top, at that depth.
         """
         at = self.at
         rut = self.rut()
         depth = self.depth(rut)
-        for deeper in acting(self.effects, "sinkage"):
-            depth = deeper(depth, at)
-        depth = np.where(depth < at.diameter / 2, depth, np.nan)
         _, resistance = self.forces(depth, rut)
         thrust, torque = self.traction(depth, rut)
         for pushed in acting(self.effects, "resistance"):

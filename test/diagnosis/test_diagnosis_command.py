@@ -37,7 +37,7 @@ class Shaking(Effect):
 
 
 def rig(**settings: object) -> pd.DataFrame:
-    given = {"runs": 12, "form": "published"} | settings
+    given = {"runs": 12} | settings
     return simulate_rig(RigSettings(**given)).table  # type: ignore[arg-type]
 
 

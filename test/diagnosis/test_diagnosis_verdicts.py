@@ -53,7 +53,7 @@ def plain(growth: float, seed: int, without: tuple[str, ...] = ()) -> Diagnosis:
 
 
 def simulated(folder: Path, **settings: Any) -> Diagnosis:
-    given = {"runs": 20, "form": "published"} | settings
+    given = {"runs": 20} | settings
     return diagnose(read(simulate_rig(RigSettings(**given)).table, folder))
 
 
@@ -169,7 +169,7 @@ def test_a_sensor_that_follows_a_column_of_no_law_is_unknown(warmed: Measurement
 
 
 def test_a_column_with_a_law_of_its_own_is_named(folder: Path) -> None:
-    found = simulated(folder, seed=4002, hidden=("column:density",), form="own").document
+    found = simulated(folder, seed=4002, hidden=("column:density",)).document
     assert found["missing_effects"] == ["covariate:density"]
 
 
@@ -217,7 +217,7 @@ def test_one_setting_is_insufficient() -> None:
       for f in ("load_offset=4", "sinkage_gain=-0.1", "rig_friction=0.06", "slip_resistance=0.5")),
 ])  # fmt: skip
 def test_a_fault_of_an_instrument_is_never_called_soil(folder: Path, fault: str) -> None:
-    found = simulated(folder, seed=6, hidden=(fault,), form="own").document
+    found = simulated(folder, seed=6, hidden=(fault,)).document
     name = fault.partition("=")[0]
     assert found["verdict"] in ("missing_effect", "indistinguishable")
     assert set(found["missing_effects"]) <= INSTRUMENTS

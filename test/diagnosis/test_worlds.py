@@ -20,7 +20,6 @@ SAMPLE = (
     "soil/slip_sinkage+multipass",
     "poor/column:density",
     "tie/slip-load-slip_sinkage",
-    "published/hardpan",
     "fault/load_offset=-4",
     "curve/plate-3",
     "curve/pressed-20",

@@ -61,7 +61,7 @@ class Sticky(Effect):
 def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
     """A table in which slip sinkage is hidden, a short drive, and the rover that made it."""
     path = tmp_path_factory.mktemp("lab")
-    settings = RigSettings(seed=3, hidden=("slip_sinkage",), form="published", runs=12)
+    settings = RigSettings(seed=3, hidden=("slip_sinkage",), runs=12)
     write_table(simulate_rig(settings).table, path / "rig.csv")
     drive = simulate_drive(DriveSettings(seed=5, distance=2.0, wheels="two_sizes"))
     write_drive_bag(drive, path / "drive")

@@ -365,7 +365,6 @@ def test_hidden_effects_are_in_the_truth_and_in_the_answer_only(name, tmp_path):
         ({"wheels": "six"}, "four or two_sizes"),
         ({"terrain": "moon"}, "mixed or single"),
         ({"finish": None}, "finish None is unknown: expected none or slope or slippery"),
-        ({"form": "mine"}, "own or published"),
         ({"hidden": ("moisture",)}, "simulate rig"),
         ({"hidden": ("slip_angle_sinkage",)}, "simulate rig"),
         ({"hidden": ("hardpam",)}, "did you mean 'hardpan'"),
