@@ -271,7 +271,7 @@ JUDGES = [
         0.1,
     ),
     Judge(
-        "drives with a good sensor accused",
+        "good sensors accused",
         share(lambda one: bool(one.get("accused")), lambda one: 1 - _has_fault(one)),
         None,
         0.05,

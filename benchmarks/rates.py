@@ -48,7 +48,7 @@ from benchmarks.judges import Line, Subject
 from benchmarks.real_drives import in_short
 
 FOLDER = Path(__file__).resolve().parent / "rates"
-ALL = "all"
+ALL, TRIALS = "all", "trials"
 
 
 def stored(path: Path) -> dict[tuple[str, int], Line]:
@@ -108,56 +108,36 @@ COLUMNS = ("subject", "world", "what", "value", "low", "high", "count", "limit",
 
 
 def rates(subject: Subject, lines: Sequence[Line]) -> pd.DataFrame:
-    """Rates of all worlds together and of each, a row for each judge; trials that failed are a row too."""
-    good = [one for one in lines if "failed" not in one]
-    groups = [(ALL, good)]
-    groups += [(name, [one for one in good if one["world"] == name]) for name in subject.worlds]
-    rows = []
-    for world, mine in groups:
+    """Rates of all worlds together and of each; how many trials there are, and failed, are rows too."""
+    rows: list[tuple[Any, ...]] = []
+    for world in (ALL, *subject.worlds):
+        mine = [one for one in lines if world in (ALL, one["world"])]
+        good = [one for one in mine if "failed" not in one]
+        if good:
+            rows.append((subject.name, world, TRIALS, *[len(good)] * 4, "", False))
+        if failed := len(mine) - len(good):
+            rows.append(
+                (subject.name, world, "trials that failed", *[failed] * 4, "at most 0", True)
+            )
         for judge in subject.judges:
-            rate = judge.count(mine) if mine else None
+            rate = judge.count(good) if good else None
             if rate is None:
                 continue
-            held = world == ALL or re.search(judge.each, world)
-            fails = bool(held) and judge.fails(rate)
+            held = world == ALL or bool(re.search(judge.each, world))
             numbers = (f"{value:.4g}" for value in (rate.value, rate.low, rate.high))
-            rows.append(
-                (
-                    subject.name,
-                    world,
-                    judge.what,
-                    *numbers,
-                    rate.count,
-                    judge.limit if held else "",
-                    fails,
-                )
-            )
-    failed = [one["world"] for one in lines if "failed" in one]
-    for world in dict.fromkeys(failed):
-        count = failed.count(world)
-        rows.append(
-            (
-                subject.name,
-                world,
-                "trials that failed",
-                count,
-                count,
-                count,
-                count,
-                "at most 0",
-                True,
-            )
-        )
+            limit = judge.limit if held else ""
+            fails = held and judge.fails(rate)
+            rows.append((subject.name, world, judge.what, *numbers, rate.count, limit, fails))
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 # --- The page
 
 PAGE = FOLDER.parent.parent / "docs" / "rates.md"
-# Rows without a limit that the page has all the same; and rows that it has only where they fail.
+# Rows, after their subject, that the page has without a limit; and those that it has only where they fail.
 _SHOWN = re.compile(
-    r"^(?:slip|margin|pull): stated over true|by (?:first level|slip over 0\.3)$"
-    r"|slip is known|error over that|called better than another"
+    r"^(?:robots|slip): (?:(?:slip|margin): stated over true|.* by slip over 0\.3$)"
+    r"|^diagnosis: reported over|^laws: called better than another"
 )
 _SPARED = re.compile(
     "than the mean|true slip|beside it|each second|band holds|torque,|dummy|good run|^resistance"
@@ -167,29 +147,48 @@ _MARKS = re.compile(r"(<!-- rates: ([\w ]+) -->\n).*?(<!-- end -->\n)", re.DOTAL
 
 
 def page_table(of: dict[str, pd.DataFrame]) -> str:
-    """Pooled rates in Markdown, a column for each subject, and the worlds beyond a limit."""
+    """Pooled rates in Markdown: a table of what several subjects have, lines of the rest.
+
+    Below them how many seeds the worlds ran with, and which are beyond a limit.
+    """
     rates: dict[str, dict[str, Any]] = {}
     for subject, rows in of.items():
-        shown = rows.limit.notna() | rows.what.str.contains(_SHOWN)
+        shown = rows.limit.notna() | (f"{subject}: " + rows.what).str.contains(_SHOWN)
         shown &= rows.fails | ~rows.what.str.contains(_SPARED)
         for row in rows[(rows.world == ALL) & shown].itertuples():
             rates.setdefault(row.what, {})[subject] = row
-    heads = list(of) if len(of) > 1 else ["rate"]
-    lines = [f"| | {' | '.join(heads)} | limit |", "| --- |" + " --- |" * (len(of) + 1)]
+    table = [f"| | {' | '.join(of)} |", "| --- |" + " --- |" * len(of)]
+    lines = []
     for what, found in rates.items():
-        cells = [_cell(found[subject]) if subject in found else "" for subject in of]
         limits = dict.fromkeys(row.limit for row in found.values() if not pd.isna(row.limit))
-        limit = ", ".join(limits).replace("at least", "≥").replace("at most", "≤")
-        lines.append(f"| {what} | {' | '.join(cells)} | {limit} |")
+        limit = ", ".join(limits).replace("at least ", "≥").replace("at most ", "≤")
+        head = f"{what} ({limit})" if limit else what
+        cells = {subject: _cell(row) for subject, row in found.items()}
+        if len(found) > 1:
+            table.append(f"| {head} | {' | '.join(cells.get(subject, '') for subject in of)} |")
+        else:
+            lines += [f"- {subject}, {head}: {cell}" for subject, cell in cells.items()]
+    if len(of) == 1:
+        lines = [line.replace(f"{next(iter(of))}, ", "", 1) for line in lines]
+    trials = ", ".join(_trials(subject, rows) for subject, rows in of.items())
     beyond = _beyond(of)
-    told = ["", f"Worlds beyond a limit: {beyond}."] if beyond else []
-    return "\n".join([*lines, *told, ""])
+    told = f"Seeds: {trials}." + (f" Beyond a limit: {beyond}." if beyond else "")
+    parts = [*([table] if len(table) > 2 else []), lines, [told]]
+    return "\n\n".join("\n".join(part) for part in parts if part) + "\n"
 
 
 def _cell(row: Any) -> str:
-    """A rate with its interval and count; marked where all of the interval is beyond its limit."""
+    """A rate with its interval; marked where all of that is beyond its limit."""
     value, low, high = (f"{float(number):.3g}" for number in (row.value, row.low, row.high))
-    return f"{value} ({low}–{high}; {row.count}){' ✗' if row.fails else ''}"
+    return f"{value} ({low}–{high}){' ✗' if row.fails else ''}"
+
+
+def _trials(subject: str, rows: pd.DataFrame) -> str:
+    """How many seeds each world ran with, and how many worlds there are."""
+    counts = rows[(rows.what == TRIALS) & (rows.world != ALL)].value.astype(int)
+    fewest, most = counts.min(), counts.max()
+    seeds = f"{most}" if fewest == most else f"{fewest} to {most}"
+    return f"{subject} {seeds} of {len(counts)} worlds"
 
 
 def _beyond(of: dict[str, pd.DataFrame]) -> str:

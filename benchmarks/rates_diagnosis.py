@@ -124,7 +124,7 @@ def _names_a_good_run(line: Line) -> bool:
 
 def _reported(channel: str) -> Judge:
     return Judge(
-        f"reported error over that on fresh runs: {channel}",
+        f"reported over fresh error: {channel}",
         middle(lambda one: one.get("reported_over_fresh", {}).get(channel)),
     )
 
@@ -140,7 +140,7 @@ JUDGES = [
         None,
         0.05,
     ),
-    Judge("same answer at each density of the rows", same_answer, 0.8),
+    Judge("same answer at each density of rows", same_answer, 0.8),
     Judge("bad runs named", share(_names_a_bad_run, lambda one: int(bool(one["bad"]))), 0.8),
     Judge("tables with a good run named bad", share(_names_a_good_run), None, 0.05),
     _reported("sinkage"),

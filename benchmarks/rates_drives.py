@@ -89,21 +89,21 @@ def checks(subject: str, most: float | None, each: str = "$^") -> list[Judge]:
 
     return [
         Judge(
-            "drives with a good sensor accused",
+            "good sensors accused",
             share(lambda one: accusations(expected, one) > 0),
             None,
             most,
             each,
         ),
         Judge(
-            f"what is true of the sensors is reported within {SOON:g} m",
+            f"faults reported within {SOON:g} m",
             share(lambda one: has_fault(one) and said_soon(one), has_fault),
             0.75,
             None,
             each,
         ),
         Judge(
-            "reported in time, or pull and margin stay in their bands",
+            "reported in time, or harmless",
             share(lambda one: has_fault(one) and good(one), has_fault),
             0.75,
             None,
@@ -165,7 +165,7 @@ def _judged(line: Line) -> int:
 
 
 SLIP_KNOWN = Judge(
-    "moving time in which slip is known",
+    "slip known while moving",
     ratio(lambda one: one["known"][0], lambda one: one["known"][1]),
 )
 FLAGS = [
@@ -179,7 +179,7 @@ FLAGS = [
 ]
 FLAGS_AT_THE_END = [
     Judge(
-        "flags at the end that are wrong",
+        "flags wrong at the end",
         share(_wrong_at_the_end, _determined_at_the_end),
         None,
         0.02,
@@ -230,7 +230,7 @@ SOIL_JUDGES = [
     Judge("borders found within a metre", share(_found_soon, _borders), 0.8),
     Judge("changes in 500 m of one soil", events(_changes, _plain_way, 500.0), None, 2.0),
     Judge(
-        "an effect named where there is none",
+        "effects named where there are none",
         share(lambda one: bool(one["effect"]) and not _digs(one), lambda one: 1 - _digs(one)),
         None,
         0.05,

@@ -120,10 +120,10 @@ JUDGES = [
     judge
     for sizes in SIZES
     for judge in (
-        _judge(OTHERS[0], sizes, "loses", "the soil's law called worse than", 0.05),
-        _judge(OTHERS[0], sizes, "wins", "the soil's law called better than", None),
-        _judge(OTHERS[1], sizes, "loses", "the soil's law called worse than", 0.05),
-        _judge(OTHERS[1], sizes, "wins", "the soil's law called better than", None),
+        _judge(OTHERS[0], sizes, "loses", "called worse than", 0.05),
+        _judge(OTHERS[0], sizes, "wins", "called better than", None),
+        _judge(OTHERS[1], sizes, "loses", "called worse than", 0.05),
+        _judge(OTHERS[1], sizes, "wins", "called better than", None),
         _judge(OTHERS[2], sizes, "!cannot tell", "one called better of", 0.05),
     )
 ]

@@ -103,7 +103,7 @@ def _drafted_for_nothing(line: Line) -> bool:
 
 
 JUDGES = [
-    Judge("a law drafted where one is hidden", share(_drafted, _hides), 0.6),
+    Judge("law drafted where one is hidden", share(_drafted, _hides), 0.6),
     Judge(
         "driver right, of those", share(lambda one: _drafted(one) and one["driver"], _drafted), 0.8
     ),
@@ -111,14 +111,14 @@ JUDGES = [
         "driver and stage right", share(lambda one: _drafted(one) and one["right"], _drafted), 0.7
     ),
     Judge(
-        "a law drafted where nothing is hidden",
+        "law drafted where nothing is hidden",
         share(_drafted_for_nothing, lambda one: 1 - _hides(one)),
         None,
         0.05,
     ),
     Judge("a dummy column drafted", share(lambda one: one.get("battery", False)), None, 0.05),
     Judge(
-        "share of the error that it takes away",
+        "share of the error taken away",
         middle(lambda one: one.get("gone") if _hides(one) else None),
         0.7,
     ),

@@ -200,7 +200,7 @@ def _judges(channel: str, what: str) -> list[Judge]:
 JUDGES = [
     *(judge for what in OF for channel in FORCES for judge in _judges(channel, what)),
     Judge(
-        "error of the fit over that of least squares in the same strengths",
+        "error over that of least squares",
         ratio(lambda one: one["fit"] ** 2, lambda one: one["least"] ** 2, root=True), None, 1.4,
     ),
 ]  # fmt: skip

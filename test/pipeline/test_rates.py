@@ -129,7 +129,8 @@ def test_rows_can_be_read_by_others(tmp_path: Path) -> None:
     table.to_csv(path, index=False)
     again = pd.read_csv(path)
     assert list(again.columns) == list(bench.COLUMNS)
-    assert again["value"].tolist() == [0.5, 1.0, 0.0]
+    judged = again[again["what"] == "hits"]
+    assert judged["value"].tolist() == [0.5, 1.0, 0.0]
 
 
 def test_the_page_has_pooled_rates_and_the_worlds_that_fail(tmp_path: Path) -> None:
@@ -142,8 +143,8 @@ def test_the_page_has_pooled_rates_and_the_worlds_that_fail(tmp_path: Path) -> N
     )
     bench.write_page(page, tmp_path)
     text = page.read_text(encoding="utf-8")
-    assert "| hits | 0.1 (0.0179–0.404; 10) ✗ | ≥ 0.9 |" in text
-    assert "Worlds beyond a limit: hits: a.\n<!-- end -->" in text
+    assert "- hits (≥0.9): 0.1 (0.0179–0.404) ✗" in text
+    assert "Seeds: tried 1 to 9 of 2 worlds. Beyond a limit: hits: a.\n<!-- end -->" in text
     assert "old" not in text
     assert text.endswith("End.\n")
 
@@ -153,15 +154,19 @@ def test_subjects_stand_side_by_side(tmp_path: Path) -> None:
     hits = [line(world="a", hit=True) for _ in range(4)]
     one = bench.rates(subject(calls), hits)
     one.to_csv(tmp_path / "one.csv", index=False)
-    one.assign(what="others").to_csv(tmp_path / "two.csv", index=False)
+    more = one[one["what"] == "hits"].assign(what="others")
+    pd.concat([one, more]).to_csv(tmp_path / "two.csv", index=False)
     made = bench.page_table(
         {name: pd.read_csv(tmp_path / f"{name}.csv") for name in ("one", "two")}
     )
     assert made.splitlines() == [
-        "| | one | two | limit |",
-        "| --- | --- | --- | --- |",
-        "| hits | 1 (0.51–1; 4) |  | ≥ 0.9 |",
-        "| others |  | 1 (0.51–1; 4) | ≥ 0.9 |",
+        "| | one | two |",
+        "| --- | --- | --- |",
+        "| hits (≥0.9) | 1 (0.51–1) | 1 (0.51–1) |",
+        "",
+        "- two, others (≥0.9): 1 (0.51–1)",
+        "",
+        "Seeds: one 4 of 1 worlds, two 4 of 1 worlds.",
     ]
 
 
