@@ -12,8 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pandas as pd
 
-from benchmarks._bench import Bench, repeated, rig_table, stream
-from benchmarks._world_labs import run_scatter
+from benchmarks._world_labs import Bench, repeated, rig_table, run_scatter, stream
 from smallwheel_ros.simulate.hidden import draw_effects
 from smallwheel_ros.simulate.rig import draw_design
 

@@ -15,7 +15,16 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from benchmarks.drive_worlds import FIELD, PRIORS, ROBOTS, SLIP, SOIL, TRACTION
+from benchmarks.drive_worlds import (
+    FIELD,
+    PRIORS,
+    ROBOTS,
+    SLIP,
+    SOIL,
+    TRACTION,
+    WorldDrive,
+    make_drive,
+)
 from benchmarks.faults import FAULTS, Raw
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
@@ -24,7 +33,6 @@ from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Inte
 from smallwheel_ros.pipeline.warnings import Warned
 from smallwheel_ros.simulate.vehicle import EPOCH, TICK
 from smallwheel_ros.simulate.world import World
-from smallwheel_ros.simulate.world_drive import WorldDrive, make_drive
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE
 
 Line = dict[str, Any]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.drive_worlds import make_drive
 from benchmarks.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
@@ -25,7 +26,6 @@ from smallwheel_ros.pipeline.checks import Checks, Finding
 from smallwheel_ros.pipeline.ground import Ground
 from smallwheel_ros.pipeline.streams import Streams
 from smallwheel_ros.simulate.world import GRAVITY, World
-from smallwheel_ros.simulate.world_drive import make_drive
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

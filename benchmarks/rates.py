@@ -38,10 +38,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks import (
     faults,
+    learn_worlds,
     rates_diagnosis,
     rates_drives,
     rates_laws,
-    rates_learn,
     rates_pull,
 )
 from benchmarks.judges import Line, Subject
@@ -221,7 +221,7 @@ def write_page(page: Path = PAGE, folder: Path = FOLDER) -> None:
 
 def subjects() -> dict[str, Subject]:
     """All subjects, by name."""
-    modules = rates_drives, faults, rates_diagnosis, rates_learn, rates_pull, rates_laws
+    modules = rates_drives, faults, rates_diagnosis, learn_worlds, rates_pull, rates_laws
     return {subject.name: subject for module in modules for subject in module.SUBJECTS}
 
 

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast physics, cost map and diagnosis are, each against what it cannot beat or the usual way.
+"""How fast physics, cost map, diagnosis and replay are, each against what it cannot beat or the usual way.
 
-    python benchmarks/speed.py
+    python benchmarks/speed.py [replay ...]   # all parts without a name
 
 1. Closed form: sinkage and compaction resistance (eq. 10, 14) of 10^6 rows, against the three bare NumPy
    powers that the equations need; and a whole prediction of them, for information.
 2. Contact integral: sinkage of 10^5 rows, against scipy's quad inside brentq at equal accuracy.
 3. Cost map: a grid of 10^6 terrain classes to costs, against one numpy table lookup over the same cells.
 4. Diagnosis: processor time of simulated tables, a real rig (where ../shared/data is) and plate curves.
+5. Replay: a drive of six wheels whose sensors come at 100 Hz, 1500 messages and 600 estimates a second,
+   against real time; deserialising alone and the pipeline without any output beside it; and memory over the
+   bag's length, in processes of their own.
 
 Both sides of a ratio take turns within one run, so that a busy machine slows both; medians.
 """
@@ -15,9 +18,12 @@ Both sides of a ratio take turns within one run, so that a busy machine slows bo
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -33,6 +39,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._world_labs import curves
 from benchmarks.rates_diagnosis import read
+from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.diagnosis.diagnose import diagnose
@@ -46,23 +53,36 @@ from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.simulate import RigSettings, simulate_rig
+from smallwheel_ros.replay.recording import turns_of
+from smallwheel_ros.replay.replay import replay
+from smallwheel_ros.replay.spec import ReplaySpec, read_settings
+from smallwheel_ros.simulate import (
+    DriveSettings,
+    RigSettings,
+    simulate_drive,
+    simulate_rig,
+    write_drive_bag,
+)
+from smallwheel_ros.simulate.drive_settings import SENSORS
+from smallwheel_ros.simulate.world import ROVERS
 
 ACCURACY = 1e-8
 ROOT = Path(__file__).resolve().parent.parent
 RIG = Path(os.environ.get("SMALLWHEEL_SHARED", ROOT.parent / "shared")) / "data" / "cmu_wheel_rig"
 
 
-def in_turn(repeats: int, *works: Callable[[], object]) -> list[float]:
-    """Median seconds of each; they take turns."""
+def in_turn(
+    repeats: int, *works: Callable[[], object], clock: Callable[[], float] = time.perf_counter
+) -> list[float]:
+    """Median seconds of each, by a clock; they take turns."""
     taken: list[list[float]] = [[] for _ in works]
     for work in works:
         work()
     for _ in range(repeats):
         for work, spent in zip(works, taken, strict=True):
-            start = time.perf_counter()
+            start = clock()
             work()
-            spent.append(time.perf_counter() - start)
+            spent.append(clock() - start)
     return [float(np.median(spent)) for spent in taken]
 
 
@@ -198,18 +218,119 @@ def of_diagnosis() -> None:
         told(what, float(np.median(seconds)), f"at most {limit:g}")
 
 
+def six_wheels(folder: Path, distance: float = 15.0) -> tuple[Path, Path, int]:
+    """A bag, its parameter file, and the number of messages."""
+    rover = ROVERS["two_sizes"]
+    front = rover.wheels[:2]
+    middle = [replace(w, name=w.name.replace("front", "middle"), x=0.0) for w in front]
+    six = replace(rover, wheels=(*front, *middle, *rover.wheels[2:]))
+    fast = replace(
+        SENSORS, load_rate=100.0, sinkage_rate=100.0, joint_rate=100.0, imu_rate=100.0, odometry_rate=(100.0,)
+    )  # fmt: skip
+    drive = simulate_drive(DriveSettings(seed=1, distance=distance, wheels=six, sensors=fast))
+    bag, config = folder / "drive", folder / "rover.yaml"
+    count = write_drive_bag(drive, bag)
+    text = (ROOT / "config" / "two_wheel_sizes.yaml").read_text()
+    text = text.replace("rear_left,", "middle_left, middle_right, rear_left,", 1)
+    more = "".join(
+        f"    {w.name}: {{diameter: {w.diameter}, width: {w.width}, lateral_position: {w.y},"
+        " longitudinal_position: 0.0}\n"
+        for w in middle
+    )
+    config.write_text(text.replace("    rear_left:\n", f"{more}    rear_left:\n", 1))
+    return bag, config, count
+
+
+def ten_times(bag: Path, target: Path) -> Path:
+    """The drive again and again, on and on in time."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        recorded = list(reader.messages())
+        length = (reader.end_time or 0) - (reader.start_time or 0) + 10**7
+        for turn in range(10):
+            for topic, kind, log_time, message in recorded:
+                stamp = message.header.stamp
+                total = stamp.sec * 10**9 + stamp.nanosec + (length if turn else 0)
+                message.header.stamp = type(stamp)(sec=total // 10**9, nanosec=total % 10**9)
+                writer.write(topic, kind, log_time + turn * length, message)
+    return target
+
+
+def memory(bag: Path, config: Path, folder: Path) -> float:
+    """Largest memory (MB) of a process that replays the bag."""
+    code = (
+        "import resource, sys; from pathlib import Path; from smallwheel_ros.replay.replay import replay;"
+        "from smallwheel_ros.replay.spec import ReplaySpec; replay(ReplaySpec(*map(Path, sys.argv[1:])));"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    )
+    command = [sys.executable, "-c", code, *map(str, (bag, config, folder))]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def of_replay() -> None:
+    """Processor time of one core, without the page, which takes the same for any bag; and memory."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bag, config, count = six_wheels(folder)
+
+        def deserialise() -> int:
+            with BagReader(bag) as reader:
+                return sum(1 for _ in reader.messages())
+
+        def estimate() -> None:
+            with BagReader(bag) as reader:
+                settings, _ = read_settings(ReplaySpec(bag, config, Path()), reader)
+            for _ in turns_of(bag, settings):
+                pass
+
+        with BagReader(bag) as reader:
+            seconds = ((reader.end_time or 0) - (reader.start_time or 0)) / 1e9
+        works = {
+            "deserialising alone": deserialise,
+            "pipeline alone": estimate,
+            "with tables and a bag of estimates": lambda: replay(
+                ReplaySpec(bag, config, folder / "none", copy="none")
+            ),
+            "originals copied too": lambda: replay(
+                ReplaySpec(bag, config, folder / "all", copy="all")
+            ),
+        }
+        taken = in_turn(3, *works.values(), clock=time.process_time)
+        for what, spent in zip(works, taken, strict=True):
+            limit = "at least 20" if what.startswith("with tables") else "none"
+            each = 1e6 * spent / count
+            told(f"replay, {what} ({each:.1f} us a message), x real time", seconds / spent, limit)
+        bags = bag, ten_times(bag, folder / "long")
+        used = [memory(one, config, folder / f"out{i}") for i, one in enumerate(bags)]
+        told(
+            f"replay, memory of 10 bags in one over {used[0]:.0f} MB",
+            used[1] / used[0],
+            "at most 1.1",
+        )
+
+
 def told(what: str, value: float, target: str) -> None:
     """A row of the table."""
     print(f"| {what} | {value:.3g} | {target} |", flush=True)
 
 
+PARTS = {
+    "closed_form": of_closed_form,
+    "contact": of_contact,
+    "cost_map": of_cost_map,
+    "diagnosis": of_diagnosis,
+    "replay": of_replay,
+}
+
+
 def main() -> None:
-    """Print all as one table."""
-    print("| | ratio | target |\n| --- | --- | --- |")
-    of_closed_form()
-    of_contact()
-    of_cost_map()
-    of_diagnosis()
+    """Print those parts as one table."""
+    parts = sys.argv[1:] or list(PARTS)
+    unknown = [part for part in parts if part not in PARTS]
+    if unknown:
+        sys.exit(f"no part {unknown[0]}: there is {', '.join(PARTS)}")
+    print("| | found | target |\n| --- | --- | --- |")
+    for part in parts:
+        PARTS[part]()
 
 
 if __name__ == "__main__":

@@ -8,10 +8,10 @@ from functools import lru_cache
 from typing import Any
 
 from benchmarks.drive_trial import WORLDS, turns_of, with_faults
+from benchmarks.drive_worlds import WorldDrive, make_drive
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Readings, unknown
-from smallwheel_ros.simulate.world_drive import WorldDrive, make_drive
 
 
 def table_of(**columns: Any) -> Readings:

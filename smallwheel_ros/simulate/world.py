@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A world of drives is a row: vehicle, way, ground, sensors and their faults; a seed draws its numbers.
-
-drive = make_drive(world, seed=1)   # of `world_drive`
-"""
+"""A world of drives is a row: vehicle, way, ground, sensors and their faults; a seed draws its numbers."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import pytest
 from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, rolled, table
 
-from benchmarks.worlds import WORLDS
+from benchmarks.rates_diagnosis import WORLDS
 from smallwheel_ros.diagnosis.add import add
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.diagnose import diagnose

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info
 import smallwheel_ros as sw
 from benchmarks import _world_labs as swept
 from benchmarks import _world_misfits as misfits
-from benchmarks._bench import rig_table
+from benchmarks._world_labs import rig_table
 from benchmarks.learn_worlds import table as without_a_law
 from smallwheel_ros.compare.compare import compare
 from smallwheel_ros.diagnosis.diagnose import diagnose

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.rates_diagnosis import fresh_errors, marks, read, same_answer, trial
-from benchmarks.worlds import WORLDS
+from benchmarks.rates_diagnosis import WORLDS, fresh_errors, marks, read, same_answer, trial
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig

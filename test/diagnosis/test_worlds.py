@@ -8,9 +8,16 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from benchmarks._bench import correlated, heavy_tailed
-from benchmarks._world_labs import DENSITIES, drawn, ornstein_uhlenbeck, random_fourier, selected
-from benchmarks.worlds import INSTRUMENTS, WORLDS
+from benchmarks._world_labs import (
+    DENSITIES,
+    correlated,
+    drawn,
+    heavy_tailed,
+    ornstein_uhlenbeck,
+    random_fourier,
+    selected,
+)
+from benchmarks.rates_diagnosis import INSTRUMENTS, WORLDS
 from smallwheel_ros.effects.registry import families, is_of_column
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.simulate import write_table

@@ -11,6 +11,7 @@ import pytest
 from world_drives import Driven, driven_world
 
 from benchmarks.drive_trial import WORLDS, judged
+from benchmarks.drive_worlds import make_drive
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel
@@ -21,7 +22,6 @@ from smallwheel_ros.pipeline.strength_words import constants_of
 from smallwheel_ros.pipeline.strengths import Strengths
 from smallwheel_ros.pipeline.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Array, Integers, Readings
-from smallwheel_ros.simulate.world_drive import make_drive
 
 BOTH = "balance and torque"
 

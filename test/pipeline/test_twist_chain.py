@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import twist as bench
 from benchmarks._twist_drives import REAL, real, simulated
-from benchmarks._twist_ekf import TURN, VX, Ekf
+from benchmarks.twist import TURN, VX, Ekf
 from smallwheel_ros.pipeline.twist import messages
 
 GYRO_STD = 0.02

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.drive_worlds import WorldDrive, make_drive
 from smallwheel_ros.simulate.vehicle import EPOCH, REFERENCE_SLIP, STUCK, TICK
 from smallwheel_ros.simulate.wheel_laws import (
     DEPTHS,
@@ -21,7 +22,6 @@ from smallwheel_ros.simulate.wheel_laws import (
     rim_curves,
 )
 from smallwheel_ros.simulate.world import GRAVITY, PLAIN, VEHICLES, Feature, Sensors, World
-from smallwheel_ros.simulate.world_drive import WorldDrive, make_drive
 
 SOFT = (
     Feature("modulus", (-2.5, -2.5), (0.5, 0.5), (1.0, 1.0)),
