@@ -77,7 +77,7 @@ demo: env
 # Rates go on where they were; DRIVES are folders of real drives. A rate beyond its limit is no error here:
 # docs/rates.md says which. What each part takes is said before it starts.
 DRIVES ?= examples/data
-SPEED := speed node cost_detours twist
+SPEED := speed node twist
 benchmark: env
 	@echo 'rates:'; $(RUN) benchmarks/rates.py --list
 	@echo 'real drives: 1 min each; speed against peers: $(SPEED), 10 min'

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What planners do with the cost map: past where a robot got stuck, out of there, and on good ground.
+"""Subject: cost. What planners do with the cost map: past where a robot got stuck, out of there, elsewhere.
 
-    python benchmarks/cost_detours.py --drives 20
+    python benchmarks/rates.py cost --seeds 500:520
+    python benchmarks/cost_detours.py PICTURE   # only draws a stuck drive's map and a path
 
 Simulated drives (truth simulator) that end stuck on slippery ground or a slope, one a seed, and as many
 that do not; their cost maps, and paths over them by the rules of Nav2's planners:
@@ -9,7 +10,7 @@ straight past the place, from 8 m before it to 3 m behind it, out of there, and 
 end moved along that line to where no wheel stands on ground of 50 and more. Costs are spread as the node
 does it (`cost.spread`) and, to show what that is for, not at all. `m dear`: way of the outer wheels, beside
 base_link, on cells that the map without spread has at 50 and more; at the corners: of those in front and
-behind. Intervals (95 %): bootstrap over drives for means, Clopper-Pearson for counts.
+behind.
 
 Paths are shortest ones over 8 neighbours by the rules of Nav2's planners (1.3.13).
 
@@ -28,11 +29,9 @@ that is looked at.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -42,12 +41,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
-from scipy.stats import binomtest, bootstrap
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
 
 from cost_map import cost_map
 
+from benchmarks.judges import Judge, Line, Subject, ratio, share
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.crossed_ground import Outline
@@ -63,7 +63,6 @@ _INSCRIBED, _LETHAL = 253.0, 254.0
 _SCALING, _INFLATION = 3.0, 0.7
 _BEFORE, _BEHIND = 8.0, 3.0  # m
 _PLANNERS: tuple[Planner, ...] = ("NavFn", "Smac")
-Found = dict[str, dict[str, float]]
 
 
 # --- Planners
@@ -207,13 +206,21 @@ def _free(grid: Grid, made: CostMap, places: NDArray[np.float64]) -> NDArray[np.
     return np.array([cell is not None and not dear[cell] for cell in cells])
 
 
-def one_drive(seed: int, stuck: bool) -> Found:
-    """What planners do on the map of one drive: by kind of map and planner, by what is measured."""
+WORLDS = {"stuck": True, "good ground": False}
+PLANNED = [
+    f"{planner}, {how}"
+    for planner, how in product(_PLANNERS, ("as the node spreads", "not spread"))
+]
+
+
+def trial(world: str, seed: int) -> Line:
+    """What planners do on the map of one drive: by planner and kind of map, by what is measured."""
+    stuck = WORLDS[world]
     made, way = map_of(seed, stuck)
     outline, reached = made.outline, made.spread
     pose = made._pose
     assert pose is not None
-    found: Found = {}
+    found: Line = {}
     made.spread = 0.0
     raw = made.grid()
     assert raw is not None
@@ -255,39 +262,40 @@ def one_drive(seed: int, stuck: bool) -> Found:
     return found
 
 
-def main() -> None:
-    """Print a table for drives that got stuck and one for those that did not."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--drives", type=int, default=20)
-    parser.add_argument("--first", type=int, default=500)
-    parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--picture", type=Path, help="only draw the first drive's map and a path")
-    given = parser.parse_args()
-    if given.picture:
-        draw(given.first, given.picture)
-        return
-    seeds = range(given.first, given.first + given.drives)
-    with ProcessPoolExecutor(given.processes) as pool:
-        for title, stuck in (("stuck", True), ("good ground", False)):
-            rows = list(pool.map(one_drive, seeds, [stuck] * given.drives))
-            for name in rows[0]:
-                print(f"{title}; {name}")
-                for what in dict.fromkeys(key for row in rows for key in row[name]):
-                    print(
-                        f"    {what}: {_words(what, [r[name][what] for r in rows if what in r[name]])}"
-                    )
+_WAYS = (
+    "m dear",
+    "m dear at the corners",
+    "m dear, no grid",
+    "near old track",
+    "near old track, no grid",
+)
 
 
-def _words(what: str, values: list[float]) -> str:
-    if what in ("plan", "out"):
-        ends = binomtest(int(sum(values)), len(values)).proportion_ci(0.95)
-        return f"{sum(values):.0f} of {len(values)} ({ends.low:.2f} to {ends.high:.2f})"
-    if len(set(values)) == 1:
-        return f"{values[0]:.2f} in all {len(values)}"
-    ends = bootstrap((values,), np.mean, method="percentile", rng=1).confidence_interval
-    interval = f"({ends.low:.2f} to {ends.high:.2f})"
-    return f"{np.mean(values):.2f} {interval}, worst {max(values):.2f}, n {len(values)}"
+def _mean(planned: str, what: str) -> Judge:
+    """The mean over the drives that have it."""
 
+    def value(line: Line) -> float:
+        return float(line[planned].get(what, 0.0))
+
+    def has(line: Line) -> int:
+        return int(what in line[planned])
+
+    return Judge(f"{planned}: {what}", ratio(value, has))
+
+
+def _found(planned: str, what: str) -> Judge:
+    """How often there is a path."""
+    return Judge(
+        f"{planned}: {what}",
+        share(lambda one: int(one[planned].get(what, 0.0)), lambda one: int(what in one[planned])),
+    )
+
+
+JUDGES = [
+    *(_found(planned, what) for planned in PLANNED for what in ("plan", "out")),
+    *(_mean(planned, what) for planned in PLANNED for what in _WAYS),
+]
+SUBJECTS = [Subject("cost", list(WORLDS), trial, JUDGES, 10, 20.0)]
 
 if __name__ == "__main__":
-    main()
+    draw(500, Path(sys.argv[1]))

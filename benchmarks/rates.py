@@ -37,6 +37,7 @@ from tqdm import tqdm
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks import (
+    cost_detours,
     faults,
     learn_worlds,
     rates_diagnosis,
@@ -221,7 +222,15 @@ def write_page(page: Path = PAGE, folder: Path = FOLDER) -> None:
 
 def subjects() -> dict[str, Subject]:
     """All subjects, by name."""
-    modules = rates_drives, faults, rates_diagnosis, learn_worlds, rates_pull, rates_laws
+    modules = (
+        rates_drives,
+        faults,
+        rates_diagnosis,
+        learn_worlds,
+        rates_pull,
+        rates_laws,
+        cost_detours,
+    )
     return {subject.name: subject for module in modules for subject in module.SUBJECTS}
 
 

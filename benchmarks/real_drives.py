@@ -23,7 +23,6 @@ those that are so are in TRUE. Slip alone: episodes of the middle wheel's slip, 
 from __future__ import annotations
 
 import argparse
-import math
 import re
 import sys
 from collections import Counter
@@ -43,8 +42,10 @@ from benchmarks.faults import Raw
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.result import FILES
 from smallwheel_ros.replay.spec import ReplaySpec, resolved
@@ -173,23 +174,16 @@ def odometry_of(bag: Path) -> str:
 def raw_drive(bag: Path, config: Path, topic: str) -> Raw:
     """Rows of joints, odometry and imu as the pipeline's streams have them."""
     settings = settings_from(read_parameters(str(config)))
-    joints, odometry, imu = [], [], []
+    pipeline = Pipeline(settings.onboard)
     with BagReader(bag) as reader:
-        for message in reader.messages({"/joint_states", topic, "/imu/data"}):
-            m = message.message
-            stamp = m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec
-            if message.topic == "/joint_states":
-                speeds = dict(zip(m.name, m.velocity, strict=True))
-                joints.append(
-                    (stamp, [speeds[i.joint] * i.joint_sign for i in settings.inputs.values()])
-                )
-            elif message.topic == topic:
-                odometry.append((stamp, _odometry_row(m.pose.pose, m.twist.twist)))
-            else:
-                imu.append((stamp, _imu_row(m)))
-    rows = {IMU: _rows(imu), ODOMETRY: _rows(odometry)}
-    stamps, values = _rows(joints)
-    rows |= {f"{w}/wheel_speed": (stamps, values[:, [i]]) for i, w in enumerate(settings.inputs)}
+        names = {ODOMETRY: topic}
+        recording = Recording(
+            reader, settings, pipeline, lambda name: resolved(names.get(name, name)), clock=False
+        )
+        for _ in recording.turns():
+            pass  # what is given to the streams stays there: no turn is taken
+    streams = pipeline.streams.all.items()
+    rows = {name: (stream.stamps.copy(), stream.values.copy()) for name, stream in streams}
     return Raw(bag.name, settings.onboard, rows)
 
 
@@ -197,34 +191,6 @@ def real_drive(folder: Path, name: str) -> Raw:
     """The drive of that name in a folder."""
     bag, config = next(pair for pair in drives_in(folder) if pair[0].name == name)
     return raw_drive(bag, config, odometry_of(bag))
-
-
-def _odometry_row(pose: Any, twist: Any) -> list[float]:
-    """The ten columns of the odometry's stream."""
-    q, p = pose.orientation, pose.position
-    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (q.w * q.y - q.z * q.x))))
-    roll = math.atan2(2 * (q.w * q.x + q.y * q.z), 1 - 2 * (q.x * q.x + q.y * q.y))
-    moves = [twist.linear.x, twist.angular.z, p.x, p.y, math.cos(yaw), math.sin(yaw)]
-    return [*moves, 0.0, 0.0, pitch, roll]
-
-
-def _imu_row(message: Any) -> list[float]:
-    """The seven columns of the imu's stream: yaw rate, specific force, which way is up."""
-    q, a = message.orientation, message.linear_acceleration
-    up = [math.nan] * 3
-    unit = abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) <= 0.01
-    if unit and message.orientation_covariance[0] != -1.0:
-        up = [2 * (q.x * q.z - q.w * q.y), 2 * (q.y * q.z + q.w * q.x), 1 - 2 * (q.x**2 + q.y**2)]
-    return [message.angular_velocity.z, a.x, a.y, a.z, *up]
-
-
-def _rows(found: list[tuple[int, list[float]]]) -> tuple[NDArray[np.int64], Array]:
-    """By stamp; of two with one stamp the first."""
-    stamps, first = np.unique(
-        np.array([stamp for stamp, _ in found], dtype=np.int64), return_index=True
-    )
-    return stamps, np.array([row for _, row in found], dtype=float)[first]
 
 
 def rims(raw: Raw) -> dict[str, tuple[Array, Array]]:

@@ -41,7 +41,7 @@ def draw_rig(target: Path, folder: Path) -> None:
 
 def draw_cost_detour(target: Path, folder: Path) -> None:
     """A path past where a robot got stuck."""
-    run("benchmarks/cost_detours.py", "--picture", target)
+    run("benchmarks/cost_detours.py", target)
 
 
 def draw_odometry(target: Path, folder: Path) -> None:

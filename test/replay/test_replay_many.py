@@ -42,7 +42,7 @@ def bags(tmp_path_factory) -> list[Path]:
     for seed in (1, 2, 3):
         drive = DriveSettings(seed=seed, distance=3.0, wheels="two_sizes", terrain="single")
         write_drive_bag(simulate_drive(drive), folder / f"whole_{seed}")
-        beginning(folder / f"whole_{seed}", folder / f"drive_{seed}", 8.0)
+        beginning(folder / f"whole_{seed}", folder / f"drive_{seed}", 14.0)
         files.append(folder / f"drive_{seed}.mcap")
         (folder / f"drive_{seed}" / f"drive_{seed}.mcap").rename(files[-1])
     return files
@@ -119,7 +119,8 @@ def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, tmp
     arguments = ("replay", *bags, "--config", rover, "-o", out, "--map")
     found = CliRunner().invoke(main, [str(argument) for argument in arguments])
     assert found.exit_code == 2
-    assert "expected maps in one frame, found map" in found.output
+    assert "expected maps in one frame, found" in found.output
+    assert all(f"{frame} (" in found.output for frame in ("map", "odom"))
     assert (out / "drive_3" / "cost_map.yaml").exists()
 
 
