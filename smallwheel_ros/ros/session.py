@@ -34,9 +34,8 @@ from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of
 # s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
 # how much it has to do.
 _TURN = 0.05
-# ns of stamps that are worked on before a look at the clock: the filter's work of one quarter of a second
-# then comes alone.
-_SPAN = SECOND // 8
+# ns of stamps that are worked on before a look at the clock: shorter ones cost a node that catches up more.
+_SPAN = SECOND // 4
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
 _MARKERS_EVERY = 0.2  # s
@@ -210,7 +209,7 @@ class Session:
 
     def _work(self) -> None:
         """Take a turn, and do whatever else is due."""
-        self._turn(within=0.5 * _TURN)
+        self._turn(within=0.8 * _TURN)
         now = time.monotonic()
         for job in self._jobs:
             if now >= job.due:
