@@ -137,7 +137,6 @@ class _Judge:
             "looks": dict.fromkeys(NAMES, 0),
             "found": None,
             "said": None,
-            "concern": False,
         }
         for name in ("counts", "inside", "squares", "variances", "wrong", "worst", "findings"):
             self.line[name] = {}
@@ -216,7 +215,6 @@ class _Judge:
             plain = _NUMBER.sub("#", words)
             if plain not in {_NUMBER.sub("#", known) for known in line["findings"]}:
                 line["findings"][words] = path
-        line["concern"] |= bool(self.pipeline.concern)
         onset = BEGINS * line["length"] if any(_dies(name) for name in world.faults) else 0.0
         is_said = world.said and any(re.search(world.said, w) for w in self.pipeline.findings)
         if is_said and line["said"] is None and path >= onset:

@@ -241,12 +241,12 @@ def six_wheels(folder: Path, distance: float = 15.0) -> tuple[Path, Path, int]:
     return bag, config, count
 
 
-def ten_times(bag: Path, target: Path) -> Path:
-    """The drive again and again, on and on in time."""
+def again_and_again(bag: Path, target: Path, times: int) -> Path:
+    """The drive so many times, on and on in time."""
     with BagReader(bag) as reader, BagWriter(target) as writer:
         recorded = list(reader.messages())
         length = (reader.end_time or 0) - (reader.start_time or 0) + 10**7
-        for turn in range(10):
+        for turn in range(times):
             for topic, kind, log_time, message in recorded:
                 stamp = message.header.stamp
                 total = stamp.sec * 10**9 + stamp.nanosec + (length if turn else 0)
@@ -299,7 +299,7 @@ def of_replay() -> None:
             limit = "at least 20" if what.startswith("with tables") else "none"
             each = 1e6 * spent / count
             told(f"replay, {what} ({each:.1f} us a message), x real time", seconds / spent, limit)
-        bags = bag, ten_times(bag, folder / "long")
+        bags = bag, again_and_again(bag, folder / "long", 10)
         used = [memory(one, config, folder / f"out{i}") for i, one in enumerate(bags)]
         told(
             f"replay, memory of 10 bags in one over {used[0]:.0f} MB",

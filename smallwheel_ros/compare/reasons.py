@@ -12,7 +12,7 @@ from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import rows_of
 from smallwheel_ros.fitting.noise import Line
 from smallwheel_ros.fitting.points import Index, Points
-from smallwheel_ros.fitting.result import unusual
+from smallwheel_ros.fitting.result import runs_differ, unusual
 from smallwheel_ros.measurements.display import percent, shown_value
 from smallwheel_ros.measurements.table import Measurements
 
@@ -58,8 +58,7 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
 def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> list[str]:
     """Each component of the scatter that is `unusual`, in words."""
     texts = [
-        f"its runs differ by {percent(large[component])} in {what}, more than those of one soil: name the "
-        "soils (column soil)"
+        f"its {runs_differ(f'{percent(large[component])} in {what}')}"
         for component, what in (("tau", "firmness"), (f"own:{channel}", "what they show"))
         if component in large
     ]

@@ -247,6 +247,11 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
     return {n: v for (n, v), is_far in zip(scatter.deviations.items(), far, strict=True) if is_far}
 
 
+def runs_differ(by: str) -> str:
+    """That runs are further apart than those of one soil, and what to do. by: how far, in what."""
+    return f"runs differ by {by}, more than those of one soil: name the soils (column soil)"
+
+
 @one_thread
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
     """Turn a fit into a result for people and for model files."""
@@ -322,8 +327,8 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
              for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
     if apart:
         notes.append(
-            f"runs differ by {listed(apart)}, more than those of one soil: name the soils (column soil), "
-            "record what else differs, or see what is missing (`smallwheel diagnose`)"
+            f"{runs_differ(listed(apart))}, record what else differs, or see what is missing "
+            "(`smallwheel diagnose`)"
         )
     for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
         notes.append(

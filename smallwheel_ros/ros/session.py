@@ -34,6 +34,7 @@ from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of
 # s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
 # how much it has to do.
 _TURN = 0.05
+_WITHIN = 0.8 * _TURN  # s of a turn, for messages; the rest is for what else is due
 # ns of stamps that are worked on before a look at the clock: shorter ones cost a node that catches up more.
 _SPAN = SECOND // 4
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
@@ -209,7 +210,7 @@ class Session:
 
     def _work(self) -> None:
         """Take a turn, and do whatever else is due."""
-        self._turn(within=0.8 * _TURN)
+        self._turn(within=_WITHIN)
         now = time.monotonic()
         for job in self._jobs:
             if now >= job.due:

@@ -19,6 +19,7 @@ import pytest
 from bag_kinds import beginning
 from click.testing import CliRunner
 
+from benchmarks.speed import again_and_again
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
@@ -51,17 +52,7 @@ def bags(tmp_path_factory) -> list[Path]:
 @pytest.fixture(scope="module")
 def long_bag(bags, tmp_path_factory) -> Path:
     """One drive that takes some seconds to replay: a short one, again and again on its way."""
-    path = tmp_path_factory.mktemp("long") / "long"
-    with BagReader(bags[0]) as reader, BagWriter(path) as writer:
-        messages = list(reader.messages())
-        length = reader.end_time - reader.start_time + 10**7
-        for turn in range(15):
-            for topic, kind, log_time, message in messages:
-                stamp = message.header.stamp
-                total = stamp.sec * 10**9 + stamp.nanosec + (length if turn else 0)
-                message.header.stamp = type(stamp)(sec=total // 10**9, nanosec=total % 10**9)
-                writer.write(topic, kind, log_time + turn * length, message)
-    return path
+    return again_and_again(bags[0], tmp_path_factory.mktemp("long") / "long", 15)
 
 
 def smallwheel(*arguments: object, code: int = 0):
