@@ -32,6 +32,7 @@ from smallwheel_ros.physics.wheel import GRAVITY
 from .checks_loads import (
     SWAP,
     SWAP_PIECES,
+    SWAP_SURE,
     WEIGHT_OFF,
     ZERO_OFF,
     HeldColumn,
@@ -268,8 +269,8 @@ RULES: tuple[Rule, ...] = (
         "swapped",
         f"changes from 0.2 m to 0.2 m, {SWAP_PIECES} pieces",
         "correlation of ln sinkage of one wheel with ln load of another",
-        f"crossed over {SWAP:g} both ways, and {SWAP:g} over that with its own",
-        "on one rut neighbours correlate too, but not more than with their own",
+        f"crossed over {SWAP_SURE:g} standard errors, mean of both ways, and each {SWAP:g} over its own",
+        "on one rut neighbours correlate too, but not more than with their own: worst good drive 0.1 over it",
         "load_topic, sinkage_topic",
         Swapped,
     ),
@@ -304,6 +305,9 @@ class Checks:
         By stream that is not to be used now: since when, ns; 0: since the beginning.
     history
         Stamps (ns) from which on other streams were of no use, and which.
+    anew
+        Stamps (ns) from which on the soil begins anew, without what streams had taught that were found to be
+        wrong from the beginning; once for each.
     done
         Stamp (ns) up to which raw rows were taken.
     holds
@@ -316,6 +320,7 @@ class Checks:
         self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]
         self.doubted: dict[str, int] = {}
         self.history: list[tuple[int, set[str]]] = [(_NEVER, set())]
+        self.anew: list[int] = []
         self.holds: tuple[Finding, ...] = ()
         self.done = self._next = _NEVER
         self._rows: dict[str, tuple[Integers, Array]] = {}
@@ -375,6 +380,7 @@ class Checks:
         holds: list[Finding] = []
         doubted: dict[str, int] = {}
         unusable: set[str] = set()
+        taught = False
         self.memory.doubted.clear()
         self.memory.known = self.ground.known(begin + SPAN)
         with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -391,18 +397,22 @@ class Checks:
                     if (rule, said.subject) not in self._said:
                         self._said.add((rule, said.subject))
                         found.append(holds[-1])
+                        taught |= said.taught
             if window.rims is not None:
                 self.memory.way = float(window.way(np.array([SPAN / SECOND]))[0])
         self.doubted, self.holds = doubted, tuple(holds)
         if unusable != self.history[-1][1]:
             self.history.append((begin + SPAN + AROUND, unusable))
+        if taught:
+            self.anew.append(begin + SPAN + AROUND)
         return found
 
 
 def _words(said: Said, begin: int) -> str:
     """With since when, where it has not been so from the beginning."""
     if math.isnan(said.since):
-        return f"{said.subject}: {said.text}"
+        dropped = "; what the soil has learnt until then is dropped" if said.taught else ""
+        return f"{said.subject}: {said.text}{dropped}"
     return f"{said.subject}: {said.text} (for {max(begin / SECOND + 2.0 - said.since, 0.0):.0f} s)"
 
 

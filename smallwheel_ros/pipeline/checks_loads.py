@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import combinations
 
 import numpy as np
@@ -17,6 +18,7 @@ from .tables import Array
 
 WEIGHT_OFF = 0.1  # of the mass, known to 5 %, and 5 % of the cells
 SWAP, SWAP_PIECE, SWAP_PIECES = 0.5, 0.2, 20  # correlation; m: a wheel's contact; how many
+SWAP_SURE = 4.0  # standard errors of the mean of two correlations: by chance one in 30,000
 ZERO_OFF = (
     0.02  # of the radius: on hard ground a sensor without fault shows 0, with the error of its zero
 )
@@ -91,7 +93,8 @@ class Weight:
         text = f"loads add up to {ratio:.3g} times the weight: {why[0]}"
         doubted = names or vehicle.names
         doubts = tuple(f"{name}/load" for name in doubted)
-        return [Said(", ".join(names) or "loads", ratio, text, doubts)]
+        # Where all are off, the filter has weighed them and knows it; one dead cell it takes at its word.
+        return [Said(", ".join(names) or "loads", ratio, text, doubts, taught=bool(names))]
 
 
 class Swapped:
@@ -144,15 +147,20 @@ class Swapped:
         spread = np.sqrt(np.maximum(np.diag(covariance), 1e-18))
         c = (covariance / np.outer(spread, spread))[:w, w:]
         for i, j in combinations(range(w), 2):
-            crossed, straight = min(c[i, j], c[j, i]), max(c[i, i], c[j, j])
-            if crossed > SWAP and crossed - straight > SWAP:
+            crossed, own = np.array([c[i, j], c[j, i]]), np.array([c[i, i], c[j, j]])
+            sure = crossed.mean() > SWAP_SURE / math.sqrt(2.0 * self.count)
+            if sure and (crossed - own).min() > SWAP:
                 pair = self.names[i], self.names[j]
                 text = (
                     f"sinkages of {pair[0]} and {pair[1]} follow each the load of the other: check load_topic"
                     " and sinkage_topic"
                 )
                 doubts = tuple(f"{name}/{what}" for name in pair for what in ("load", "sinkage"))
-                found.append(Said(f"{pair[0]} and {pair[1]}", float(crossed), text, doubts))
+                found.append(
+                    Said(
+                        f"{pair[0]} and {pair[1]}", float(crossed.min()), text, doubts, taught=True
+                    )
+                )
         return found
 
 
@@ -183,7 +191,7 @@ class Impossible:
                 else "deep, over its radius: is it in mm?"
             )
             text = f"it rolls {abs(middle):.3g} m {why}"
-            found.append(Said(f"{name} sinkage", middle, text, (f"{name}/sinkage",)))
+            found.append(Said(f"{name} sinkage", middle, text, (f"{name}/sinkage",), taught=True))
         return found
 
 

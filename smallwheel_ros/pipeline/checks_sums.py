@@ -23,7 +23,8 @@ class Said:
 
     subject: a wheel, or a source. value: of the statistic. doubts: streams that are not to be used. since: s
     from the beginning of the span; NaN: since the beginning of the drive. places: whether of these streams
-    the speed alone is not to be used.
+    the speed alone is not to be used. taught: whether they have taught the soil something wrong, which it
+    has to begin anew without.
     """
 
     subject: str
@@ -32,6 +33,7 @@ class Said:
     doubts: tuple[str, ...] = ()
     since: float = np.nan
     places: bool = False
+    taught: bool = False
 
 
 class Run:

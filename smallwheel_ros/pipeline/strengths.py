@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
 from .contact import OnSoil
 from .forces import Believed, Rolling
 from .steps import Excitation, Steps
+from .stream import NEVER
 from .strength import StrengthFilter
 from .tables import Array, Integers
 from .versions import REMEMBERED, Versions
@@ -39,24 +41,39 @@ class Strengths:
         self._order = np.full(len(wheels), -1)  # of each wheel among those that roll
         self._order[rolling] = np.arange(rolling.size)
         self._sizes = np.array([(wheel.diameter, wheel.width) for wheel in wheels]).reshape(-1, 2)
-        own = tuple(wheels[i] for i in rolling.tolist())
+        self._own = tuple(wheels[i] for i in rolling.tolist())
         named = strength.friction_angle
         any_ground = Quantity(named.value, math.hypot(named.standard_deviation, _ANY_FRICTION_STD))
-        self.now = StrengthFilter(strength, own, mass)
-        self.reserve = StrengthFilter(replace(strength, friction_angle=any_ground), own, mass)
+        self._priors = strength, replace(strength, friction_angle=any_ground)
+        self._since = NEVER
+        self._begin(0)
+        self.believed = Versions(self._now(np.full(rolling.size, np.nan), -math.inf))
+
+    def _begin(self, soil: int) -> None:
+        """Know nothing but the priors, on a soil."""
+        self.now, self.reserve = (
+            StrengthFilter(prior, self._own, self.mass) for prior in self._priors
+        )
         self._balanced = False
-        self._soil = 0
+        self._soil = soil
         self._soils: dict[int, list[tuple[Array, Array]]] = {}
         self.steps = 0
         self.sources: set[str] = set()
         self.excitation = Excitation()
-        self.believed = Versions(self._now(np.full(len(own), np.nan), -math.inf))
 
-    def take(self, steps: Steps) -> Integers:
-        """Use steps; stamps from which on each new version holds."""
+    def take(self, steps: Steps, anew: Sequence[int] = ()) -> Integers:
+        """Use steps; stamps from which on each new version holds.
+
+        anew: stamps (ns) from which on nothing counts that was learnt before, nor the step that is open then.
+        """
         self.believed.forget(())
         for number in range(steps.end.size):
             mine = np.flatnonzero(steps.step == number)
+            new = [stamp for stamp in anew if self._since < stamp < steps.end[number]]
+            if new:
+                self._since = new[-1]
+                self._begin(int(steps.soil[number]))
+                mine = mine[:0]
             if int(steps.soil[number]) != self._soil:
                 self._change(int(steps.soil[number]))
             if mine.size:

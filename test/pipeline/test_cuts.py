@@ -53,6 +53,14 @@ def _messy(rows: list[Row], seed: int) -> list[Row]:
     return [rows[i] for i in np.argsort(order)]
 
 
+def _in_millimetres(rows: list[Row]) -> list[Row]:
+    """One sinkage sensor shows millimetres: it is found out, and the soil begins anew."""
+    return [
+        (name, stamp, (1e3 * values[0], *values[1:]) if name == "fl/sinkage" else values, now)
+        for name, stamp, values, now in rows
+    ]
+
+
 def _again(rows: list[Row]) -> list[Row]:
     """The drive, and then once more from its beginning: time goes back."""
     return rows + rows
@@ -67,6 +75,7 @@ DRIVES = {
     "late": lambda: (static_rover(), drive(40.0, late=0.5, soil=False, turn=np.sin)),
     "down": lambda: (static_rover(), drive(imu_down=True, soil=False, **_TURNS)),
     "messy": lambda: (rover(), _messy(drive(**_TURNS), 1)),
+    "millimetres": lambda: (rover(), _in_millimetres(drive(**_TURNS))),
     "again": lambda: (rover(), _again(drive(8.0, **_TURNS))),
 }
 
