@@ -4,18 +4,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+from smallwheel_ros.physics.wheel import Wheel
 
 from .identifiability import SoilEstimate, Variety, seen_as
-from .law import LEAST_SHARE, LOG_DEPTH, LawModel
+from .law import (
+    EACH,
+    LAW,
+    LEAST_SHARE,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    LOG_DEPTH,
+    PASS,
+    SIDE,
+    WHEELS,
+    LawModel,
+    N,
+)
 from .missing_effect import MissingEffect
+from .scatter import MODEL_ERROR
 from .soil_filter import Law
-from .tables import Array, Columns
+from .stretches import Loaded
+from .tables import Array, Columns, Integers, Readings
+from .versions import Versions
 
 
 @dataclass(frozen=True)
@@ -78,6 +95,60 @@ class LocalLaws(Columns):
         turn[:, 3, 4] = 1.0 / self.net(shown)
         whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
         return whole
+
+
+def local_laws(
+    versions: Versions[Version], wheels: Sequence[Wheel], rows: Readings, version: Integers
+) -> LocalLaws:
+    """The laws under wheels, of these versions."""
+    count = len(rows)
+    law, scale, zero = np.empty((count, 3)), np.zeros(count), np.zeros(count)
+    covariance = np.zeros((count, 5, 5))
+    side = np.sign([w.lateral_position for w in wheels])[rows.wheel]
+    for number in np.unique(version).tolist():
+        mine = np.flatnonzero(version == number)
+        of = versions[number]
+        if of.model is None:
+            law[mine], covariance[mine, :3, :3] = of.mean, of.covariance
+            continue
+        x, model = of.mean, of.model
+        reference = model.reference[0]
+        passes, sides, own = rows.passes[mine], side[mine], WHEELS + EACH * rows.wheel[mine] + 1
+        J = np.zeros((mine.size, 5, model.size))
+        J[:, :LAW] = of.slopes
+        # A wheel that sinks deeper by a factor under the same load is on so much softer soil.
+        J[:, 0, SIDE] += sides
+        J[:, 0, PASS] -= (x[N] + 0.5) * passes
+        J[:, 0, N] -= x[PASS] * passes
+        J[:, LAW, LOAD_SCALE], J[:, LAW + 1, LOAD_ZERO] = -1.0, -reference
+        J[np.arange(mine.size), LAW, own] = -1.0
+        law[mine] = of.law
+        law[mine, 0] += sides * x[SIDE] - (x[N] + 0.5) * x[PASS] * passes
+        scale[mine], zero[mine] = x[LOAD_SCALE] + x[own], x[LOAD_ZERO] * reference
+        covariance[mine] = J @ of.covariance @ J.transpose(0, 2, 1)
+        covariance[mine, 0, 0] += of.missed_variance
+    return LocalLaws(law, scale, zero, covariance)
+
+
+def sinkages(versions: Versions[Version], rows: Loaded, version: Integers) -> tuple[Array, Array]:
+    """Sinkage of wheels (m) and its variance by law, place and load; NaN before any stretch."""
+    value, variance = np.full((2, len(rows)), np.nan)
+    of = [versions[number] for number in version.tolist()]
+    for model in {id(one.model): one.model for one in of if one.model is not None}.values():
+        mine = np.flatnonzero([one.model is model for one in of])
+        mean = np.array([of[i].mean for i in mine.tolist()])
+        asked = rows.take(mine)
+        shown = model.sinkage(mean, asked)
+        law = np.empty(mine.size)
+        for number in np.unique(version[mine]).tolist():
+            same = version[mine] == number
+            H = shown.H[same]
+            law[same] = np.einsum("ri,ij,rj->r", H, versions[number].covariance, H)
+        places, still = np.array([of[i].scatter for i in mine.tolist()]).T
+        by_place = shown.by_load**2 * (places + asked.load_variance)
+        own = by_place + (MODEL_ERROR * shown.value) ** 2 + shown.doubt + still
+        value[mine], variance[mine] = shown.value, law + own
+    return value, variance
 
 
 def constants(law: Array) -> tuple[float, float, float]:
