@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subject: learn. Laws that no library has, hidden in tables of a truth of its own; how often each is found.
 
-The truth shares no code with the model: the load that a wheel's front arc carries is a sum over
-angles, the sinkage is found by bisection, the resistance is the sum of the pressure's horizontal
-component, and a law acts on pressure, wheel or outcome as its line below says. Columns that act
-on nothing (the battery's voltage always, and whatever the law does not use) are in every table.
+The contact of wheel and soil is that of the truth simulator, which shares no code with the model. Its hidden
+effects would do no good here: what is asked is at which stage of the model a law acts, so that a law changes
+pressure, wheel or outcome as its line below says. Columns that act on nothing (the battery's voltage always,
+and whatever the law does not use) are in every table.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from smallwheel_ros.learn.law import Law
 from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.simulate.truth import Contact, static_sinkage, supported_load
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
 
-_ANGLES = (np.arange(400) + 0.5) / 400.0
-_BISECTIONS = 60
+_SCATTER = 0.05  # of ln k from run to run
 _ABSOLUTE = {"sinkage": 0.1e-3, "resistance": 0.1}  # noise beside the relative one, m and N
 LIMITS = {"load": (20.0, 150.0), "slip": (0.0, 0.6), "moisture": (0.04, 0.18),
           "temperature": (280.0, 315.0), "battery": (11.0, 12.6)}  # fmt: skip
@@ -174,15 +174,9 @@ def _factor(laws: Sequence[Hidden], what: str, c: Columns) -> Array:
     return np.asarray(np.prod([np.ones_like(c["load"]), *acting], axis=0))
 
 
-def _arc(z: Array, d: Array, b: Array, n: Array, modulus: Array) -> tuple[Array, Array]:
-    """Upward and backward component (N) of the pressure on the front of a rigid wheel."""
-    r = 0.5 * d
-    entry = np.arccos(np.clip(1.0 - z / r, -1.0, 1.0))
-    angle = entry * (1.0 - (1.0 - _ANGLES[:, None]) ** 2)  # dense where the pressure begins
-    step = entry * 2.0 * (1.0 - _ANGLES[:, None]) / _ANGLES.size
-    depth = np.maximum(r * (np.cos(angle) - np.cos(entry)), 0.0)
-    stress = modulus * depth**n * b * r * step
-    return (stress * np.cos(angle)).sum(axis=0), (stress * np.sin(angle)).sum(axis=0)
+def _pressure(k: Array, n: float) -> Callable[[Array], Array]:
+    """Pressure (Pa) at depths (m), shape (rows, nodes)."""
+    return lambda depth: k[:, None] * np.maximum(depth, 0.0) ** n
 
 
 def respond(
@@ -190,17 +184,13 @@ def respond(
 ) -> Columns:
     """Sinkage (m) and resistance (N). soil: k, n, m. firmness: factor on k of each row."""
     k, n, m = soil
-    one = np.ones_like(c["load"])
     d = c["diameter"] * _factor(laws, "diameter", c)
-    modulus = k * d**m * firmness * _factor(laws, "stiffness", c)
-    low, high = 1e-6 * one, 0.499 * d
-    for _ in range(_BISECTIONS):
-        middle = np.sqrt(low * high)
-        light = _arc(middle, d, c["width"], n * one, modulus)[0] < c["load"]
-        low, high = np.where(light, middle, low), np.where(light, high, middle)
-    z = np.sqrt(low * high) * _factor(laws, "deeper", c)
-    z = z + sum(law.raised(c) for law in laws if law.raised)
-    back = _arc(np.minimum(z, 0.499 * d), d, c["width"], n * one, modulus)[1]
+    pressure = _pressure(k * d**m * firmness * _factor(laws, "stiffness", c), n)
+    deepest = 0.499 * d
+    z = np.fmin(static_sinkage(pressure, c["load"], d, c["width"]), deepest)
+    z = z * _factor(laws, "deeper", c) + sum(law.raised(c) for law in laws if law.raised)
+    contact = Contact.at(d, np.minimum(z, deepest))
+    back = contact.backward(pressure(contact.depth), c["width"])
     return {"sinkage": z, "resistance": back + sum(law.drag(c, z) for law in laws if law.drag)}
 
 
@@ -212,7 +202,6 @@ def table(
     runs: int = 32,
     rows: int = 3,
     noise: float = 0.03,
-    scatter: float = 0.05,
     channels: tuple[str, ...] = ("sinkage", "resistance"),
     within: str = "repeats",
 ) -> pd.DataFrame:
@@ -231,10 +220,9 @@ def table(
     # A middling wheel sinks by a tenth of its diameter.
     reference = {"load": 70.0, "diameter": float(np.median(diameters)),
                  "width": float(np.median(widths))}  # fmt: skip
-    at = {name: np.array([value]) for name, value in reference.items()}
-    up = _arc(own.uniform(0.05, 0.09) * at["diameter"], at["diameter"], at["width"],
-              np.array([n]), at["diameter"] ** m)[0]  # fmt: skip
-    soil = (float(70.0 / up[0]), n, m)
+    load, d, b = (np.array([value]) for value in reference.values())
+    carried = supported_load(_pressure(d**m, n), d, b, own.uniform(0.05, 0.09) * d)
+    soil = (float((load / carried)[0]), n, m)
     rng = np.random.default_rng([seed, part, 78])
     kept: list[dict[str, float]] = []
     for _ in range(100 * runs):
@@ -257,7 +245,7 @@ def table(
     elif within == "curve":
         c["slip"] = np.tile(np.linspace(*LIMITS["slip"], rows), runs)
     quiet = noise == 0.0
-    firm = np.exp(rng.normal(0.0, 0.0 if quiet else scatter, runs))
+    firm = np.exp(rng.normal(0.0, 0.0 if quiet else _SCATTER, runs))
     true = respond(soil, laws, c, np.repeat(firm, rows))
     found: dict[str, object] = {"run": np.repeat([f"r{i + 1:03d}" for i in range(runs)], rows)}
     found |= dict(c)
