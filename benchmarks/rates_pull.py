@@ -8,8 +8,8 @@ shear tests' numbers instead of a wheel's.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,11 @@ from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.prediction.prediction import predict_conditions
-from smallwheel_ros.simulate.wheel_laws import Rows, Sand, Stresses, response_of
+from smallwheel_ros.simulate.truth import Circumstances
+from smallwheel_ros.simulate.wheel_laws import RimStrength, Sand, Stresses, response_of
 
 Array = NDArray[np.float64]
+Sums = tuple[float, int, int]
 FORCES = ("drawbar_pull", "torque")
 OF = ("the same wheels", "another wheel", "from plates and shear tests")
 TRUTHS = {
@@ -54,76 +56,69 @@ DESIGNS: dict[str, tuple[list[tuple[float, float, float]], list[float], Sequence
 
 def sand_of(rng: np.random.Generator) -> Sand:
     """Draw a sand and a rim."""
-    return Sand(
-        k=float(np.exp(rng.uniform(np.log(4e5), np.log(2e6)))),
-        n=rng.uniform(0.8, 1.2),
+    k, n = float(np.exp(rng.uniform(np.log(4e5), np.log(2e6)))), rng.uniform(0.8, 1.2)
+    strength = RimStrength(
         cohesion=float(np.exp(rng.normal(np.log(300), 0.7))),
         friction_angle=rng.normal(0.57, 0.07),
         shear_deformation=float(np.exp(rng.normal(np.log(0.012), 0.4))),
-        rim=rng.normal(0.8, 0.08),
-        dug=rng.uniform(0.06, 0.14),
-        skid=rng.uniform(1.5, 3.0),
-        lugs=rng.uniform(0.25, 0.65),
     )
+    return Sand(
+        k, n, strength, rim=rng.normal(0.8, 0.08), dug=rng.uniform(0.06, 0.14),
+        skid=rng.uniform(1.5, 3.0), lugs=rng.uniform(0.25, 0.65),
+    )  # fmt: skip
 
 
 def rows_of(
     wheels: Sequence[tuple[float, float, float]], loads: Sequence[float], slips: Sequence[float]
-) -> Rows:
+) -> Circumstances:
     grid = [(w, *wheel, i) for wheel in wheels for w in loads for i in slips]
     load, d, b, h, slip = np.array(grid).T
-    return Rows(load, d, b, slip, h)
+    return Circumstances.of(load=load, diameter=d, width=b, slip=slip, grouser_height=h)
 
 
 def table(
-    s: Sand, truth: Stresses, at: Rows, repeats: int, rng: np.random.Generator, torque: bool
+    s: Sand,
+    truth: Stresses,
+    at: Circumstances,
+    repeats: int,
+    rng: np.random.Generator,
+    torque: bool,
 ) -> pd.DataFrame:
     """What a rig writes down, with 3 % of scatter in the soil and of noise."""
     parts = []
     for repeat in range(repeats):
-        soils = [replace(s, k=s.k * float(np.exp(0.05 * rng.normal()))) for _ in at.load]
-        found = [
-            response_of(one, Rows(*(v[i : i + 1] for v in vars(at).values())), truth)
-            for i, one in enumerate(soils)
-        ]
-        z, pull, turn = np.array(found)[:, :, 0].T
+        soil = replace(s, k=s.k * np.exp(0.05 * rng.normal(size=at.load.size)))
+        z, pull, turn = response_of(soil, at, truth)
         parts.append(pd.DataFrame({
             "run": [f"{repeat}-{i}" for i in range(len(z))], "load [N]": at.load,
-            "diameter [m]": at.diameter, "width [m]": at.width, "grouser_height [m]": at.lug, "slip": at.slip,
+            "diameter [m]": at.diameter, "width [m]": at.width, "grouser_height [m]": at.grouser_height,
+            "slip": at.slip,
             "sinkage [m]": np.maximum(z * (1 + 0.03 * rng.normal(size=z.size)), 1e-4),
             "drawbar_pull [N]": pull + 0.01 * at.load * rng.normal(size=z.size),
         } | ({"torque [N m]": turn * (1 + 0.02 * rng.normal(size=z.size))} if torque else {})))  # fmt: skip
     return pd.concat(parts, ignore_index=True)
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Of one table and one kind of fresh rows. off: error over the load (rms). inside: rows in the band."""
-
-    what: str
-    channel: str
-    off: float
-    inside: int
-    rows: int
-
-
-def effects_of(at: Rows) -> list[Any]:
+def effects_of(at: Circumstances) -> list[Any]:
     found = [effect("slip_sinkage", "added_depth")]
     found += [effect("skid_sinkage", "quadratic")] if (at.slip < 0).any() else []
-    return found + ([effect("grouser", "lug_digging")] if (at.lug > 0).any() else [])
+    return found + ([effect("grouser", "lug_digging")] if (at.grouser_height > 0).any() else [])
 
 
-def judged(
-    what: str, model: CalibratedModel, s: Sand, truth: Stresses, at: Rows
-) -> Iterator[Outcome]:
-    conditions = Conditions.of(at.load, at.diameter, at.width, slip=at.slip, grouser_height=at.lug)
-    found, _ = predict_conditions(model, conditions)
+def sums(model: CalibratedModel, s: Sand, truth: Stresses, at: Circumstances) -> dict[str, Sums]:
+    """By channel: squares of the error over the load, rows in the band, rows."""
+    conditions = Conditions.of(
+        at.load, at.diameter, at.width, slip=at.slip, grouser_height=at.grouser_height
+    )
+    predicted, _ = predict_conditions(model, conditions)
     _, pull, torque = response_of(s, at, truth)
+    found = {}
     for name, true in zip(FORCES, (pull, torque), strict=True):
-        error = np.asarray(getattr(found.prediction, name)) - true
-        share = float(np.sqrt(np.mean((error / of_load(conditions, name)) ** 2)))
-        inside = int(np.sum(np.abs(error) <= 1.96 * found.standard_deviation[name]))
-        yield Outcome(what, name, share, inside, error.size)
+        error = np.asarray(getattr(predicted.prediction, name)) - true
+        inside = np.abs(error) <= 1.96 * predicted.standard_deviation[name]
+        squares = float(np.sum((error / of_load(conditions, name)) ** 2))
+        found[name] = squares, int(inside.sum()), error.size
+    return found
 
 
 def beside_least_squares(problem: Problem) -> tuple[float, float]:
@@ -147,41 +142,37 @@ def beside_least_squares(problem: Problem) -> tuple[float, float]:
     )
 
 
-def run(truth: str, design: str, seed: int) -> tuple[list[Outcome], tuple[float, float]]:
-    """One rig: outcomes, and the fit's error beside that of least squares."""
+WORLDS = {f"{truth}; {design}": (truth, design) for truth in TRUTHS for design in DESIGNS}
+
+
+def trial(world: str, seed: int) -> Line:
+    """One rig: sums by channel and kind of fresh rows, and the fit's error beside that of least squares."""
+    truth, design = WORLDS[world]
     rng = np.random.default_rng([seed, list(TRUTHS).index(truth), list(DESIGNS).index(design)])
     s, law = sand_of(rng), TRUTHS[truth]
     wheels, loads, slips, repeats = DESIGNS[design]
     at = rows_of(wheels, loads, slips)
     data = read_measurements(table(s, law, at, repeats, rng, torque=seed % 2 == 0))
-    effects = effects_of(at)
-    problem = Problem.of(data, Base(parts=tuple(part_of(e) for e in effects)))
+    problem = Problem.of(data, Base(parts=tuple(part_of(e) for e in effects_of(at))))
     fit = problem.result()
     fresh = rows_of(wheels, [0.8 * loads[0], 1.2 * loads[-1]], (min(slips) * 0.8, 0.05, 0.25, 0.5))
     other = rows_of([(0.3, 0.13, 0.0)], loads, (0.05, 0.25, 0.5))
-    sand = Soil("sand", s.k, s.n, 0.0, s.cohesion, s.friction_angle, s.shear_deformation)
+    held = s.strength
+    sand = Soil(
+        "sand", float(s.k), s.n, 0.0, held.cohesion, held.friction_angle, held.shear_deformation
+    )
     names = ("log_reference_pressure", "n", "cohesion", "friction_angle", "log_shear_displacement")
     deviations = np.array([0.05, 0.05, 100.0, 0.02, 0.1])
     lab = CalibratedModel(
         Model(sand), tuple(f"sand.{name}" for name in names), np.diag(deviations**2)
     )
-    found = [
-        *judged("the same wheels", fit.model, s, law, fresh),
-        *judged("another wheel", fit.model, s, law, other),
-        *judged("from plates and shear tests", lab, s, law, other),
-    ]
-    return found, beside_least_squares(problem)
-
-
-WORLDS = {f"{truth}; {design}": (truth, design) for truth in TRUTHS for design in DESIGNS}
-
-
-def trial(world: str, seed: int) -> Line:
-    """One rig."""
-    outcomes, (fit, least) = run(*WORLDS[world], seed)
-    found: Line = {"fit": fit, "least": least}
-    for one in outcomes:
-        found[f"{one.channel}, {one.what}"] = one.off**2 * one.rows, one.inside, one.rows
+    ours, least = beside_least_squares(problem)
+    found: Line = {"fit": ours, "least": least}
+    for what, model, rows in zip(
+        OF, (fit.model, fit.model, lab), (fresh, other, other), strict=True
+    ):
+        of = sums(model, s, law, rows)
+        found |= {f"{channel}, {what}": counts for channel, counts in of.items()}
     return found
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array, Contact
+from smallwheel_ros.simulate.truth import Array, Circumstances, Contact
 
 SLIPS = np.array(
     [-1, -0.7, -0.4, -0.2, -0.1, -0.04, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1]
@@ -77,32 +77,19 @@ def rim_curves(
 
 @dataclass(frozen=True)
 class Sand:
-    """A sand and a rim as they really are; SI units.
+    """A sand and a rim as they really are; SI units. k: of all wheels, or of each, shape (rows,).
 
     rim: friction of a smooth rim, of that of the soil. dug, skid, lugs: of what slip digs over the diameter,
     skid ploughs, and lugs dig over their height.
     """
 
-    k: float
+    k: Array | float
     n: float
-    cohesion: float
-    friction_angle: float
-    shear_deformation: float
-    rim: float
-    dug: float
-    skid: float
-    lugs: float
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Settings of wheels, shape (rows,)."""
-
-    load: Array
-    diameter: Array
-    width: Array
-    slip: Array
-    lug: Array
+    strength: RimStrength
+    rim: float = 0.85
+    dug: float = 0.0
+    skid: float = 0.0
+    lugs: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -121,17 +108,17 @@ class Stresses:
     bias: float = 0.0
 
 
-def sinkage_of(sand: Sand, at: Rows) -> Array:
+def sinkage_of(sand: Sand, at: Circumstances) -> Array:
     """A parabola's static sinkage, and what slip digs and skid ploughs, in forms of their own."""
     still = (1.5 * at.load / (at.width * sand.k * np.sqrt(at.diameter))) ** (1.0 / (sand.n + 0.5))
     i, j = np.maximum(at.slip, 0.0), np.maximum(-at.slip, 0.0)
     dug = sand.dug * at.diameter * np.sinh(1.2 * i) / np.sinh(1.2)
-    dug += sand.lugs * at.lug * i / (1.05 - i)
+    dug += sand.lugs * at.grouser_height * i / (1.05 - i)
     found: Array = np.minimum(still * (1.0 + sand.skid * j**1.3) + dug, 0.45 * at.diameter)
     return found
 
 
-def response_of(sand: Sand, at: Rows, shape: Stresses) -> tuple[Array, Array, Array]:
+def response_of(sand: Sand, at: Circumstances, shape: Stresses) -> tuple[Array, Array, Array]:
     """Sinkage, pull and torque."""
     z, still = sinkage_of(sand, at), sinkage_of(sand, replace(at, slip=0.0 * at.slip))
     thrust, resistance, torque = _forces(sand, at, z, still, shape)
@@ -139,7 +126,7 @@ def response_of(sand: Sand, at: Rows, shape: Stresses) -> tuple[Array, Array, Ar
 
 
 def _forces(
-    sand: Sand, at: Rows, z: Array, still: Array, shape: Stresses
+    sand: Sand, at: Circumstances, z: Array, still: Array, shape: Stresses
 ) -> tuple[Array, Array, Array]:
     """Thrust, resistance (N) and torque (N m) of wheels at a depth."""
     r = 0.5 * at.diameter
@@ -155,19 +142,19 @@ def _forces(
     share = np.maximum(np.cos(equal) - np.cos(first), 0.0) / (1.0 - np.cos(first))
     below = share * z[:, None]
     press = share**sand.n * np.where(below < (z - still)[:, None], shape.moved, 1.0)
-    shoe = r + 0.5 * at.lug
+    shoe = r + 0.5 * at.grouser_height
     driven, braked = 1.0 - np.minimum(at.slip, 0.98), 1.0 / np.maximum(1.0 + at.slip, 0.02)
     u = np.where(at.slip >= 0, driven, braked)[:, None]
     slid = shoe[:, None] * ((first - t) - u * (np.sin(first) - np.sin(t)))
-    x = np.abs(slid) / sand.shear_deformation
+    x = np.abs(slid) / sand.strength.shear_deformation
     called = np.sign(slid) * (1.0 - np.exp(-x)) * (1.0 + shape.hump * x * np.exp(1.0 - x))
-    mu = np.where((at.lug > 0) | (at.slip < 0), 1.0, sand.rim)[:, None]
+    mu = np.where((at.grouser_height > 0) | (at.slip < 0), 1.0, sand.rim)[:, None]
 
     def total(f: Array) -> Array:
         return np.asarray(-np.trapezoid(f, t, axis=1))
 
-    rub = mu * np.tan(sand.friction_angle) * press * called
-    held = mu * sand.cohesion * called
+    rub = mu * np.tan(sand.strength.friction_angle) * press * called
+    held = mu * sand.strength.cohesion * called
     lift = r * total(press * np.cos(t)) + shoe * total(rub * np.sin(t))
     p = (at.load / at.width - shoe * total(held * np.sin(t))) / lift
     shear = p[:, None] * rub + held
@@ -180,12 +167,11 @@ def peaked_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
     """Curves of a wheel whose pressure peaks ahead, and whose soil falls after its shear's peak."""
-    sand = Sand(
-        1.0, exponent, strength.cohesion, strength.friction_angle, strength.shear_deformation, 0.85, 0, 0, 0
-    )  # fmt: skip
     depth, slip = (one.ravel() for one in np.meshgrid(DEPTHS * diameter, SLIPS, indexing="ij"))
-    same = np.ones(depth.size)
-    at = Rows(load * same, diameter * same, width * same, np.clip(slip, -0.95, 0.95), 0.0 * same)
+    at = Circumstances.of(
+        load=load, diameter=diameter, width=width, slip=np.clip(slip, -0.95, 0.95)
+    )
+    sand = Sand(1.0, exponent, strength)
     found = _forces(sand, at, depth, depth, Stresses(peak=(0.25, 0.2), hump=0.15))
     thrust, resistance, torque = (
         np.reshape(one, (DEPTHS.size, SLIPS.size)) / load for one in found

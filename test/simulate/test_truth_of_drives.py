@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from benchmarks.drive_worlds import WorldDrive, make_drive
+from smallwheel_ros.simulate.truth import Circumstances
 from smallwheel_ros.simulate.vehicle import EPOCH, REFERENCE_SLIP, STUCK, TICK
 from smallwheel_ros.simulate.wheel_laws import (
     DEPTHS,
     SLIPS,
     RimStrength,
-    Rows,
     Sand,
     Stresses,
     peaked_curves,
@@ -150,8 +150,8 @@ def test_curves_rise_with_slip_and_pull_less_where_the_wheel_is_deep(curves: obj
 
 
 def test_stresses_carry_the_load_and_moved_soil_carries_less() -> None:
-    sand = Sand(1e6, 1.0, 300.0, 0.57, 0.012, 0.8, 0.1, 2.0, 0.4)
-    at = Rows(*(np.array([v, v]) for v in (80.0, 0.25, 0.1)), np.array([0.05, 0.5]), np.zeros(2))
+    sand = Sand(1e6, 1.0, RimStrength(300.0, 0.57, 0.012), 0.8, 0.1, 2.0, 0.4)
+    at = Circumstances.of(load=80.0, diameter=0.25, width=0.1, slip=np.array([0.05, 0.5]))
     z, pull, torque = response_of(sand, at, Stresses())
     assert z[1] > z[0]
     assert pull[1] > pull[0]
