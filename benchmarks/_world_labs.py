@@ -11,15 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig
 from smallwheel_ros.simulate.hidden import draw_effects
-from smallwheel_ros.simulate.rig import RigDesign, RunSettings, draw_design, draw_runs
+from smallwheel_ros.simulate.rig import (
+    ABSOLUTE_NOISE,
+    CHANNELS,
+    SETTINGS,
+    RigDesign,
+    RunSettings,
+    draw_design,
+    draw_runs,
+)
+from smallwheel_ros.simulate.sensors import lasting
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     HiddenEffect,
@@ -34,20 +43,6 @@ Array = NDArray[np.float64]
 Pull = Callable[[TruthSoil, Circumstances, Response], Array]
 Draw = Callable[[np.random.Generator, int], Array]  # noise of standard deviation 1
 
-HEADERS = {
-    "load": ("load [N]", 1.0),
-    "diameter": ("diameter [mm]", 1e3),
-    "width": ("width [mm]", 1e3),
-    "slip": ("slip", 1.0),
-    "speed": ("speed [mm/s]", 1e3),
-    "pass_number": ("pass_number", 1.0),
-    "sinkage": ("sinkage [mm]", 1e3),
-    "resistance": ("resistance [N]", 1.0),
-    "drawbar_pull": ("drawbar_pull [N]", 1.0),
-}
-# Absolute noise beside the relative one, in m and N.
-ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3}
-
 
 def stream(seed: int, part: int, *purpose: int) -> np.random.Generator:
     return np.random.default_rng([seed, part, *purpose])
@@ -55,11 +50,7 @@ def stream(seed: int, part: int, *purpose: int) -> np.random.Generator:
 
 def correlated(rng: np.random.Generator, rows: int, length: float) -> Array:
     """An Ornstein-Uhlenbeck series of unit variance; its correlation falls over `length` rows."""
-    keep = np.exp(-1.0 / length)
-    shocks = rng.normal(0.0, np.sqrt(1.0 - keep**2), rows)
-    shocks[0] = rng.normal()
-    series: Array = lfilter([1.0], [1.0, -keep], shocks)
-    return series
+    return lasting(rng.standard_normal, rows, np.exp(-1.0 / length))
 
 
 def gaussian(rng: np.random.Generator, size: int) -> Array:
@@ -116,10 +107,10 @@ class Bench:
         settings = {"load": load, "diameter": at.diameter, "width": at.width, "slip": at.slip}
         settings |= {"speed": at.speed, "pass_number": at.pass_number}
         for name, values in settings.items():
-            header, factor = HEADERS[name]
+            header, factor = SETTINGS.get(name, (name, 1.0))
             columns[header] = values * factor
         for name in self.channels:
-            header, factor = HEADERS[name]
+            header, factor = CHANNELS[name]
             spread = np.hypot(self.noise * true[name], ABSOLUTE_NOISE[name])
             measured = true[name] + spread * self.draw(rng, len(runs))
             if name == "sinkage":
@@ -181,19 +172,19 @@ def drawn(
     part: int,
     hidden: Sequence[str] = (),
     *,
+    purpose: int = 41,
+    runs: int = 32,
+    rows: int = 3,
     scatter: float = _SCATTER,
-    tails: bool = False,
-    channels: tuple[str, ...] = ("sinkage", "resistance"),
-    pull: Pull | None = None,
+    drift: float = 0.0,
+    **bench: Any,
 ) -> pd.DataFrame:
-    """The simulator's runs, 32 of 3 rows, with other scatter, other noise or another pull."""
-    design, effects, runs = designed(seed, part, hidden, 32)
-    at, number = repeated(runs, 3)
-    rng = stream(seed, part, 41)
-    bench = Bench(design.soil, effects, channels=channels, pull=pull)
-    if tails:
-        bench = Bench(design.soil, effects, channels=channels, draw=heavy_tailed)
-    return bench.table(at, number, run_scatter(rng, number, scatter), rng)
+    """The simulator's runs with other scatter or another bench. drift: of k, from run to run."""
+    design, effects, settings = designed(seed, part, hidden, runs)
+    at, number = repeated(settings, rows)
+    rng = stream(seed, part, purpose)
+    factor = run_scatter(rng, number, scatter) * (1.0 + drift) ** number
+    return Bench(design.soil, effects, **bench).table(at, number, factor, rng)
 
 
 def rim_stress_pull(soil: TruthSoil, at: Circumstances, response: Response) -> Array:
@@ -227,18 +218,9 @@ def lossy_pull(soil: TruthSoil, at: Circumstances, response: Response) -> Array:
     return np.asarray(response.drawbar_pull - 0.1 * at.load)
 
 
-def drifting_soil(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
-    """The bin's soil compacts by 1 % a run."""
-    design, effects, runs = designed(seed, part, hidden, 32)
-    at, number = repeated(runs, 3)
-    rng = stream(seed, part, 42)
-    scatter = run_scatter(rng, number) * 1.01**number
-    return Bench(design.soil, effects).table(at, number, scatter, rng)
-
-
-def creeping_zero(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.DataFrame:
+def creeping_zero(seed: int, part: int) -> pd.DataFrame:
     """The zero of the sinkage sensor creeps by 0.06 mm a run: 1.9 mm in all."""
-    table = drawn(seed, part, hidden)
+    table = drawn(seed, part)
     number = table["run"].str.removeprefix("run_").astype(float) - 1.0
     table["sinkage [mm]"] += 0.06 * number
     return table
@@ -255,15 +237,11 @@ def uncertain_settings(seed: int, part: int, hidden: Sequence[str] = ()) -> pd.D
 
 def declared(seed: int, part: int, factor: float, hidden: Sequence[str] = ()) -> pd.DataFrame:
     """40 runs without repeats; standard deviations are declared, `factor` times the true ones."""
-    design, effects, runs = designed(seed, part, hidden, 40)
-    at, number = repeated(runs, 1)
-    rng = stream(seed, part, 44)
-    bench = Bench(design.soil, effects)
-    table = bench.table(at, number, run_scatter(rng, number), rng)
-    for name, unit, scale in (("sinkage", "mm", 1e3), ("resistance", "N", 1.0)):
-        absolute = scale * ABSOLUTE_NOISE[name]
-        spread = np.hypot(bench.noise * table[f"{name} [{unit}]"], absolute)
-        table[f"{name}_std [{unit}]"] = factor * spread
+    table = drawn(seed, part, hidden, purpose=44, runs=40, rows=1)
+    for name in ("sinkage", "resistance"):
+        header, scale = CHANNELS[name]
+        spread = np.hypot(Bench.noise * table[header], scale * ABSOLUTE_NOISE[name])
+        table[header.replace(name, f"{name}_std")] = factor * spread
     return table
 
 

@@ -7,7 +7,7 @@ A lab's grids differ from table to table: one to four loads, four to eight slips
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -20,15 +20,7 @@ _SINKAGE, _RESISTANCE = "sinkage [mm]", "resistance [N]"
 
 
 def any_lab(
-    seed: int,
-    part: int,
-    hidden: Sequence[str] = (),
-    *,
-    rows: int = 1,
-    channels: tuple[str, ...] = ("sinkage", "resistance"),
-    noise: float = 0.03,
-    wheels: int = 1,
-    repeats: tuple[int, int] = (2, 4),
+    seed: int, part: int, hidden: Sequence[str] = (), *, repeats: tuple[int, int] = (2, 4)
 ) -> pd.DataFrame:
     """A full grid of loads and slips (passes, speeds where an effect follows them), repeated.
 
@@ -49,8 +41,6 @@ def any_lab(
     sizes = [(float(own.uniform(0.18, 0.32)), float(own.uniform(0.06, 0.12)))]
     if "width_dependent_modulus" in names:
         sizes = [(sizes[0][0], b) for b in (0.05, 0.08, 0.13)]
-    elif wheels > 1:
-        sizes.append((1.5 * sizes[0][0], sizes[0][1]))
     passes = (1.0, 2.0, 4.0) if "multipass" in names else (1.0,)
     speeds = (0.02, 0.08, 0.3) if "penetration_rate" in names else (0.05,)
     if len(loads) * len(slips) * len(sizes) * len(passes) * len(speeds) > 24:
@@ -62,9 +52,9 @@ def any_lab(
     ] * times  # fmt: skip
     rng = stream(seed, part, 61)
     order = rng.permutation(len(runs))
-    at, number = repeated([runs[i] for i in order], rows)
-    bench = Bench(soil, effects, noise=noise, channels=channels)
-    return bench.table(at, number, run_scatter(rng, number, float(own.uniform(0.02, 0.07))), rng)
+    at, number = repeated([runs[i] for i in order], 1)
+    scatter = run_scatter(rng, number, float(own.uniform(0.02, 0.07)))
+    return Bench(soil, effects).table(at, number, scatter, rng)
 
 
 def deeper_at_one(seed: int, part: int, by: float = 0.6, setting: str = "slip") -> pd.DataFrame:
@@ -149,21 +139,12 @@ def bad_run(
     return table
 
 
-def drifting(
-    seed: int,
-    part: int,
-    what: str,
-    column: str = "time [s]",
-    hidden: Sequence[str] = (),
-    design: str = "lab",
-) -> pd.DataFrame:
-    """Something drifts over the day; the order of the runs is in the table. what: none, k, zero, force."""
-    rows = 1 if design == "lab" else 3
-    table = (
-        any_lab(seed, part, hidden, repeats=(3, 4))
-        if design == "lab"
-        else rig_table(seed, part, hidden, runs=32, rows_per_run=rows)
-    )
+def drifting(seed: int, part: int, what: str, column: str = "time [s]") -> pd.DataFrame:
+    """Something drifts over a lab's day, in the order of its runs. what: none, k, zero, force.
+
+    column: what tells of the order, the time, `index` or `trial`.
+    """
+    table = any_lab(seed, part, repeats=(3, 4))
     own = stream(seed, 0, 67)
     runs = pd.factorize(table["run"])[0].astype(float)
     day = runs / runs.max()
@@ -177,12 +158,5 @@ def drifting(
     elif what == "force":
         table[_RESISTANCE] += sign * 0.35 * table[_RESISTANCE].median() * shape
     pauses = stream(seed, part, 68).uniform(300.0, 1500.0, int(runs.max()) + 1).cumsum()
-    written: dict[str, Callable[[], np.ndarray]] = {
-        "time [s]": lambda: pauses[runs.astype(int)],
-        "index": lambda: runs + 1.0,
-        "order": lambda: runs + 1.0,
-        "trial": lambda: runs + 1.0,
-        "timestamp": lambda: 1.7e9 + pauses[runs.astype(int)],
-    }
-    table[column] = written[column]()
+    table[column] = pauses[runs.astype(int)] if column == "time [s]" else runs + 1.0
     return table

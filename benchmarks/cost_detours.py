@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subject: cost. What planners do with the cost map: past where a robot got stuck, out of there, elsewhere.
+"""Subject: cost. What planners do with the cost map past where a robot got stuck, and out of there.
 
     python benchmarks/rates.py cost --seeds 500:520
-    python benchmarks/cost_detours.py PICTURE   # only draws a stuck drive's map and a path
+    python benchmarks/cost_detours.py PICTURE   # only draws one drive's map and a path
 
-Simulated drives (truth simulator) that end stuck on slippery ground or a slope, one a seed, and as many
-that do not; their cost maps, and paths over them by the rules of Nav2's planners:
-straight past the place, from 8 m before it to 3 m behind it, out of there, and along the good drives, each
-end moved along that line to where no wheel stands on ground of 50 and more. Costs are spread as the node
-does it (`cost.spread`) and, to show what that is for, not at all. `m dear`: way of the outer wheels, beside
-base_link, on cells that the map without spread has at 50 and more; at the corners: of those in front and
-behind.
+Simulated drives that end stuck on slippery ground or a slope, one a seed; their cost maps, and paths over
+them by the rules of Nav2's planners: straight past the place, from 8 m before it to 3 m behind it, each end
+moved along that line to where no wheel stands on ground of 50 and more; and out of there. Costs are spread
+as the node does it (`cost.spread`) and, to show what that is for, not at all. `m dear`: way of the outer
+wheels, beside base_link, on cells that the map without spread has at 50 and more; at the corners: of those
+in front and behind.
 
 Paths are shortest ones over 8 neighbours by the rules of Nav2's planners (1.3.13).
 
@@ -33,6 +32,7 @@ import math
 import sys
 import tempfile
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Literal
@@ -168,134 +168,102 @@ def dear_way(
     return float(length[on].sum())
 
 
-def near_share(path: Array, way: Array, within: float = 0.3) -> float:
-    """Share of the path's places that are so near (m) to an old way."""
-    gaps = np.hypot(*(path[:, None, :] - way[None, ::5, :]).transpose(2, 0, 1)).min(axis=1)
-    return float(np.mean(gaps < within))
-
-
 # --- Drives
 
 
-def map_of(seed: int, stuck: bool) -> tuple[CostMap, NDArray[np.float64]]:
-    """The cost map after a drive, and the places of the robot on it."""
-    finish = ("slippery", "slope")[seed % 2] if stuck else "none"
+def map_of(seed: int) -> tuple[CostMap, Pose, Array]:
+    """The cost map after a drive without the vehicle on it, where that stands, and its places till then."""
+    finish = ("slippery", "slope")[seed % 2]
     drive = simulate_drive(DriveSettings(seed=seed, distance=12.0, finish=finish))
     with tempfile.TemporaryDirectory() as folder:
         write_drive_bag(drive, Path(folder) / "bag")
-        return cost_map(Path(folder) / "bag", config_file("four_wheels.yaml"))
+        made, way = cost_map(Path(folder) / "bag", config_file("four_wheels.yaml"))
+    assert made._pose is not None
+    pose, made._pose = made._pose, None
+    return made, pose, way
+
+
+def grid_of(made: CostMap, reach: float, pose: Pose | None = None) -> Grid:
+    """The map's grid with costs spread so far (m), and with the vehicle there."""
+    made.spread, made._pose = reach, pose
+    grid = made.grid()
+    assert grid is not None
+    return grid
 
 
 def draw(seed: int, picture: Path) -> None:
     """Draw what a planner does that goes by base_link, past where a robot got stuck."""
-    made, way = map_of(seed, stuck=True)
-    pose, made._pose = made._pose, None
-    grid = made.grid()
-    assert pose is not None
-    assert grid is not None
+    made, pose, way = map_of(seed)
+    grid = grid_of(made, made.spread)
     start = way[np.argmin(np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE))]
     path = plan(grid, tuple(start), pose.place(_BEHIND, 0.0), made.outline, "NavFn")
     draw_cost(grid, picture, way=way, planned=path, title="Stuck there; a path to behind it")
 
 
-def _free(grid: Grid, made: CostMap, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """At which places no wheel would be on ground of 50 and more, whichever way the vehicle looks."""
-    around = math.hypot(made.outline.length / 2, made.outline.half_width) + grid.resolution
+def _free_place(grid: Grid, outline: Outline, places: Array) -> tuple[float, float]:
+    """The first place where no wheel would be on ground of 50 and more, whichever way the vehicle looks."""
+    around = math.hypot(outline.length / 2, outline.half_width) + grid.resolution
     dear = spread(grid.cells, around / grid.resolution) >= 50
-    cells = [grid.cell(*place) for place in places]
-    return np.array([cell is not None and not dear[cell] for cell in cells])
+    for x, y in places.tolist():
+        cell = grid.cell(x, y)
+        if cell is not None and not dear[cell]:
+            return x, y
+    raise RuntimeError("all places are on dear ground")
 
 
-WORLDS = {"stuck": True, "good ground": False}
 PLANNED = [
     f"{planner}, {how}"
     for planner, how in product(_PLANNERS, ("as the node spreads", "not spread"))
 ]
 
 
-def trial(world: str, seed: int) -> Line:
+def trial(_: str, seed: int) -> Line:
     """What planners do on the map of one drive: by planner and kind of map, by what is measured."""
-    stuck = WORLDS[world]
-    made, way = map_of(seed, stuck)
-    outline, reached = made.outline, made.spread
-    pose = made._pose
-    assert pose is not None
-    found: Line = {}
-    made.spread = 0.0
-    raw = made.grid()
-    assert raw is not None
+    made, pose, _ = map_of(seed)
+    outline, more = made.outline, np.arange(0.0, 5.0, 0.2)
+    reaches = made.spread, 0.0
+    raw = grid_of(made, 0.0)
     blank = replace(raw, cells=np.full_like(raw.cells, -1))
     # What stands on dear ground, or is to, can keep no wheel off it.
-    starts, ends = way, way[::-1]
-    if stuck:
-        more = np.arange(0.0, 5.0, 0.2)
-        starts, ends = (
-            np.array([pose.place(x, 0.0) for x in line])
-            for line in (-_BEFORE - more, _BEHIND + more)
-        )
-    start, behind = (tuple(on[_free(raw, made, on)][0]) for on in (starts, ends))
-    for planner, reach in product(_PLANNERS, (reached, 0.0)):
-        made.spread = reach
-        standing = made.grid()
-        gone, made._pose = made._pose, None  # the vehicle is elsewhere
-        left, made._pose = made.grid(), gone
-        assert standing is not None
-        assert left is not None
-        name = f"{planner}, {'as the node spreads' if reach else 'not spread'}"
-        path = plan(left, start, behind, outline, planner)
+    start, behind = (
+        _free_place(raw, outline, np.array([pose.place(x, 0.0) for x in line]))
+        for line in (-_BEFORE - more, _BEHIND + more)
+    )
+    found: Line = {}
+    for name, (planner, reach) in zip(PLANNED, product(_PLANNERS, reaches), strict=True):
+        path = plan(grid_of(made, reach), start, behind, outline, planner)
         straight = plan(blank, start, behind, outline, planner)
-        assert straight is not None
-        row = {"plan": float(path is not None)}
-        if path is not None:
+        out = plan(grid_of(made, reach, pose), (pose.x, pose.y), start, outline, planner)
+        row = {"plan": float(path is not None), "out": float(out is not None)}
+        if path is not None and straight is not None:
             row |= {
                 "m dear": dear_way(path, raw, outline),
                 "m dear at the corners": dear_way(path, raw, outline, corners=True),
                 "m dear, no grid": dear_way(straight, raw, outline),
-                "near old track": near_share(path, way),
-                "near old track, no grid": near_share(straight, way),
             }
-        if stuck:
-            row["out"] = float(
-                plan(standing, (pose.x, pose.y), start, outline, planner) is not None
-            )
         found[name] = row
     return found
 
 
-_WAYS = (
-    "m dear",
-    "m dear at the corners",
-    "m dear, no grid",
-    "near old track",
-    "near old track, no grid",
-)
+_WAYS = ("m dear", "m dear at the corners", "m dear, no grid")
 
 
-def _mean(planned: str, what: str) -> Judge:
-    """The mean over the drives that have it."""
-
-    def value(line: Line) -> float:
-        return float(line[planned].get(what, 0.0))
-
-    def has(line: Line) -> int:
-        return int(what in line[planned])
-
-    return Judge(f"{planned}: {what}", ratio(value, has))
+def _value(planned: str, what: str, line: Line) -> float:
+    return float(line[planned].get(what, 0.0))
 
 
-def _found(planned: str, what: str) -> Judge:
-    """How often there is a path."""
-    return Judge(
-        f"{planned}: {what}",
-        share(lambda one: int(one[planned].get(what, 0.0)), lambda one: int(what in one[planned])),
-    )
+def _has(planned: str, what: str, line: Line) -> int:
+    return int(what in line[planned])
 
 
-JUDGES = [
-    *(_found(planned, what) for planned in PLANNED for what in ("plan", "out")),
-    *(_mean(planned, what) for planned in PLANNED for what in _WAYS),
-]
-SUBJECTS = [Subject("cost", list(WORLDS), trial, JUDGES, 10, 20.0)]
+def _judge(planned: str, what: str) -> Judge:
+    """How often there is a path; the mean of metres over the drives that have one."""
+    value, has = partial(_value, planned, what), partial(_has, planned, what)
+    return Judge(f"{planned}: {what}", ratio(value, has) if what in _WAYS else share(value, has))
+
+
+JUDGES = [_judge(planned, what) for planned in PLANNED for what in ("plan", "out", *_WAYS)]
+SUBJECTS = [Subject("cost", ["stuck"], trial, JUDGES, 10, 20.0)]
 
 if __name__ == "__main__":
     draw(500, Path(sys.argv[1]))

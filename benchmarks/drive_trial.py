@@ -10,24 +10,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from benchmarks.drive_worlds import (
-    FIELD,
-    PRIORS,
-    ROBOTS,
-    SLIP,
-    SOIL,
-    TRACTION,
-    WorldDrive,
-    make_drive,
-)
-from benchmarks.faults import FAULTS, Raw
-from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
+from benchmarks.drive_worlds import WorldDrive, make_drive
+from benchmarks.faults import BEGINS, FAULTS, Raw
+from benchmarks.judges import Line
+from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warnings import Warned
@@ -35,16 +25,6 @@ from smallwheel_ros.simulate.vehicle import EPOCH, TICK
 from smallwheel_ros.simulate.world import World
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE
 
-Line = dict[str, Any]
-WORLDS = {
-    "soil": SOIL,
-    "traction": TRACTION,
-    "priors": PRIORS,
-    "field": FIELD,
-    "slip": SLIP,
-    "robots": ROBOTS,
-}
-BEGINS = 0.3  # share of the way at which what dies dies
 SETTLE = 2.0  # m, before which nothing is scored
 ROLLS = 0.15  # m/s of a rim, from which slip should be known
 NAMES = ("reference_pressure", "n", "m", "effective_modulus")
@@ -63,16 +43,12 @@ def trial(world: World, seed: int) -> Line:
     return judged(make_drive(world, seed))[1]
 
 
-def with_faults(drive: WorldDrive) -> tuple[NodeSettings, Raw]:
-    """Settings, and the rows with the faults that the world has."""
-    settings = settings_from(drive.parameters)
-    streams = settings.onboard.streams
-    rows = {name: drive.rows[name] for name in streams}
-    raw = Raw(drive.world.name, settings.onboard, rows)
+def with_faults(drive: WorldDrive) -> Raw:
+    """The rows with the faults that the world has."""
+    raw = Raw.of(drive)
     for name in drive.world.faults:
-        raw = raw.copied()
-        FAULTS[name](raw)
-    return settings, raw
+        FAULTS[name].done(raw)
+    return raw
 
 
 def turns_of(
@@ -111,8 +87,8 @@ def newest_of_each(wheel: Integers, values: Array, before: Array) -> Array:
 
 def judged(drive: WorldDrive) -> tuple[Pipeline, Line]:
     """Drive through the pipeline."""
-    settings, raw = with_faults(drive)
-    pipeline = Pipeline(settings.onboard)
+    raw = with_faults(drive)
+    pipeline = Pipeline(raw.settings)
     judge = _Judge(drive, pipeline)
     warned: list[Warned] = []
     for stamp, turns in turns_of(pipeline, raw):

@@ -350,3 +350,12 @@ ROBOTS = _named((
     _plain("imu z down", "80 kg", slope=0.07, faults=("imu z down",), said=_DOWN),
     _plain("imu z down, softens", "80 kg", features=_SOFT, faults=("imu z down",), said=_DOWN),
 ))  # fmt: skip
+
+WORLDS = {
+    "soil": SOIL,
+    "traction": TRACTION,
+    "priors": PRIORS,
+    "field": FIELD,
+    "slip": SLIP,
+    "robots": ROBOTS,
+}

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.drive_worlds import make_drive
+from benchmarks.drive_worlds import WorldDrive, make_drive
 from benchmarks.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
@@ -25,10 +24,11 @@ from smallwheel_ros.pipeline.align import rules_of, widths_of
 from smallwheel_ros.pipeline.checks import Checks, Finding
 from smallwheel_ros.pipeline.ground import Ground
 from smallwheel_ros.pipeline.streams import Streams
+from smallwheel_ros.pipeline.tables import Array, Integers
+from smallwheel_ros.simulate.sensors import Rows
 from smallwheel_ros.simulate.world import GRAVITY, World
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+Stream = tuple[Integers, Array]
 BEGINS, JUMPS_AT = 0.3, 0.5  # share of the way
 
 
@@ -36,9 +36,14 @@ BEGINS, JUMPS_AT = 0.3, 0.5  # share of the way
 class Raw:
     """A drive as the streams have it: rows by stream; loads that are given are not among them."""
 
-    name: str
     settings: OnboardSettings
-    rows: dict[str, tuple[Integers, Array]]
+    rows: Rows
+
+    @classmethod
+    def of(cls, drive: WorldDrive) -> Raw:
+        """A drive of a world, as its user's parameters have it, with rows of its own."""
+        settings = settings_from(drive.parameters).onboard
+        return cls(settings, {name: copy.deepcopy(drive.rows[name]) for name in settings.streams})
 
     def way(self) -> tuple[Integers, Array]:
         """Stamps of the rims and way of their median up to them, m."""
@@ -53,10 +58,6 @@ class Raw:
         """Stamp at which a share of the way is done."""
         stamps, way = self.way()
         return int(stamps[min(np.searchsorted(way, share * way[-1]), stamps.size - 1)])
-
-    def copied(self) -> Raw:
-        """With rows of its own."""
-        return Raw(self.name, self.settings, copy.deepcopy(self.rows))
 
 
 def heard(drive: Raw) -> list[tuple[Finding, float]]:
@@ -76,8 +77,12 @@ def heard(drive: Raw) -> list[tuple[Finding, float]]:
 # --- Faults
 
 
-def _rim(drive: Raw, i: int) -> tuple[Integers, Array]:
-    return drive.rows[f"{drive.settings.wheels[i].name}/wheel_speed"]
+def _one(drive: Raw, what: str, i: int = 0) -> Stream:
+    return drive.rows[f"{drive.settings.wheels[i].name}/{what}"]
+
+
+def _all(drive: Raw, what: str) -> list[Stream]:
+    return [rows for name, rows in drive.rows.items() if name.endswith(f"/{what}")]
 
 
 def _swap(drive: Raw, i: int, j: int, what: str) -> None:
@@ -85,29 +90,31 @@ def _swap(drive: Raw, i: int, j: int, what: str) -> None:
     drive.rows[one], drive.rows[two] = drive.rows[two], drive.rows[one]
 
 
-def _sides(drive: Raw) -> None:
+def _swap_sides(drive: Raw) -> None:
     _swap(drive, 0, 1, "wheel_speed")
     _swap(drive, 2, 3, "wheel_speed")
 
 
-def _from(rows: tuple[Integers, Array], stamp: int) -> int:
+def _from(rows: Stream, stamp: int) -> int:
     return min(int(np.searchsorted(rows[0], stamp)), len(rows[0]) - 1)
 
 
-def _hold(rows: tuple[Integers, Array], stamp: int, moving: bool = False) -> None:
+def _hold(rows: Stream, stamp: int, moving: bool = False) -> None:
     i = _from(rows, stamp)
     while moving and i < len(rows[1]) - 1 and rows[1][i, 0] == 0.0:
         i += 1
     rows[1][i:] = rows[1][i]
 
 
-def _zero(rows: tuple[Integers, Array], stamp: int) -> None:
+def _zero(rows: Stream, stamp: int) -> None:
     rows[1][_from(rows, stamp) :] = 0.0
 
 
-def _factor(
-    of: Iterable[tuple[Integers, Array]], factor: float, columns: Any = slice(None)
-) -> None:
+def _add(rows: Stream, value: float) -> None:
+    rows[1][:, 0] += value
+
+
+def _factor(of: Iterable[Stream], factor: float, columns: Any = slice(None)) -> None:
     for _, values in of:
         values[:, columns] *= factor
 
@@ -115,14 +122,12 @@ def _factor(
 def _of_wheels(drive: Raw) -> None:
     stamps, values = drive.rows[ODOMETRY]
     wheels = drive.settings.wheels
-    rims = [
-        np.interp(stamps, *(_rim(drive, i)[0], _rim(drive, i)[1][:, 0])) for i in range(len(wheels))
-    ]
-    rims = [0.5 * wheel.diameter * rim for wheel, rim in zip(wheels, rims, strict=True)]
+    turned = [np.interp(stamps, at, turns[:, 0]) for at, turns in _all(drive, "wheel_speed")]
+    rims = np.array([0.5 * w.diameter * turns for w, turns in zip(wheels, turned, strict=True)])
     left = np.array([wheel.lateral_position > 0 for wheel in wheels])
     track = np.ptp([wheel.lateral_position for wheel in wheels])
-    values[:, 0] = np.mean(rims, axis=0)
-    values[:, 1] = (np.array(rims)[~left].mean(axis=0) - np.array(rims)[left].mean(axis=0)) / track
+    values[:, 0] = rims.mean(axis=0)
+    values[:, 1] = (rims[~left].mean(axis=0) - rims[left].mean(axis=0)) / track
 
 
 def _late(drive: Raw) -> None:
@@ -144,16 +149,8 @@ def _tilted(drive: Raw) -> None:
 
 
 def _noise(drive: Raw) -> None:
-    values = drive.rows[f"{drive.settings.wheels[0].name}/load"][1]
+    _, values = _one(drive, "load")
     values[:, 0] = np.random.default_rng(0).normal(0.0, 0.3, len(values))
-
-
-def _all(drive: Raw, what: str) -> list[tuple[Integers, Array]]:
-    return [rows for name, rows in drive.rows.items() if name.endswith(f"/{what}")]
-
-
-def _one(drive: Raw, what: str) -> tuple[Integers, Array]:
-    return drive.rows[f"{drive.settings.wheels[0].name}/{what}"]
 
 
 @dataclass(frozen=True)
@@ -166,22 +163,15 @@ class Fault:
     done: Callable[[Raw], Any]
 
 
-def _add(rows: tuple[Integers, Array], value: float) -> None:
-    rows[1][:, 0] += value
-
-
-MOTION = (
-    Fault("encoder shows 0", "dead", "front_left", lambda d: _zero(_rim(d, 0), d.at(BEGINS))),
-    Fault("encoder holds", "held", "front_left", lambda d: _hold(_rim(d, 0), d.at(BEGINS), True)),
-    Fault("mirrored", "mirrored", "front_left", lambda d: _factor([_rim(d, 0)], -1.0)),
-    Fault("one radius +10 %", "rolling", "front_left", lambda d: _factor([_rim(d, 0)], 1.1)),
-    Fault("one radius -10 %", "rolling", "front_left", lambda d: _factor([_rim(d, 0)], 0.9)),
+_FAULTS = (
+    Fault("encoder shows 0", "dead", "front_left", lambda d: _zero(_one(d, "wheel_speed"), d.at(BEGINS))),
+    Fault("encoder holds", "held", "front_left", lambda d: _hold(_one(d, "wheel_speed"), d.at(BEGINS), True)),
+    Fault("mirrored", "mirrored", "front_left", lambda d: _factor([_one(d, "wheel_speed")], -1.0)),
+    Fault("one radius +10 %", "rolling", "front_left", lambda d: _factor([_one(d, "wheel_speed")], 1.1)),
+    Fault("one radius -10 %", "rolling", "front_left", lambda d: _factor([_one(d, "wheel_speed")], 0.9)),
     Fault("all radii 10 % small", "rolling", "radii", lambda d: _factor(_all(d, "wheel_speed"), 0.9)),
     Fault("front wheels interchanged", "turn", "front_left", lambda d: _swap(d, 0, 1, "wheel_speed")),
-    Fault(
-        "left and right interchanged", "turn", "",
-        _sides,
-    ),
+    Fault("left and right interchanged", "turn", "", _swap_sides),
     Fault("odometry repeats", "repeats", "odom", lambda d: _hold(d.rows[ODOMETRY], d.at(BEGINS))),
     Fault("no twist", "no twist", "odom", lambda d: _factor([d.rows[ODOMETRY]], 0.0, [0, 1])),
     Fault("odometry of wheels", "of wheels", "odom", _of_wheels),
@@ -193,8 +183,6 @@ MOTION = (
     Fault("imu z down", "z down", "imu", lambda d: _factor([d.rows[IMU]], -1.0, [0, 2, 3])),
     Fault("gyro sign", "turn", "imu", lambda d: _factor([d.rows[IMU]], -1.0, [0])),
     Fault("imu frozen", "frozen", "imu", lambda d: _hold(d.rows[IMU], d.at(BEGINS))),
-)  # fmt: skip
-SOIL = (
     Fault("loads in kg", "weight", "loads", lambda d: _factor(_all(d, "load"), 1 / GRAVITY)),
     Fault("front loads swapped", "swapped", "front_left", lambda d: _swap(d, 0, 1, "load")),
     Fault("left loads swapped", "swapped", "front_left", lambda d: _swap(d, 0, 2, "load")),
@@ -210,9 +198,7 @@ SOIL = (
     Fault("zero 20 mm up", "sinkage", "front_left", lambda d: _add(_one(d, "sinkage"), -0.02)),
     Fault("zero 5 mm down", "sinkage", "front_left", lambda d: _add(_one(d, "sinkage"), 0.005)),
 )  # fmt: skip
-
-
-FAULTS = {fault.name: fault.done for fault in (*MOTION, *SOIL)}
+FAULTS = {fault.name: fault for fault in _FAULTS}
 
 
 # --- The subject
@@ -230,9 +216,7 @@ NOTHING = "nothing"
 
 def good_drive(seed: int) -> Raw:
     """A drive on which all sensors are good."""
-    made = make_drive(DRIVES[seed % len(DRIVES)], seed)
-    settings = settings_from(made.parameters)
-    return Raw(made.world.name, settings.onboard, dict(made.rows))
+    return Raw.of(make_drive(DRIVES[seed % len(DRIVES)], seed))
 
 
 def trial(name: str, seed: int) -> Line:
@@ -241,7 +225,7 @@ def trial(name: str, seed: int) -> Line:
     before = {(finding.rule, finding.subject) for finding, _ in heard(drive)}
     if name == NOTHING:
         return {"accused": [f"{rule}: {subject}" for rule, subject in before]}
-    fault = next(one for one in (*MOTION, *SOIL) if one.name == name)
+    fault = FAULTS[name]
     fault.done(drive)
     found = heard(drive)
     named = [way for f, way in found if _named(fault, f.rule, f.subject)]
@@ -261,22 +245,26 @@ def _has_fault(line: Line) -> int:
     return int("named" in line)
 
 
+def _is_good(line: Line) -> int:
+    return 1 - _has_fault(line)
+
+
+def _is_named(line: Line) -> bool:
+    return bool(line.get("named"))
+
+
+def _else_reported(line: Line) -> bool:
+    return bool(line.get("beside"))
+
+
+def _accused(line: Line) -> bool:
+    return bool(line.get("accused"))
+
+
 JUDGES = [
-    Judge("faults named", share(lambda one: one.get("named", False), _has_fault), 0.9, None, "."),
+    Judge("faults named", share(_is_named, _has_fault), 0.9, each="."),
     Judge("metres until it is named", middle(lambda one: one.get("way"))),
-    Judge(
-        "something else reported beside it",
-        share(lambda one: bool(one.get("beside")), _has_fault),
-        None,
-        0.1,
-    ),
-    Judge(
-        "good sensors accused",
-        share(lambda one: bool(one.get("accused")), lambda one: 1 - _has_fault(one)),
-        None,
-        0.05,
-    ),
+    Judge("something else reported beside it", share(_else_reported, _has_fault), most=0.1),
+    Judge("good sensors accused", share(_accused, _is_good), most=0.05),
 ]
-SUBJECTS = [
-    Subject("faults", [NOTHING, *(f.name for f in (*MOTION, *SOIL))], trial, JUDGES, 5, 3.0)
-]
+SUBJECTS = [Subject("faults", [NOTHING, *FAULTS], trial, JUDGES, 5, 3.0)]

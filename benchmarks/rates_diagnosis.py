@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subject: diagnosis. Tables whose answer is known, written, read and diagnosed as a user would.
 
-    table, expected = WORLDS["soil/slip_sinkage"](seed)
+    table = WORLDS["soil/slip_sinkage"].table(seed, 0)
 
 Names are `group/what`; a world that holds the same runs as others at another sampling density says
 so in `family`. All truth is from `smallwheel_ros.simulate`; nothing of the model is in it.
@@ -31,7 +31,7 @@ from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.simulate import write_table
 
-Table = Callable[..., pd.DataFrame]
+Table = Callable[..., pd.DataFrame]  # (seed, part)
 # Verdicts that are right, by what there is to find.
 NOTHING, NAMED = frozenset({"adequate"}), frozenset({"missing_effect"})
 TIED, TOO_FEW = frozenset({"indistinguishable"}), frozenset({"insufficient_data"})
@@ -42,41 +42,25 @@ SAID = frozenset({"missing_effect", "indistinguishable", "unknown_effect"})
 
 
 @dataclass(frozen=True)
-class Expected:
-    """What a right answer is.
+class World:
+    """A kind of table, and what a right answer is.
 
-    soil, instruments: ids of the hidden effects. verdicts: which verdicts are right. truth_fresh:
-    makes a table of fresh runs of the same truth, None where there are none (drift).
+    table: of a seed, with headers as a user's: part 0 to diagnose, part 1 fresh runs of the same truth, where
+    there are any (`fresh`). soil, instruments: ids of the hidden effects. verdicts: which are right.
     """
 
-    soil: frozenset[str]
-    instruments: frozenset[str]
-    verdicts: frozenset[str]
-    truth_fresh: Callable[[], pd.DataFrame] | None
-
-    @property
-    def names(self) -> frozenset[str]:
-        """All hidden effects."""
-        return self.soil | self.instruments
-
-
-@dataclass(frozen=True)
-class World:
-    """A kind of table; call it with a seed."""
-
     name: str
-    table: Table  # (seed, part): part 0 to diagnose, part 1 fresh runs
+    table: Table
     soil: frozenset[str] = frozenset()
     instruments: frozenset[str] = frozenset()
     verdicts: frozenset[str] = NOTHING
     fresh: bool = True
     family: str = ""
 
-    def __call__(self, seed: int) -> tuple[pd.DataFrame, Expected]:
-        """The table of a seed, with headers as a user's, and what a right answer to it is."""
-        fresh = partial(self.table, seed, 1) if self.fresh else None
-        expected = Expected(self.soil, self.instruments, self.verdicts, fresh)
-        return self.table(seed, 0), expected
+    @property
+    def names(self) -> frozenset[str]:
+        """All hidden effects."""
+        return self.soil | self.instruments
 
 
 INSTRUMENTS = frozenset(
@@ -200,11 +184,12 @@ def _pulls() -> Iterator[World]:
 
 
 def _odd() -> Iterator[World]:
-    yield _world("odd/drifting-soil", labs.drifting_soil, verdicts=OPEN, fresh=False)
+    compacts = partial(labs.drawn, purpose=42, drift=0.01)  # 1 % a run
+    yield _world("odd/drifting-soil", compacts, verdicts=OPEN, fresh=False)
     yield _world("odd/creeping-zero", labs.creeping_zero, verdicts=OPEN, fresh=False)
     tables: dict[str, Table] = {
         "scatter-18%": partial(labs.drawn, scatter=0.18),
-        "heavy-tails": partial(labs.drawn, tails=True),
+        "heavy-tails": partial(labs.drawn, draw=labs.heavy_tailed),
         "outliers-2%": partial(rig_table, outliers=0.02),
         "uncertain-settings": labs.uncertain_settings,
         "declared-x3": partial(labs.declared, factor=3.0),
@@ -287,7 +272,7 @@ def marks(world: World, answer: Mapping[str, Any]) -> dict[str, bool]:
     hidden effects are among those named or given as candidates. wrong: a name is given of what is not
     hidden. blamed: that name is an effect of the soil, where an instrument is at fault.
     """
-    names, verdict = world.soil | world.instruments, answer["verdict"]
+    names, verdict = world.names, answer["verdict"]
     named = set(answer["missing_effects"])
     listed = named | set(answer["candidates"])
     exact = not named
@@ -307,7 +292,7 @@ def marks(world: World, answer: Mapping[str, Any]) -> dict[str, bool]:
 def trial(world: str, seed: int) -> Line:
     """Diagnose one table."""
     known = WORLDS[world]
-    table, expected = known(seed)
+    table = known.table(seed, 0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         diagnosis = diagnose(read(table), seed=0)
@@ -320,10 +305,10 @@ def trial(world: str, seed: int) -> Line:
         }
         steps = answer["steps"]
         few = answer["verdict"] == "insufficient_data"  # a verdict without a model
-        if few or not steps or expected.truth_fresh is None:
+        if few or not steps or not known.fresh:
             return result
         model = diagnosis.fitted(len(steps) - 1).model
-        fresh = fresh_errors(model, read(expected.truth_fresh()))
+        fresh = fresh_errors(model, read(known.table(seed, 1)))
     reported = steps[-1]["held_out_rmse"]
     ratios = {name: reported[name] / fresh[name] for name in fresh if reported.get(name)}
     return result | {"reported_over_fresh": ratios}
@@ -340,8 +325,7 @@ def same_answer(lines: Sequence[Line]) -> Rate | None:
 
 
 def _hides(line: Line) -> int:
-    world = WORLDS[line["world"]]
-    return int(bool(world.soil | world.instruments))
+    return int(bool(WORLDS[line["world"]].names))
 
 
 def _instrument(line: Line) -> int:

@@ -26,7 +26,7 @@ import argparse
 import re
 import sys
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -67,76 +67,31 @@ TRUE = {
     "pathfinder_flat": {("z down", "imu"): "looks down", ("rolling", "radii"): "the rims turn"},
     "husky_snow": {("of wheels", "odometry"): "it is made of them"},
 }
-_VARIES = re.compile(
-    r"-?\d+(\.\d+)?|'\w+'"
-)  # numbers and names of wheels: texts that differ in them alone are one line, the newest
+_VARIES = re.compile(r"-?\d+(\.\d+)?|'\w+'")  # numbers and names of wheels
 _KIND = "nav_msgs/msg/Odometry"
 
 
-@dataclass
-class Replayed:
-    """A drive's truth and its estimates, for a picture."""
+DRIVE, BAND_CELL, ACCUSED, SAID = "drive", "in its band (steady)", "good sensors accused", "said"
+WARNINGS = "warnings; by slip alone"
+HEADER = [
+    DRIVE,
+    "of",
+    "slip known",
+    BAND_CELL,
+    "margin",
+    WARNINGS,
+    ACCUSED,
+]  # SAID stands below the table
 
+
+@dataclass
+class Judged:
+    """What came of one drive: cells of its row, by column; its truth with slips, and its estimates."""
+
+    cells: dict[str, str]
     truth: pd.DataFrame | None
     estimates: pd.DataFrame
     left: set[str]
-
-
-@dataclass
-class Row:
-    """What came of one drive; shares are NaN where there is nothing to count."""
-
-    name: str
-    seconds: float
-    metres: float
-    accusations: Counter[str]
-    known: float  # share of moving time with slip
-    inside: float  # share of truths in the band of slip, and that of steady ones
-    steady: float
-    truths: int
-    left_out: int  # truths that their own poses contradict
-    margin: float
-    margin_deviation: float
-    warnings: int
-    by_slip: int  # warnings that a threshold on slip alone would give
-    replayed: Replayed = field(repr=False)
-
-    def cells(self) -> list[str]:
-        """The row as the table has it."""
-        margin = "-"
-        if np.isfinite(self.margin):
-            margin = f"{self.margin:.2f} ± {BAND * self.margin_deviation:.2f}"
-        inside = "-"
-        if self.truths:
-            inside = (
-                f"{self.inside:.2f} ({self.steady:.2f}) of {self.truths}, {self.left_out} left out"
-            )
-        return [
-            self.name,
-            f"{self.seconds:.0f} s, {self.metres:.0f} m",
-            f"{self.known:.0%}",
-            inside,
-            margin,
-            f"{self.warnings}; {self.by_slip}",
-            str(self.accused),
-        ]
-
-    def said(self) -> str:
-        """What was reported about its sensors."""
-        return "; ".join(self.accusations)
-
-    @property
-    def accused(self) -> int:
-        """Accusations that are not so."""
-        true = TRUE.get(Path(self.name).name, {}).values()
-        return sum(n for text, n in self.accusations.items() if not any(w in text for w in true))
-
-
-SAID = "said"
-HEADER = [
-    "drive", "of", "slip known", "in its band (steady)", "margin", "warnings; by slip alone",
-    "good sensors accused",
-]  # fmt: skip
 
 
 def longest(bag: Path, pattern: str, ending: str) -> Path | None:
@@ -184,7 +139,7 @@ def raw_drive(bag: Path, config: Path, topic: str) -> Raw:
             pass  # what is given to the streams stays there: no turn is taken
     streams = pipeline.streams.all.items()
     rows = {name: (stream.stamps.copy(), stream.values.copy()) for name, stream in streams}
-    return Raw(bag.name, settings.onboard, rows)
+    return Raw(settings.onboard, rows)
 
 
 def real_drive(folder: Path, name: str) -> Raw:
@@ -228,131 +183,137 @@ def contradicted(
     return np.asarray(wrong & (stamps >= times[0]) & (stamps <= times[-1]))
 
 
-def judged(
-    truth: pd.DataFrame,
-    estimates: pd.DataFrame,
-    speeds: dict[str, tuple[Array, Array]],
-    left: set[str],
-) -> list[tuple[bool, bool]]:
+def true_slip(row: Any) -> float:
+    """The slip of a row of a truth, NaN where nothing turns or moves."""
+    slip = wheel_slip(Quantity(row.iloc[3], 0.0), Quantity(row.iloc[2], 0.0), 0.01)
+    return np.nan if slip is None else slip.value
+
+
+def truth_of(bag: Path, raw: Raw) -> tuple[pd.DataFrame | None, int]:
+    """The truth beside a bag, with slips, without rows that its poses contradict; how many those are."""
+    file = longest(bag, "*_truth.csv", "_truth.csv")
+    if file is None:
+        return None, 0
+    truth = pd.read_csv(file).dropna()  # at some instants one of both speeds is not there
+    wrong = contradicted(truth, raw.rows[ODOMETRY])
+    truth = truth[~wrong].sort_values(truth.columns[0])
+    return truth.assign(slip=truth.apply(true_slip, axis=1)), int(wrong.sum())
+
+
+def near_truths(
+    truth: pd.DataFrame, estimates: pd.DataFrame, speeds: dict[str, tuple[Array, Array]], left: set[str]
+) -> pd.DataFrame:  # fmt: skip
     """Of each true slip that an estimate of that side is near to: is it in the band; is it steady."""
-    found = []
-    known = estimates[estimates["slip"].notna()]
-    for wheel, rows in known.groupby("wheel"):
-        stamps = rows["stamp"].to_numpy() * 1e-9
-        slips, deviations = rows["slip"].to_numpy(), rows["slip_standard_deviation"].to_numpy()
-        side = "left" if wheel in left else "right"
-        for row in truth[truth["side"] == side].itertuples(index=False):
-            near = int(np.argmin(abs(stamps - row[0])))
-            if abs(stamps[near] - row[0]) > NEAR or abs(row[2]) < MOVING:
-                continue
-            true = wheel_slip(Quantity(row[3], 0.0), Quantity(row[2], 0.0), 0.01)
-            assert true is not None
-            inside = abs(slips[near] - true.value) <= BAND * deviations[near]
-            found.append((bool(inside), is_steady(*speeds[str(wheel)], row[0])))
-    return found
+    parts = []
+    time, _, rim, *_ = truth.columns
+    for wheel, rows in estimates[estimates["slip"].notna()].groupby("wheel"):
+        of_side = truth["side"] == ("left" if wheel in left else "right")
+        mine = truth[of_side & (truth[rim].abs() >= MOVING)].rename(columns={"slip": "true"})
+        rows = rows.assign(**{time: rows["stamp"] * 1e-9}).sort_values(time)
+        near = pd.merge_asof(mine, rows, on=time, direction="nearest", tolerance=NEAR)
+        near = near[near["slip"].notna()]
+        inside = (near["slip"] - near["true"]).abs() <= BAND * near["slip_standard_deviation"]
+        steady = [is_steady(*speeds[str(wheel)], at) for at in near[time]]
+        parts.append(pd.DataFrame({"inside": inside, "steady": np.array(steady, dtype=bool)}))
+    return pd.concat(parts, ignore_index=True)
 
 
-def row_of(bag: Path, config: Path, folder: Path) -> Row:
+def sensors_said(summary: dict[str, Any]) -> list[str]:
+    """What was reported about sensors: of texts that differ in numbers or wheels alone, the newest."""
+    said = [event["text"] for event in summary["events"] if event["kind"] == "sensor"]
+    said += [text for text in summary["sensors"] if text not in said]
+    said = [re.split("[,(]", text)[0].strip() for text in said]
+    newest = {_VARIES.sub("#", text): text for text in said}
+    return [newest[_VARIES.sub("#", text)] for text in said]
+
+
+def known_share(estimates: pd.DataFrame, speeds: dict[str, tuple[Array, Array]]) -> float:
+    """Share of the moving time with slip."""
+    moving = []
+    for wheel, rows in estimates.groupby("wheel"):
+        turning = abs(np.interp(rows["stamp"] * 1e-9, *speeds[str(wheel)])) > MOVING
+        moving.append(rows["slip"].notna()[turning])
+    return float(pd.concat(moving).mean())
+
+
+def judged(bag: Path, config: Path, folder: Path) -> Judged:
     """Replay one drive and judge it."""
     topic = odometry_of(bag)
     spec = ReplaySpec(bag, config, folder, {"/odom": resolved(topic)}, copy="none")
     result = replay(spec)
     summary: dict[str, Any] = result.to_dict()
     estimates = pd.read_csv(folder / FILES["estimates_csv"], low_memory=False)
-    onboard, raw = result.settings.onboard, raw_drive(bag, config, topic)
-    speeds, moving = rims(raw), []
-    for wheel, rows in estimates.groupby("wheel"):
-        times, rim = speeds[str(wheel)]
-        turning = abs(np.interp(rows["stamp"] * 1e-9, times, rim)) > MOVING
-        moving.append(rows["slip"].notna()[turning])
-    said = [event["text"] for event in summary["events"] if event["kind"] == "sensor"]
-    said += [text for text in summary["sensors"] if text not in said]
-    said = [re.split("[,(]", text)[0].strip() for text in said]
-    newest = {_VARIES.sub("#", text): text for text in said}
-    said = [newest[_VARIES.sub("#", text)] for text in said]
-    truth_file = longest(bag, "*_truth.csv", "_truth.csv")
-    left = {w.name for w in onboard.wheels if w.lateral_position > 0.0}
-    truth, found, left_out = None, [], 0
-    if truth_file is not None:
-        truth = pd.read_csv(truth_file).dropna()  # at some instants one of both speeds is not there
-        wrong = contradicted(truth, raw.rows[ODOMETRY])
-        truth, left_out = truth[~wrong], int(wrong.sum())
-        found = judged(truth, estimates, speeds, left)
-    inside = np.array([a for a, _ in found], dtype=float)
-    steady = np.array([a for a, b in found if b], dtype=float)
-    margin = estimates["mobility_margin"]
-    return Row(
-        f"{bag.parent.name}/{bag.name}",
-        summary["duration"],
-        summary["travel"],
-        Counter(said),
-        float(pd.concat(moving).mean()),
-        float(inside.mean()) if inside.size else np.nan,
-        float(steady.mean()) if steady.size else np.nan,
-        len(found),
-        left_out,
-        float(margin.median()),
-        float(estimates["mobility_margin_standard_deviation"].median()),
-        sum(event["kind"] == "stuck" for event in summary["events"]),
-        by_slip_alone(raw),
-        Replayed(truth, estimates, left),
-    )
+    left = {w.name for w in result.settings.onboard.wheels if w.lateral_position > 0.0}
+    raw = raw_drive(bag, config, topic)
+    speeds = rims(raw)
+    truth, left_out = truth_of(bag, raw)
+    inside = "-"
+    if truth is not None:
+        found = near_truths(truth, estimates, speeds, left)
+        steady = found["inside"][found["steady"]].mean()
+        inside = f"{found['inside'].mean():.2f} ({steady:.2f}) of {len(found)}, {left_out} left out"
+    margin = estimates["mobility_margin"].median()
+    deviation = estimates["mobility_margin_standard_deviation"].median()
+    stuck = sum(event["kind"] == "stuck" for event in summary["events"])
+    said = Counter(sensors_said(summary))
+    true = TRUE.get(bag.name, {}).values()
+    cells = {
+        DRIVE: f"{bag.parent.name}/{bag.name}",
+        "of": f"{summary['duration']:.0f} s, {summary['travel']:.0f} m",
+        "slip known": f"{known_share(estimates, speeds):.0%}",
+        BAND_CELL: inside,
+        "margin": f"{margin:.2f} ± {BAND * deviation:.2f}" if np.isfinite(margin) else "-",
+        WARNINGS: f"{stuck}; {by_slip_alone(raw)}",
+        ACCUSED: str(sum(n for text, n in said.items() if not any(w in text for w in true))),
+        SAID: "; ".join(said),
+    }
+    return Judged(cells, truth, estimates, left)
 
 
-def draw(row: Row, path: Path, seconds: float = 60.0) -> None:
+def draw(drive: Judged, path: Path, seconds: float = 60.0) -> None:
     """Slip of one wheel of each side with its 95 % band, and the truth beside it."""
     import matplotlib.pyplot as plt
 
-    replayed, truth = row.replayed, row.replayed.truth
+    truth, estimates, name = drive.truth, drive.estimates, drive.cells[DRIVE]
     if truth is None:
-        raise SmallwheelError(f"{row.name}: there is no truth to draw beside it")
+        raise SmallwheelError(f"{name}: there is no truth to draw beside it")
     begin = float(truth.iloc[:, 0].min()) + 5.0
     figure, axes = plt.subplots(2, 1, figsize=(8.0, 4.6), sharex=True, layout="constrained")
     for axis, side in zip(axes, ("left", "right"), strict=True):
-        wheels = [
-            w
-            for w in replayed.estimates["wheel"].unique()
-            if (w in replayed.left) == (side == "left")
-        ]
-        rows = replayed.estimates[replayed.estimates["wheel"] == wheels[0]]
+        names = estimates["wheel"].unique()
+        wheel = next(one for one in names if (one in drive.left) == (side == "left"))
+        rows = estimates[estimates["wheel"] == wheel]
         time = rows["stamp"].to_numpy() * 1e-9 - begin
         slip, spread = rows["slip"].to_numpy(), BAND * rows["slip_standard_deviation"].to_numpy()
         mine = truth[truth["side"] == side]
-        true = [
-            wheel_slip(Quantity(r[3], 0.0), Quantity(r[2], 0.0), 0.01)
-            for r in mine.itertuples(index=False)
-        ]
         axis.fill_between(time, slip - spread, slip + spread, alpha=0.3, label="95 % band")
-        axis.plot(time, slip, linewidth=1.0, label=f"estimate, {wheels[0]}")
+        axis.plot(time, slip, linewidth=1.0, label=f"estimate, {wheel}")
         axis.plot(
-            mine.iloc[:, 0] - begin, [np.nan if t is None else t.value for t in true], ".",
-            color="black", markersize=3, label="truth, by lidar poses",
+            mine.iloc[:, 0] - begin, mine["slip"], ".", color="black", markersize=3,
+            label="truth, by lidar poses",
         )  # fmt: skip
         axis.set(xlim=(0.0, seconds), ylim=(-1.1, 1.1), ylabel=f"slip, {side}")
         axis.grid(alpha=0.3)
     axes[0].legend(loc="lower right", fontsize=8, ncols=3)
-    axes[1].set_xlabel(f"time, s ({row.name})")
+    axes[1].set_xlabel(f"time, s ({name})")
     figure.savefig(path, dpi=110)
 
 
-def merged(rows: list[Row], path: Path = CSV) -> pd.DataFrame:
+def merged(drives: list[Judged], path: Path = CSV) -> pd.DataFrame:
     """Rows as the table has them; those of drives that are not among them stay as they were."""
-    columns = [*HEADER, SAID]
-    new = pd.DataFrame([[*row.cells(), row.said()] for row in rows], columns=columns)
+    new = pd.DataFrame([drive.cells for drive in drives])
     if not path.exists():
         return new
     old = pd.read_csv(path, keep_default_na=False)
-    return pd.concat([new, old[~old["drive"].isin(new["drive"])]]).sort_values("drive")
+    return pd.concat([new, old[~old[DRIVE].isin(new[DRIVE])]]).sort_values(DRIVE)
 
 
 def in_short(table: pd.DataFrame) -> str:
     """All drives in one sentence."""
     metres = table["of"].str.extract(r"(\d+) m")[0].astype(int).sum()
-    warnings, by_slip = (
-        table["warnings; by slip alone"].str.split("; ", expand=True).astype(int).sum()
-    )
-    inside = [cell.split()[0] for cell in table["in its band (steady)"] if cell != "-"]
-    accused = table["good sensors accused"].astype(int).sum()
+    warnings, by_slip = table[WARNINGS].str.split("; ", expand=True).astype(int).sum()
+    inside = [cell.split()[0] for cell in table[BAND_CELL] if cell != "-"]
+    accused = table[ACCUSED].astype(int).sum()
     return (
         f"{len(table)} real drives, {metres} m: {warnings} warnings, where a threshold of {SLIP_ALONE} on"
         f" slip gives {by_slip}; slip in its 95 % band in {', '.join(inside)} of the truths; {accused} good"
@@ -377,20 +338,21 @@ def main() -> int:
     )
     parser.add_argument("--picture", nargs=2, metavar=("DRIVE", "FILE"), help="slip and its truth")
     options = parser.parse_args()
-    rows = []
+    drives = []
     try:
         with TemporaryDirectory() as scratch:
             for folder in options.folders:
                 for bag, config in drives_in(folder):
                     kept = (options.output or Path(scratch)) / folder.name / bag.name
-                    rows.append(row_of(bag, config, kept))
+                    drives.append(judged(bag, config, kept))
         if options.picture:
-            drive, file = options.picture
-            draw(next(row for row in rows if row.name.endswith(f"/{drive}")), Path(file))
+            name, file = options.picture
+            drive = next(one for one in drives if one.cells[DRIVE].endswith(f"/{name}"))
+            draw(drive, Path(file))
     except (SmallwheelError, OSError) as error:
         print(f"real_drives: {error}", file=sys.stderr)
         return 2
-    table = merged(rows)
+    table = merged(drives)
     text = markdown(table)
     print(text)
     CSV.parent.mkdir(exist_ok=True)

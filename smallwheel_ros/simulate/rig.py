@@ -45,7 +45,7 @@ _TYPICAL_NOISE = 0.03
 _LOAD_CONTROL, _SLIP_CONTROL, _SPEED_CONTROL = 0.01, 0.004, 0.01
 # At typical noise: errors of the sensors of the settings, and absolute noise of the channels.
 _LOAD_ERROR, _SLIP_ERROR, _SPEED_ERROR = 0.005, 0.004, 0.005
-_ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3, "torque": 0.03}
+ABSOLUTE_NOISE = {"sinkage": 0.15e-3, "resistance": 0.15, "drawbar_pull": 0.3, "torque": 0.03}
 # Low, high, SI and radians. What is drawn between them: evenly, or (speed) evenly in its logarithm.
 RANGES: dict[str, tuple[float, float]] = {
     "load": (20.0, 150.0),
@@ -57,7 +57,7 @@ RANGES: dict[str, tuple[float, float]] = {
 CONTINUOUS = ("load", "slip", "speed")
 PASSES = (1, 2, 3, 4, 5)
 # By name, in the order of the table: header and factor from SI.
-_SETTINGS = {
+SETTINGS = {
     "load": ("load [N]", 1.0),
     "diameter": ("diameter [mm]", 1e3),
     "width": ("width [mm]", 1e3),
@@ -66,7 +66,7 @@ _SETTINGS = {
     "grouser_height": ("grouser_height [mm]", 1e3),
     "speed": ("speed [mm/s]", 1e3),
 }
-_CHANNELS = {
+CHANNELS = {
     "sinkage": ("sinkage [mm]", 1e3),
     "resistance": ("resistance [N]", 1.0),
     "drawbar_pull": ("drawbar_pull [N]", 1.0),
@@ -102,7 +102,7 @@ class RigSettings:
     ] = 0.05
     channels: Annotated[
         tuple[str, ...],
-        Option(f"What is measured: {', '.join(_CHANNELS)}.", words={"metavar": "NAME[,NAME]"}),
+        Option(f"What is measured: {', '.join(CHANNELS)}.", words={"metavar": "NAME[,NAME]"}),
     ] = ("sinkage", "resistance")
     tie: Annotated[
         tuple[str, ...],
@@ -122,11 +122,11 @@ class RigSettings:
         Raises SimulationError, naming the setting, what it was, and what was expected.
         """
         hidden = check_settings(self)
-        wrong = [name for name in self.channels if name not in _CHANNELS]
+        wrong = [name for name in self.channels if name not in CHANNELS]
         if wrong or not self.channels or len(set(self.channels)) < len(self.channels):
             raise SimulationError(
                 f"channels are {','.join(self.channels) or 'empty'}: expected one or more of"
-                f" {', '.join(_CHANNELS)}, each once"
+                f" {', '.join(CHANNELS)}, each once"
             )
         columns = [column for text in hidden if (column := Asked.of(text).column) is not None]
         for name in self.tie:
@@ -387,8 +387,8 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame
     # Its own stream: tables without torque stay what they were.
     of_torque = np.random.default_rng([settings.seed, 24, number])
     measured = {}
-    for name in _CHANNELS:  # all of them: what is measured does not change the noise of the rest
-        spread = np.hypot(settings.noise * true[name], size * _ABSOLUTE_NOISE[name])
+    for name in CHANNELS:  # all of them: what is measured does not change the noise of the rest
+        spread = np.hypot(settings.noise * true[name], size * ABSOLUTE_NOISE[name])
         source = of_torque if name == "torque" else rng
         measured[name] = true[name] + spread * source.normal(0.0, 1.0, rows)
     _spoil(measured, settings, rng, run["diameter"])
@@ -398,7 +398,7 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame
     real["speed"] = real["speed"] * (1.0 + size * _SPEED_ERROR * error[2])
     table: dict[str, Any] = {"run": [_run_name(number)] * rows, "soil": [truth.soil.name] * rows}
     table["wheel"] = [f"d{1e3 * run['diameter']:.0f}_b{1e3 * run['width']:.0f}"] * rows
-    for name, (header, factor) in _SETTINGS.items():
+    for name, (header, factor) in SETTINGS.items():
         if name in real:
             table[header] = _significant(real[name] * factor)
     table["pass_number"] = real["pass_number"].astype(int)
@@ -406,7 +406,7 @@ def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame
         unit, *_ = extra_column(name)
         table[f"{name} [{unit}]" if unit else name] = _significant(values)
     for name in settings.channels:
-        header, factor = _CHANNELS[name]
+        header, factor = CHANNELS[name]
         table[header] = _significant(measured[name] * factor)
     frame: pd.DataFrame = pd.DataFrame(table)
     return frame

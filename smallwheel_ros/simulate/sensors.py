@@ -9,6 +9,7 @@ is. A sinkage has its variance beside it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,13 @@ from smallwheel_ros.simulate.world import Rover, World
 Integers = NDArray[np.int64]
 Rows = dict[str, tuple[Integers, Array]]
 _SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they are alike
+
+
+def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
+    """Errors of deviation 1 of which a share `keep` is left in the next one; normal: draws them."""
+    shocks = math.sqrt(1.0 - keep**2) * normal(count)
+    shocks[:1] = normal(min(count, 1))
+    return np.asarray(lfilter([1.0], [1.0, -keep], shocks))
 
 
 class Measured:
@@ -60,10 +68,7 @@ class Measured:
         return np.asarray((np.arange(int(self.end * rate) - 1) + self.rng.uniform()) / rate)
 
     def _lasting(self, count: int, keep: float) -> Array:
-        """Errors of deviation 1 of which a share `keep` is left in the next one."""
-        shocks = math.sqrt(1.0 - keep**2) * self.normal(count)
-        shocks[:1] = self.normal(min(count, 1))
-        return np.asarray(lfilter([1.0], [1.0, -keep], shocks))
+        return lasting(self.normal, count, keep)
 
     def _load(self, j: int) -> tuple[Integers, Array]:
         sensors, time = self.sensors, self._times(self.sensors.load_rate)

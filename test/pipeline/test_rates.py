@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks import rates as bench
 from benchmarks import real_drives
-from benchmarks.drive_trial import WORLDS
+from benchmarks.drive_worlds import WORLDS
 from benchmarks.faults import FAULTS
 from benchmarks.judges import Judge, Subject, events, middle, ratio, share
 from benchmarks.rates import ALL
@@ -172,8 +172,9 @@ def test_subjects_stand_side_by_side(tmp_path: Path) -> None:
 
 def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> None:
     def row(name: str, known: str) -> Any:
-        cells = [name, "60 s, 20 m", known, "-", "0.4 ± 0.7", "0; 1", "0"]
-        return SimpleNamespace(cells=lambda: cells, said=lambda: f"odometry: of {name}")
+        cells = [name, "60 s, 20 m", known, "-", "0.4 ± 0.7", "0; 1", "0", f"odometry: of {name}"]
+        columns = [*real_drives.HEADER, real_drives.SAID]
+        return SimpleNamespace(cells=dict(zip(columns, cells, strict=True)))
 
     path = tmp_path / "real_drives.csv"
     real_drives.merged([row("mine/mud", "90%"), row("mine/sand", "80%")], path).to_csv(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from world_drives import Driven, driven_world
 
-from benchmarks.drive_trial import WORLDS, judged
-from benchmarks.drive_worlds import make_drive
+from benchmarks.drive_trial import judged
+from benchmarks.drive_worlds import WORLDS, make_drive
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel

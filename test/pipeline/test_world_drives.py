@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks.drive_trial import WORLDS, trial
+from benchmarks.drive_trial import trial
+from benchmarks.drive_worlds import WORLDS
 from benchmarks.rates_drives import SOON, held
 
 # Where the model has no part for what goes on, bands may be narrower than the errors.
