@@ -18,10 +18,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig
-from smallwheel_ros.simulate.hidden import draw_effects
+from smallwheel_ros.simulate.hidden import HiddenEffect, shown_by_instrument
 from smallwheel_ros.simulate.rig import (
     ABSOLUTE_NOISE,
-    CHANNELS,
     SETTINGS,
     RigDesign,
     RunSettings,
@@ -29,17 +28,10 @@ from smallwheel_ros.simulate.rig import (
     draw_runs,
 )
 from smallwheel_ros.simulate.sensors import lasting
-from smallwheel_ros.simulate.truth import (
-    Circumstances,
-    HiddenEffect,
-    Response,
-    TruthSoil,
-    WheelsOnSoil,
-    shown_by_instrument,
-    supported_load,
-)
+from smallwheel_ros.simulate.settings import CHANNELS, draw_effects
+from smallwheel_ros.simulate.truth import Array, Circumstances, TruthSoil, supported_load
+from smallwheel_ros.simulate.wheel_laws import Response, WheelsOnSoil
 
-Array = NDArray[np.float64]
 Pull = Callable[[TruthSoil, Circumstances, Response], Array]
 Draw = Callable[[np.random.Generator, int], Array]  # noise of standard deviation 1
 

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from benchmarks._world_labs import Bench, repeated, rig_table, run_scatter, stream
-from smallwheel_ros.simulate.hidden import draw_effects
 from smallwheel_ros.simulate.rig import draw_design
+from smallwheel_ros.simulate.settings import draw_effects
 
 _SINKAGE, _RESISTANCE = "sinkage [mm]", "resistance [N]"
 

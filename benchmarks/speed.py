@@ -63,7 +63,7 @@ from smallwheel_ros.simulate import (
     simulate_rig,
     write_drive_bag,
 )
-from smallwheel_ros.simulate.drive_settings import SENSORS
+from smallwheel_ros.simulate.settings import SENSORS
 from smallwheel_ros.simulate.world import ROVERS
 
 ACCURACY = 1e-8

@@ -29,7 +29,8 @@ from smallwheel_ros.pipeline.ground_map import GroundMapper
 from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
-from smallwheel_ros.simulate.drive_settings import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.settings import Stretch
+from smallwheel_ros.simulate.truth import soil_of_pressure
 
 CLASSES = "terrain_classes"
 FIRM, SOFT = 0, 1

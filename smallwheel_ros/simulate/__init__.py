@@ -10,16 +10,8 @@ from __future__ import annotations
 
 from smallwheel_ros.simulate.drive import Drive, simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.drive_settings import DriveSettings
-from smallwheel_ros.simulate.rig import (
-    Rig,
-    RigSettings,
-    RigTruth,
-    measure,
-    simulate_rig,
-    write_table,
-)
-from smallwheel_ros.simulate.truth import SimulationError
+from smallwheel_ros.simulate.rig import Rig, RigTruth, measure, simulate_rig, write_table
+from smallwheel_ros.simulate.settings import DriveSettings, RigSettings, SimulationError
 
 __all__ = [
     "Drive",

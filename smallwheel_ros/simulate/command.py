@@ -15,8 +15,8 @@ from smallwheel_ros.common.files import check_targets, json_text, write_bytes
 from smallwheel_ros.common.options import Command, settings_options
 from smallwheel_ros.simulate.drive import simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
-from smallwheel_ros.simulate.drive_settings import DriveSettings
-from smallwheel_ros.simulate.rig import RigSettings, check_suffix, simulate_rig, write_table
+from smallwheel_ros.simulate.rig import check_suffix, simulate_rig, write_table
+from smallwheel_ros.simulate.settings import DriveSettings, RigSettings
 
 _FIRST = ("hidden", "seed", "strength")  # options that drive and rig have alike
 _ANSWER = click.option(

@@ -11,6 +11,7 @@ would be left to record.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -18,29 +19,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.simulate.drive_settings import (
-    DriveSettings,
-    Stretch,
-    draw_finish,
-    draw_patches,
-    draw_stretches,
-    in_ground,
-)
-from smallwheel_ros.simulate.hidden import draw_effects
+from smallwheel_ros.simulate.hidden import HiddenEffect
 from smallwheel_ros.simulate.sensors import Integers, Measured, Rows
+from smallwheel_ros.simulate.settings import (
+    DriveSettings,
+    SimulationError,
+    Stretch,
+    draw_effects,
+)
 from smallwheel_ros.simulate.truth import (
     Array,
     Circumstances,
     Contact,
-    HiddenEffect,
     Places,
-    SimulationError,
-    WheelsOnSoil,
+    TruthSoil,
+    soil_of_pressure,
 )
 from smallwheel_ros.simulate.vehicle import EPOCH, Truth, Vehicle, truth_of
+from smallwheel_ros.simulate.wheel_laws import RimStrength, WheelsOnSoil
 from smallwheel_ros.simulate.world import ROVERS, Leg, Rover, World
-from smallwheel_ros.simulate.world_ground import make_ground, texture
+from smallwheel_ros.simulate.world_ground import (
+    DIAMETER,
+    SINKAGE,
+    Soil,
+    Started,
+    make_ground,
+    texture,
+)
 
+# m over which a slope steepens; every soil here holds less than what it ends in
+_TO_BE_STUCK = 12.0
 _BLOCK = 4000  # wheels on soil at once, so that memory stays small on long drives
 _FINISH = 15.0  # m of ground on which a rover gets stuck
 _SLOWEST = 0.01  # m/s: a standing wheel keeps the state of a slow one
@@ -154,6 +162,60 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     rows, outliers = _recorded(wheels.world, rover, truth, settings)
     kinds = wheels.kinds(truth)
     return Drive(settings, rover, stretches, effects, truth, kinds, rows, outliers)
+
+
+def in_ground(soil: TruthSoil) -> Soil:
+    """The same soil as the ground of a world has it."""
+    pressure = math.log(soil.k) + soil.n * math.log(SINKAGE) + soil.m * math.log(DIAMETER)
+    strength = RimStrength(soil.cohesion, soil.friction_angle, soil.shear_deformation)
+    return Soil(pressure, soil.n, soil.m, strength)
+
+
+def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
+    """Draw what the rover drives over: `single` is one soil, `mixed` changes about every 10 m."""
+
+    def draw(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
+        return soil_of_pressure(
+            name, pressure * np.exp(rng.normal(0.0, 0.08)), n + rng.normal(0.0, 0.03), m, **rest
+        )
+
+    soils = (
+        draw("dry_sand", 19e3, 0.85, 0.35, friction_angle=0.54, cohesion=600.0),
+        draw("loose_sand", 9.5e3, 0.95, 0.35, friction_angle=0.52, cohesion=300.0),
+        draw("compacted_sand", 36e3, 0.75, 0.30, friction_angle=0.60, cohesion=1200.0),
+    )
+    if terrain == "single":
+        return (Stretch(0.0, soils[0]),)
+    count = max(3, round(distance / 10.0))
+    # Borders are not at round numbers, nor at equal distances.
+    starts = (np.arange(count) + rng.uniform(-0.15, 0.15, count)) * distance / count
+    starts[0] = 0.0
+    return tuple(Stretch(float(start), soils[i % 3]) for i, start in enumerate(starts))
+
+
+def draw_patches(distance: float, rng: np.random.Generator) -> tuple[Started, ...]:
+    """Draw slippery places, one every 6 m or so, with 0.7 of the grip."""
+    count = max(1, round(distance / 6.0))
+    starts = (np.arange(count) + rng.uniform(0.3, 0.8, count)) * distance / count
+    ends = starts + rng.uniform(0.9, 1.5, count)
+    return tuple(
+        Started("grip", math.log(0.7), float(start), 0.16, float(end))
+        for start, end in zip(starts, ends, strict=True)
+    )
+
+
+def draw_finish(name: str, distance: float, rng: np.random.Generator) -> tuple[Started, ...]:
+    """Draw the end of a drive, one of `FINISHES`, after `distance`.
+
+    A slope of 2.5 to 4.5 degrees more in each metre; or grip that falls to a tenth.
+    """
+    if name == "slope":
+        rise = np.radians(rng.uniform(2.5, 4.5)) * _TO_BE_STUCK
+        return (Started("climb", float(rise), distance, _TO_BE_STUCK, math.inf),)
+    if name == "slippery":
+        grip = math.log(rng.uniform(0.05, 0.15))
+        return (Started("grip", grip, distance, rng.uniform(0.8, 1.6), math.inf),)
+    return ()
 
 
 def _stream(settings: DriveSettings, *purpose: int) -> np.random.Generator:

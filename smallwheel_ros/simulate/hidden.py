@@ -1,41 +1,91 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that the truth can have in it and the user does not know of, and how they are asked for.
+"""Effects that the truth can have in it and the user does not know of.
 
 Each acts on the stress at the points of the contact, and has a form of its own, other than the
 published forms which the library fits: a tool that finds the effect only where it knows the exact
 formula has found nothing.
 
 An effect is a row of `EFFECTS`: its formula, its typical size, the stage of the truth in which it acts, and
-what it does there (`truth.Law`). In the formulas A is the amplitude, i slip, and s
-the share of the contact's length that the soil at a point has passed (0 at the entry, 1 at the lowest
-point). With slip i it was carried i s of that length by the rim: Wong and Reece's (1967) shear
-displacement less its part at no slip, over the length of the contact.
-
-A name may carry the size that the effect has, in SI units of its formula: `load_offset=-4`. Then
-nothing of it is drawn, and `strength` has no say in it.
+what it does there. In the formulas A is the amplitude, i slip, and s the share of the contact's length that
+the soil at a point has passed (0 at the entry, 1 at the lowest point). With slip i it was carried i s of that
+length by the rim: Wong and Reece's (1967) shear displacement less its part at no slip, over the length of the
+contact.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import is_dataclass
-from typing import Annotated, Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.options import Option, options_of
-from smallwheel_ros.simulate.truth import (
-    Array,
-    Circumstances,
-    Contact,
-    HiddenEffect,
-    Law,
-    SimulationError,
-    TruthSoil,
-    check_range,
-)
+from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSoil
+
+
+@dataclass(frozen=True)
+class Law:
+    """One effect: its formula, its amplitude at strength 1, and what it does in one stage.
+
+    That stage of the truth calls it with the effect's amplitude, its own arguments, and the effect's
+    other numbers by name:
+
+    | stage | arguments | gives |
+    | --- | --- | --- |
+    | `modulus` | circumstances | factor on k for the whole contact, by row |
+    | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
+    | `carried_away` | contact, circumstances | thickness (m) of soil at each point that is gone |
+    | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the front's stress |
+    | `rebound` | pressure (Pa) under the wheel | how far the soil comes up behind it (m); it unloads as |
+    | | | the share of that which is still to come, to this exponent |
+    | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | what an instrument |
+    | | | without noise shows of it |
+    """
+
+    formula: str
+    typical: float
+    stage: str
+    does: Callable[..., Any]
+    needs: tuple[str, ...] = ()  # columns that a table has only for this effect
+    on_stiffness: bool = False  # changes how firm the soil is for any wheel
+    in_ruts: bool = False  # depends on the rut that earlier passes left
+    either_sign: bool = False  # where no size is given the sign is drawn as well
+    # What it has besides its amplitude: a number, or two between which one is drawn; then the
+    # amplitude is the typical one.
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """One effect in the truth. numbers: besides the amplitude, as its formula names them."""
+
+    name: str
+    law: Law
+    amplitude: float
+    numbers: Mapping[str, Any]
+
+    def describe(self) -> dict[str, Any]:
+        """Name, formula and numbers, for the answer."""
+        told = {"effect": self.name, "formula": self.law.formula}
+        return {**told, "amplitude": self.amplitude, **self.numbers}
+
+
+def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
+    """Give what effects do in a stage, in their order."""
+    for effect in effects:
+        if effect.law.stage == stage:
+            yield partial(effect.law.does, effect.amplitude, **effect.numbers)
+
+
+def shown_by_instrument(
+    effects: Sequence[HiddenEffect], channel: str, value: Array, at: Circumstances
+) -> Array:
+    """Let the faults of instruments have their say about `sinkage`, `resistance` or `load`."""
+    for shows in acting(effects, f"shown_{channel}"):
+        value = shows(value, at)
+    return value
+
 
 # --- What is longer than its formula
 
@@ -226,149 +276,9 @@ EFFECTS: dict[str, Law] = {
     ),
 }
 # k follows something else that is recorded: its column is `column`, its middle `centre`.
-_OF_COLUMN = Law(
+OF_COLUMN = Law(
     "k (1 + A tanh((w - centre) / half_range))", 0.4, "modulus",
     lambda a, at, **of: 1.0 + a * np.tanh(_in_column(at, **of)),
     on_stiffness=True,
 )
 # fmt: on
-
-
-# --- Settings that rigs and drives have alike: above all the hidden effects
-
-_MOISTURE = "moisture"  # a column like any other, only better known
-_COLUMN = "column:"
-# Unit in the header, low, high. Others are pure numbers between 0.5 and 1.5.
-_KNOWN_COLUMNS = {
-    _MOISTURE: ("", 0.02, 0.14),
-    "density": ("kg/m^3", 1400.0, 1700.0),
-    "temperature": ("K", 268.0, 308.0),
-}
-# Columns that a measurements table knows: no effect can be driven by an extra one of that name.
-_CONTRACT_COLUMNS = frozenset([
-    "load", "diameter", "width", "sinkage", "resistance", "drawbar_pull", "sinkage_std",
-    "resistance_std", "drawbar_pull_std", "slip", "slip_angle", "slope", "speed", "pass_number",
-    "grouser_height", "contact", "soil", "run", "wheel", "hidden",
-])  # fmt: skip
-
-
-def hidden_names() -> tuple[str, ...]:
-    """Everything that `--hidden` takes."""
-    return ("none", *EFFECTS, _MOISTURE, f"{_COLUMN}NAME")
-
-
-Seed = Annotated[int, Option("Same seed, same data.", (0, 2**63 - 1))]
-Strength = Annotated[float, Option("Factor on the size of the hidden effects.", (0.0, 10.0))]
-Hidden = Annotated[
-    tuple[str, ...],
-    Option(
-        f"Effects and faults of instruments in the truth: {', '.join(hidden_names())}."
-        " With a size, that is its amplitude in SI units: load_offset=-4.",
-        words={"default": "none", "metavar": "EFFECT[=SIZE][,EFFECT]"},
-    ),
-]
-FRACTION = {"metavar": "FRACTION"}  # of options that are a share
-
-
-def check_settings(settings: Any) -> tuple[str, ...]:
-    """Return the hidden effects without `none`.
-
-    Raises SimulationError, naming the setting, what it was, and what was expected.
-    """
-    for name, option in options_of(type(settings)).items():
-        value, within = getattr(settings, name), option.within
-        if within and not isinstance(within[0], str):
-            check_range(name.replace("_", " "), value, *within)
-        elif within and value not in within and not is_dataclass(value):  # not a rover of your own
-            raise SimulationError(f"{name} {value!r} is unknown: expected {' or '.join(within)}")
-    return check_hidden(settings.hidden)
-
-
-def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
-    """Return the effects without `none`; raise `SimulationError` for unknown ones."""
-    asked = [Asked.of(text) for text in texts]
-    for name, column, _ in asked:
-        if column in _CONTRACT_COLUMNS:
-            raise SimulationError(
-                f"hidden effect {name!r}: a column {column!r} has a meaning of its own already;"
-                " take another name"
-            )
-        if not (name in ("none", *EFFECTS) if column is None else column.isidentifier()):
-            known = nearest(name, list(hidden_names()))
-            raise SimulationError(f"hidden effect {name!r} is unknown: {known}")
-    if "none" in texts and len(texts) > 1:
-        raise SimulationError("hidden effect 'none' together with others: give either")
-    if len({one.column or one.name for one in asked}) < len(asked):
-        names = ", ".join(one.name for one in asked)
-        raise SimulationError(f"hidden effects {names}: one of them is given twice")
-    return tuple(text for text in texts if text != "none")
-
-
-class Asked(NamedTuple):
-    """A hidden effect as it is asked for.
-
-    column: the extra column that drives it; None: none of its own. size: None: it is drawn.
-    """
-
-    name: str
-    column: str | None
-    size: float | None
-
-    @classmethod
-    def of(cls, text: str) -> Asked:
-        """Read ``NAME`` or ``NAME=SIZE``. Raises SimulationError where the size is no number."""
-        name, equals, size = text.partition("=")
-        of_column = name == _MOISTURE or name.startswith(_COLUMN)
-        column = name.removeprefix(_COLUMN) if of_column else None
-        if not equals:
-            return cls(name, column, None)
-        if name == "none":
-            raise SimulationError(f"hidden effect {text!r}: 'none' has no size")
-        try:
-            number = float(size)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise SimulationError(
-                f"hidden effect {text!r}: its size is {size!r}, expected a number, as in {name}=0.1"
-            )
-        return cls(name, column, number)
-
-
-def in_drives(text: str) -> bool:
-    """Whether a drive's bag has sensors for what an effect depends on and for what it acts on."""
-    name, column, _ = Asked.of(text)
-    if column is not None:
-        return False
-    law = EFFECTS[name]
-    return not law.needs and law.stage not in ("shown_load", "shown_resistance")
-
-
-def extra_column(column: str) -> tuple[str, float, float]:
-    """Unit of an extra column in the header, empty for a pure number, and its range."""
-    return _KNOWN_COLUMNS.get(column, ("", 0.5, 1.5))
-
-
-def draw_effects(
-    hidden: Sequence[str], rng: np.random.Generator, strength: float = 1.0
-) -> tuple[HiddenEffect, ...]:
-    """Draw the numbers of the named effects, in that order."""
-    texts = check_hidden(hidden)
-    return tuple(_drawn(Asked.of(text), rng, strength) for text in texts)
-
-
-def _drawn(asked: Asked, rng: np.random.Generator, strength: float) -> HiddenEffect:
-    """Draw an effect of about the typical size (within 15 %), or of that size and its numbers."""
-    name, column, size = asked
-    law = EFFECTS[name] if column is None else _OF_COLUMN
-    amplitude = strength * law.typical
-    between = {key: at for key, at in law.numbers.items() if isinstance(at, tuple)}
-    if law.either_sign and rng.uniform() >= 0.5:
-        amplitude = -amplitude
-    if not between:
-        amplitude *= rng.uniform(0.85, 1.15)
-    numbers = {**law.numbers, **{key: rng.uniform(*ends) for key, ends in between.items()}}
-    if column is not None:
-        name, (_, low, high) = "column", extra_column(column)
-        numbers = {"column": column, "centre": (low + high) / 2, "half_range": (high - low) / 2}
-    return HiddenEffect(name, law, amplitude if size is None else size, numbers)

@@ -9,38 +9,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.files import write_whole
-from smallwheel_ros.common.options import Option
-from smallwheel_ros.simulate.drive_settings import soil_of_pressure
-from smallwheel_ros.simulate.hidden import (
-    FRACTION,
-    Asked,
-    Hidden,
-    Seed,
-    Strength,
-    check_settings,
+from smallwheel_ros.simulate.hidden import HiddenEffect, shown_by_instrument
+from smallwheel_ros.simulate.settings import (
+    CHANNELS,
+    CONTINUOUS,
+    TYPICAL_NOISE,
+    RigSettings,
+    SimulationError,
+    check_range,
     draw_effects,
     extra_column,
 )
-from smallwheel_ros.simulate.truth import (
-    Circumstances,
-    HiddenEffect,
-    SimulationError,
-    TruthSoil,
-    WheelsOnSoil,
-    check_range,
-    shown_by_instrument,
-)
+from smallwheel_ros.simulate.truth import Circumstances, TruthSoil, soil_of_pressure
+from smallwheel_ros.simulate.wheel_laws import WheelsOnSoil
 
 SUFFIXES = (".csv", ".parquet")
-_TYPICAL_NOISE = 0.03
 # How far a rig is from what was asked of it, which its own sensors see (1 sigma).
 _LOAD_CONTROL, _SLIP_CONTROL, _SPEED_CONTROL = 0.01, 0.004, 0.01
 # At typical noise: errors of the sensors of the settings, and absolute noise of the channels.
@@ -54,7 +44,6 @@ RANGES: dict[str, tuple[float, float]] = {
     "slip_angle": (0.0, np.radians(40.0)),
     "grouser_height": (0.0, 0.015),
 }
-CONTINUOUS = ("load", "slip", "speed")
 PASSES = (1, 2, 3, 4, 5)
 # By name, in the order of the table: header and factor from SI.
 SETTINGS = {
@@ -66,76 +55,12 @@ SETTINGS = {
     "grouser_height": ("grouser_height [mm]", 1e3),
     "speed": ("speed [mm/s]", 1e3),
 }
-CHANNELS = {
-    "sinkage": ("sinkage [mm]", 1e3),
-    "resistance": ("resistance [N]", 1.0),
-    "drawbar_pull": ("drawbar_pull [N]", 1.0),
-    "torque": ("torque [N m]", 1.0),
-}
 # A rig's wheels stay visible: truth sinkages outside these limits are not measured.
 _LEAST_SINKAGE, _DEEPEST = 1e-3, 0.3
 _ATTEMPTS = 2000
 _TIED_SPREAD = 0.035  # of the range: correlation 0.99
 
 RunSettings = dict[str, float]
-
-
-@dataclass(frozen=True)
-class RigSettings:
-    """What table to simulate: the options of `smallwheel simulate rig`.
-
-    The same seed gives the same table, to the byte. A hidden effect can carry its size:
-    ``"load_offset=-4"``. A run is one setting of everything, its rows are repeats of it. Noise and
-    scatter are standard deviations: of the channels, relative (their small absolute noise and the
-    errors of measured load, slip and speed grow with it), and of ln k from run to run. A tie drives
-    two settings together, r about 0.99.
-    """
-
-    seed: Seed = 0
-    hidden: Hidden = ()
-    strength: Strength = 1.0
-    runs: Annotated[int, Option(within=(1, 100_000))] = 32
-    rows_per_run: Annotated[int, Option("Repeats of each run's setting.", (1, 1000))] = 3
-    noise: Annotated[float, Option("Relative noise of the channels.", (0.0, 0.5))] = _TYPICAL_NOISE
-    soil_scatter: Annotated[
-        float, Option("Relative scatter of the soil's k from run to run.", (0.0, 1.0))
-    ] = 0.05
-    channels: Annotated[
-        tuple[str, ...],
-        Option(f"What is measured: {', '.join(CHANNELS)}.", words={"metavar": "NAME[,NAME]"}),
-    ] = ("sinkage", "resistance")
-    tie: Annotated[
-        tuple[str, ...],
-        Option(
-            f"Two settings driven together: {', '.join(CONTINUOUS)}, an extra column.",
-            words={"metavar": "NAME,NAME", "show_default": False},
-        ),
-    ] = ()
-    outliers: Annotated[
-        float,
-        Option("Share of rows in which one channel is grossly wrong.", (0.0, 0.5), FRACTION),
-    ] = 0.0
-
-    def check(self) -> RigSettings:
-        """Return the settings without `none` among the hidden effects.
-
-        Raises SimulationError, naming the setting, what it was, and what was expected.
-        """
-        hidden = check_settings(self)
-        wrong = [name for name in self.channels if name not in CHANNELS]
-        if wrong or not self.channels or len(set(self.channels)) < len(self.channels):
-            raise SimulationError(
-                f"channels are {','.join(self.channels) or 'empty'}: expected one or more of"
-                f" {', '.join(CHANNELS)}, each once"
-            )
-        columns = [column for text in hidden if (column := Asked.of(text).column) is not None]
-        for name in self.tie:
-            if name not in (*CONTINUOUS, *columns):
-                known = nearest(name, [*CONTINUOUS, *columns])
-                raise SimulationError(f"tied setting {name!r} cannot be tied: {known}")
-        if self.tie and (len(self.tie) != 2 or self.tie[0] == self.tie[1]):
-            raise SimulationError(f"tie is {','.join(self.tie)}: expected two different settings")
-        return replace(self, hidden=hidden)
 
 
 # --- Which wheels, soil and settings a rig has
@@ -359,7 +284,7 @@ def _significant(values: Any, digits: int = 6) -> Any:
 
 def _measure_run(truth: RigTruth, number: int, run: RunSettings) -> pd.DataFrame:
     settings, rows = truth.settings, truth.settings.rows_per_run
-    size = settings.noise / _TYPICAL_NOISE
+    size = settings.noise / TYPICAL_NOISE
     rng = np.random.default_rng([settings.seed, 23, number])
     scatter = float(np.exp(rng.normal(0.0, settings.soil_scatter)))
     unrecorded = rng.uniform(-1.0, 1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth: a rigid wheel in a truth soil, with numerics and a composition of its own.
+"""The truth: rigid wheels in truth soils, with numerics and a composition of its own.
 
 No code is shared with the library's model, so that a fit of the model to simulated data is a test
 and not a mirror. What truth and model still share are assumptions:
@@ -13,7 +13,7 @@ and not a mirror. What truth and model still share are assumptions:
 
 What is not shared is how effects come in. The library lets them act in stages: a factor on k, a
 change of the sinkage after the solve, a term added to the compaction work. Here they change the
-stress at the points of the contact (module `hidden`), by quantities that a point has of its own: how
+stress at the points of the contact (`hidden`, `wheel_laws`), by quantities that a point has of its own: how
 far soil was carried along under the wheel, how fast it is pressed, what an earlier pass left of it.
 Sinkage and resistance both come out of the one stress. A library's law of sinkage over slip is
 therefore never exactly right, nor is the resistance that it adds to it.
@@ -27,16 +27,12 @@ the arc that is in contact:
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from smallwheel_ros.common.errors import SmallwheelError
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]  # indices
@@ -46,19 +42,8 @@ PressureLaw = Callable[[Array], Array]
 # 65 points on the stretched arc: within 4e-6 of adaptive quadrature for n 0.2 to 2.2.
 _NODES = 65
 _ITERATIONS = 60
-
-
-class SimulationError(SmallwheelError):
-    """A simulation that cannot be made: which setting, what was given, what was expected."""
-
-
-def check_range(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Raise `SimulationError` unless a setting is a number between two others, both allowed."""
-    if not (math.isfinite(value) and low <= value <= high):
-        unit = f" {unit}" if unit else ""
-        raise SimulationError(
-            f"{name} is {value}: expected a number from {low:g} to {high:g}{unit}"
-        )
+# Of `soil_of_pressure`.
+_REFERENCE_SINKAGE, _REFERENCE_DIAMETER = 0.01, 0.25
 
 
 # --- The contact of a rigid wheel with soil
@@ -171,7 +156,7 @@ def bracketed_root(
     return np.where(below, last, np.where(above, first, middle))
 
 
-# --- Soil, circumstances, and the wheel without effects
+# --- Soil, circumstances, and what depth alone carries
 
 
 @dataclass(frozen=True)
@@ -190,6 +175,12 @@ class TruthSoil:
     friction_angle: float = 0.55
     shear_deformation: float = 0.015
     unit_weight: float = 15_500.0
+
+
+def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
+    """Make a soil from its pressure (Pa) at 10 mm sinkage of a wheel of 0.25 m diameter."""
+    k = pressure / (_REFERENCE_SINKAGE**n * _REFERENCE_DIAMETER**m)
+    return TruthSoil(name, k, n, m, **rest)
 
 
 @dataclass(frozen=True)
@@ -245,208 +236,3 @@ def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Arr
 def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
     """Sinkage (m) at which the soil carries the load; NaN where the wheel sinks to its axle."""
     return sinkage_under(load, diameter, lambda z: supported_load(law, diameter, width, z))
-
-
-def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
-    """Shear stress (Pa) along the arc, negative when skidding, after Janosi and Hanamoto.
-
-    A wheel that has dug itself in presses on the soil with its load still, no more: the stress
-    (Pa, shape (rows, nodes)) over the longer arc is scaled to that.
-    """
-    # v / (r omega), from either definition of slip
-    ratio = np.where(at.slip >= 0, 1.0 - at.slip, 1.0 / (1.0 + np.minimum(at.slip, 0.0)))
-    # Zero at zero slip, so that a free wheel has no thrust: the rolling part of the displacement
-    # (the wheel's lowest points move slower than its rim) is what motion resistance stands for.
-    length = at.diameter / 2 * np.sin(contact.entry)
-    displacement = ((1.0 - ratio) * length)[:, None] * contact.passed
-    mobilised = np.sign(displacement) * -np.expm1(-np.abs(displacement) / soil.shear_deformation)
-    pressure = stress * (at.load / contact.upward(stress, at.width))[:, None]
-    shear: Array = (soil.cohesion + pressure * np.tan(soil.friction_angle)) * mobilised
-    return shear
-
-
-# --- Effects that the user does not know of
-
-
-@dataclass(frozen=True)
-class Law:
-    """One effect: its formula, its amplitude at strength 1, and what it does in one stage.
-
-    That stage of the truth calls it with the effect's amplitude, its own arguments, and the effect's
-    other numbers by name:
-
-    | stage | arguments | gives |
-    | --- | --- | --- |
-    | `modulus` | circumstances | factor on k for the whole contact, by row |
-    | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
-    | `carried_away` | contact, circumstances | thickness (m) of soil at each point that is gone |
-    | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the front's stress |
-    | `rebound` | pressure (Pa) under the wheel | how far the soil comes up behind it (m); it unloads as |
-    | | | the share of that which is still to come, to this exponent |
-    | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | what an instrument |
-    | | | without noise shows of it |
-    """
-
-    formula: str
-    typical: float
-    stage: str
-    does: Callable[..., Any]
-    needs: tuple[str, ...] = ()  # columns that a table has only for this effect
-    on_stiffness: bool = False  # changes how firm the soil is for any wheel
-    in_ruts: bool = False  # depends on the rut that earlier passes left
-    either_sign: bool = False  # where no size is given the sign is drawn as well
-    # What it has besides its amplitude: a number, or two between which one is drawn; then the
-    # amplitude is the typical one.
-    numbers: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class HiddenEffect:
-    """One effect in the truth. numbers: besides the amplitude, as its formula names them."""
-
-    name: str
-    law: Law
-    amplitude: float
-    numbers: Mapping[str, Any]
-
-    def describe(self) -> dict[str, Any]:
-        """Name, formula and numbers, for the answer."""
-        told = {"effect": self.name, "formula": self.law.formula}
-        return {**told, "amplitude": self.amplitude, **self.numbers}
-
-
-def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
-    """Give what effects do in a stage, in their order."""
-    for effect in effects:
-        if effect.law.stage == stage:
-            yield partial(effect.law.does, effect.amplitude, **effect.numbers)
-
-
-def shown_by_instrument(
-    effects: Sequence[HiddenEffect], channel: str, value: Array, at: Circumstances
-) -> Array:
-    """Let the faults of instruments have their say about `sinkage`, `resistance` or `load`."""
-    for shows in acting(effects, f"shown_{channel}"):
-        value = shows(value, at)
-    return value
-
-
-# --- The wheel with effects
-
-
-class Response(NamedTuple):
-    """True values, each of shape (rows,); NaN in all of them where a wheel sinks to its axle.
-
-    What is `shown` is what an instrument without noise shows: it differs by the instrument's fault
-    and, for sinkage, by soil that comes up again behind the wheel.
-    """
-
-    depth: Array  # m, lowest point of the wheel below the untouched surface
-    shown_sinkage: Array  # m
-    resistance: Array  # N
-    shown_resistance: Array  # N
-    thrust: Array  # N
-    torque: Array  # N m, that drives the wheel
-
-    @property
-    def drawbar_pull(self) -> Array:
-        """Thrust less resistance, N."""
-        return self.thrust - self.resistance
-
-
-@dataclass(frozen=True)
-class WheelsOnSoil:
-    """Wheels on a soil with effects. scatter: factor on k, by row or for all."""
-
-    soil: TruthSoil
-    effects: Sequence[HiddenEffect]
-    at: Circumstances
-    scatter: Array | float = 1.0
-
-    def stress(self, contact: Contact) -> Array:
-        """Normal stress (Pa) at the points of the contact, shape (rows, nodes)."""
-        soil, at = self.soil, self.at
-        modulus = soil.k * at.diameter**soil.m * self.scatter
-        pressed = contact.depth
-        for firmer in acting(self.effects, "modulus"):
-            modulus = modulus * firmer(at)
-        for carried_away in acting(self.effects, "carried_away"):
-            pressed = pressed - carried_away(contact, at)
-        pressure = modulus[:, None] * np.maximum(pressed, 0.0) ** soil.n
-        for more in acting(self.effects, "stress"):
-            pressure = pressure * more(contact, at, soil)
-        return pressure
-
-    def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
-        """Load that is carried and horizontal force on the wheel, both N, at a sinkage (m)."""
-        diameter, width = self.at.diameter, self.at.width
-        contact = Contact.at(diameter, sinkage, rut)
-        stress = self.stress(contact)
-        load, resistance = contact.upward(stress, width), contact.backward(stress, width)
-        for rebound in acting(self.effects, "rebound"):
-            rise, exponent = rebound(stress[:, -1])
-            # Behind the lowest point the wheel unloads the soil, which pushes it up and on.
-            rear = Contact.at(diameter, np.clip(rise, 1e-12, sinkage))
-            left = stress[:, -1:] * (rear.depth / rear.sinkage[:, None]) ** exponent
-            load = load + np.where(rise > 0, rear.upward(left, width), 0.0)
-            resistance = resistance - np.where(rise > 0, rear.backward(left, width), 0.0)
-        return load, resistance
-
-    def depth(self, rut: Array) -> Array:
-        """Sinkage (m) under the load; NaN where the wheel sinks to its axle."""
-        at = self.at
-        return sinkage_under(at.load, at.diameter, lambda z: self.forces(z, rut)[0])
-
-    def rut(self) -> Array:
-        """Depth (m) of the rut that earlier passes of the same wheel under the same load left."""
-        rut = np.zeros(self.at.load.shape)
-        if not any(effect.law.in_ruts for effect in self.effects):
-            return rut
-        passes = self.at.pass_number
-        for earlier in range(1, int(np.max(passes))):
-            rut = np.where(passes > earlier, self.depth(rut), rut)
-        return rut
-
-    def traction(self, depth: Array, rut: Array | None = None) -> tuple[Array, Array]:
-        """Thrust (N) and driving torque (N m) of the shear stress at a depth (m)."""
-        diameter, width = self.at.diameter, self.at.width
-        contact = Contact.at(diameter, depth, rut)
-        shear = shear_stress(self.stress(contact), contact, self.soil, self.at)
-        return contact.upward(shear, width), diameter / 2 * contact.along(shear, width)
-
-    def response(self) -> Response:
-        """Compute the truth for each row.
-
-        Sinkage is where the stress over the contact carries the load, resistance the horizontal
-        component of the same stress. Bulldozing comes on top, at that depth.
-        """
-        at = self.at
-        rut = self.rut()
-        depth = self.depth(rut)
-        _, resistance = self.forces(depth, rut)
-        thrust, torque = self.traction(depth, rut)
-        for pushed in acting(self.effects, "resistance"):
-            resistance = resistance + pushed(depth, self.soil, at)
-        rut_behind = depth
-        lowest = self.stress(Contact.at(at.diameter, depth, rut))[:, -1]
-        for rebound in acting(self.effects, "rebound"):
-            rut_behind = rut_behind - rebound(lowest)[0]
-        return Response(
-            depth=depth,
-            shown_sinkage=shown_by_instrument(self.effects, "sinkage", rut_behind, at),
-            resistance=resistance,
-            shown_resistance=shown_by_instrument(self.effects, "resistance", resistance, at),
-            thrust=thrust,
-            torque=torque,
-        )
-
-    def firmness(self) -> float:
-        """How much firmer the effects on stiffness make the soil: as a factor on the load it carries.
-
-        Taken at the sinkage without them, averaged over the rows.
-        """
-        fresh = np.zeros(self.at.load.shape)
-        depth = replace(self, effects=()).depth(fresh)
-        firmer = [effect for effect in self.effects if effect.law.on_stiffness]
-        carried, _ = replace(self, effects=firmer).forces(depth, fresh)
-        return float(np.mean(carried / self.at.load))

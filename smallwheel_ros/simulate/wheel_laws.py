@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two laws of what a rim does to soil, neither of which is the library's: curves over depth and slip.
+"""Laws of what a wheel does to soil, none of which is the library's.
+
+Of rims, as curves over depth and slip:
 
 `rim_curves`: Wong and Reece (1967), shear stress by the displacement along the whole rim, under the
 pressure of the depth alone. `peaked_curves`: pressure that peaks ahead of the lowest point, shear that falls
-after its peak, soil that carries less where the wheel moved it; by trapezoids. What a wheel digs in time is a
-third law (`vehicle`).
+after its peak, soil that carries less where the wheel moved it; by trapezoids. What a wheel digs in time is
+another law (`vehicle`). Of wheels in steady states: `WheelsOnSoil`, with hidden effects.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from smallwheel_ros.simulate.truth import Array, Circumstances, Contact
+from smallwheel_ros.simulate.hidden import HiddenEffect, acting, shown_by_instrument
+from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSoil, sinkage_under
 
 SLIPS = np.array(
     [-1, -0.7, -0.4, -0.2, -0.1, -0.04, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1]
@@ -180,3 +184,142 @@ def peaked_curves(
 
 
 LAWS = {"rim": rim_curves, "peaked": peaked_curves}
+
+
+# --- Wheels on a soil with effects that are hidden
+
+
+def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
+    """Shear stress (Pa) along the arc, negative when skidding, after Janosi and Hanamoto.
+
+    A wheel that has dug itself in presses on the soil with its load still, no more: the stress
+    (Pa, shape (rows, nodes)) over the longer arc is scaled to that.
+    """
+    # v / (r omega), from either definition of slip
+    ratio = np.where(at.slip >= 0, 1.0 - at.slip, 1.0 / (1.0 + np.minimum(at.slip, 0.0)))
+    # Zero at zero slip, so that a free wheel has no thrust: the rolling part of the displacement
+    # (the wheel's lowest points move slower than its rim) is what motion resistance stands for.
+    length = at.diameter / 2 * np.sin(contact.entry)
+    displacement = ((1.0 - ratio) * length)[:, None] * contact.passed
+    mobilised = np.sign(displacement) * -np.expm1(-np.abs(displacement) / soil.shear_deformation)
+    pressure = stress * (at.load / contact.upward(stress, at.width))[:, None]
+    shear: Array = (soil.cohesion + pressure * np.tan(soil.friction_angle)) * mobilised
+    return shear
+
+
+class Response(NamedTuple):
+    """True values, each of shape (rows,); NaN in all of them where a wheel sinks to its axle.
+
+    What is `shown` is what an instrument without noise shows: it differs by the instrument's fault
+    and, for sinkage, by soil that comes up again behind the wheel.
+    """
+
+    depth: Array  # m, lowest point of the wheel below the untouched surface
+    shown_sinkage: Array  # m
+    resistance: Array  # N
+    shown_resistance: Array  # N
+    thrust: Array  # N
+    torque: Array  # N m, that drives the wheel
+
+    @property
+    def drawbar_pull(self) -> Array:
+        """Thrust less resistance, N."""
+        return self.thrust - self.resistance
+
+
+@dataclass(frozen=True)
+class WheelsOnSoil:
+    """Wheels on a soil with effects. scatter: factor on k, by row or for all."""
+
+    soil: TruthSoil
+    effects: Sequence[HiddenEffect]
+    at: Circumstances
+    scatter: Array | float = 1.0
+
+    def stress(self, contact: Contact) -> Array:
+        """Normal stress (Pa) at the points of the contact, shape (rows, nodes)."""
+        soil, at = self.soil, self.at
+        modulus = soil.k * at.diameter**soil.m * self.scatter
+        pressed = contact.depth
+        for firmer in acting(self.effects, "modulus"):
+            modulus = modulus * firmer(at)
+        for carried_away in acting(self.effects, "carried_away"):
+            pressed = pressed - carried_away(contact, at)
+        pressure = modulus[:, None] * np.maximum(pressed, 0.0) ** soil.n
+        for more in acting(self.effects, "stress"):
+            pressure = pressure * more(contact, at, soil)
+        return pressure
+
+    def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
+        """Load that is carried and horizontal force on the wheel, both N, at a sinkage (m)."""
+        diameter, width = self.at.diameter, self.at.width
+        contact = Contact.at(diameter, sinkage, rut)
+        stress = self.stress(contact)
+        load, resistance = contact.upward(stress, width), contact.backward(stress, width)
+        for rebound in acting(self.effects, "rebound"):
+            rise, exponent = rebound(stress[:, -1])
+            # Behind the lowest point the wheel unloads the soil, which pushes it up and on.
+            rear = Contact.at(diameter, np.clip(rise, 1e-12, sinkage))
+            left = stress[:, -1:] * (rear.depth / rear.sinkage[:, None]) ** exponent
+            load = load + np.where(rise > 0, rear.upward(left, width), 0.0)
+            resistance = resistance - np.where(rise > 0, rear.backward(left, width), 0.0)
+        return load, resistance
+
+    def depth(self, rut: Array) -> Array:
+        """Sinkage (m) under the load; NaN where the wheel sinks to its axle."""
+        at = self.at
+        return sinkage_under(at.load, at.diameter, lambda z: self.forces(z, rut)[0])
+
+    def rut(self) -> Array:
+        """Depth (m) of the rut that earlier passes of the same wheel under the same load left."""
+        rut = np.zeros(self.at.load.shape)
+        if not any(effect.law.in_ruts for effect in self.effects):
+            return rut
+        passes = self.at.pass_number
+        for earlier in range(1, int(np.max(passes))):
+            rut = np.where(passes > earlier, self.depth(rut), rut)
+        return rut
+
+    def traction(self, depth: Array, rut: Array | None = None) -> tuple[Array, Array]:
+        """Thrust (N) and driving torque (N m) of the shear stress at a depth (m)."""
+        diameter, width = self.at.diameter, self.at.width
+        contact = Contact.at(diameter, depth, rut)
+        shear = shear_stress(self.stress(contact), contact, self.soil, self.at)
+        return contact.upward(shear, width), diameter / 2 * contact.along(shear, width)
+
+    def response(self) -> Response:
+        """Compute the truth for each row.
+
+        Sinkage is where the stress over the contact carries the load, resistance the horizontal
+        component of the same stress. Bulldozing comes on top, at that depth.
+        """
+        at = self.at
+        rut = self.rut()
+        depth = self.depth(rut)
+        _, resistance = self.forces(depth, rut)
+        thrust, torque = self.traction(depth, rut)
+        for pushed in acting(self.effects, "resistance"):
+            resistance = resistance + pushed(depth, self.soil, at)
+        rut_behind = depth
+        lowest = self.stress(Contact.at(at.diameter, depth, rut))[:, -1]
+        for rebound in acting(self.effects, "rebound"):
+            rut_behind = rut_behind - rebound(lowest)[0]
+        return Response(
+            depth=depth,
+            shown_sinkage=shown_by_instrument(self.effects, "sinkage", rut_behind, at),
+            resistance=resistance,
+            shown_resistance=shown_by_instrument(self.effects, "resistance", resistance, at),
+            thrust=thrust,
+            torque=torque,
+        )
+
+    def firmness(self) -> float:
+        """How much firmer the effects on stiffness make the soil: as a factor on the load it carries.
+
+        Taken at the sinkage without them, averaged over the rows.
+        """
+        fresh = np.zeros(self.at.load.shape)
+        depth = replace(self, effects=()).depth(fresh)
+        firmer = [effect for effect in self.effects if effect.law.on_stiffness]
+        carried, _ = replace(self, effects=firmer).forces(depth, fresh)
+        return float(np.mean(carried / self.at.load))

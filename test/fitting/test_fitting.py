@@ -24,8 +24,7 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.prediction.prediction import predict_table
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
-from smallwheel_ros.simulate.hidden import EFFECTS
-from smallwheel_ros.simulate.truth import Law
+from smallwheel_ros.simulate.hidden import EFFECTS, Law
 
 
 def table(folder: Path, frame: pd.DataFrame, name: str = "rig.csv") -> Measurements:

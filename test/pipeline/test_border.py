@@ -11,7 +11,8 @@ from rows_of_drives import rover_of, rows_of, run
 
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.simulate import DriveSettings, simulate_drive
-from smallwheel_ros.simulate.drive_settings import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.settings import Stretch
+from smallwheel_ros.simulate.truth import soil_of_pressure
 from smallwheel_ros.simulate.vehicle import EPOCH
 
 BORDER = 8.0  # m

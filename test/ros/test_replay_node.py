@@ -20,7 +20,8 @@ from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.spec import ReplaySpec
 from smallwheel_ros.ros import NodeProcess
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
-from smallwheel_ros.simulate.drive_settings import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.settings import Stretch
+from smallwheel_ros.simulate.truth import soil_of_pressure
 
 pytestmark = pytest.mark.dds
 

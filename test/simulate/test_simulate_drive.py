@@ -13,7 +13,8 @@ from smallwheel_ros.simulate import (
     simulate_drive,
     write_drive_bag,
 )
-from smallwheel_ros.simulate.drive_settings import Stretch, soil_of_pressure
+from smallwheel_ros.simulate.settings import Stretch
+from smallwheel_ros.simulate.truth import soil_of_pressure
 from smallwheel_ros.simulate.vehicle import EPOCH, STUCK, TICK
 from smallwheel_ros.simulate.world import GRAVITY, ROVERS, Rover, RoverWheel
 from smallwheel_ros.simulate.world_ground import Frame

@@ -17,7 +17,7 @@ from smallwheel_ros.simulate import (
     simulate_rig,
     write_table,
 )
-from smallwheel_ros.simulate.hidden import hidden_names
+from smallwheel_ros.simulate.settings import hidden_names
 
 NAMES = [n for n in hidden_names() if n not in ("none", "column:NAME")] + ["column:density"]
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.simulate.drive_settings import soil_of_pressure
-from smallwheel_ros.simulate.hidden import (
-    EFFECTS,
+from smallwheel_ros.simulate.hidden import EFFECTS, HiddenEffect, Law, shown_by_instrument
+from smallwheel_ros.simulate.settings import (
     Asked,
+    SimulationError,
     check_hidden,
     draw_effects,
     hidden_names,
@@ -20,17 +20,13 @@ from smallwheel_ros.simulate.hidden import (
 from smallwheel_ros.simulate.truth import (
     Circumstances,
     Contact,
-    HiddenEffect,
-    Law,
-    SimulationError,
     TruthSoil,
-    WheelsOnSoil,
     bracketed_root,
-    shear_stress,
-    shown_by_instrument,
+    soil_of_pressure,
     static_sinkage,
     supported_load,
 )
+from smallwheel_ros.simulate.wheel_laws import WheelsOnSoil, shear_stress
 
 SOIL = TruthSoil("sand", 1.6e6, 0.8, 0.39)
 NORMAL = Circumstances.of(load=[40.0, 80.0], diameter=0.25, width=0.1)
