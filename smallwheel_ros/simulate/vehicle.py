@@ -208,8 +208,10 @@ class Vehicle:
         self._look_up(depth, cells)
         if self.world.differential and rim:
             rims = self._by_torque(rims, rate, cells, load, sense)
-        slip, thrust, resistance = self._standing(spot, yields, rims)
         now = 0.0
+        slip: Array = np.full(self.all.size, 1.0 - yields if spot else np.nan)
+        thrust: Array = np.zeros(self.all.size)
+        resistance: Array = thrust
         if rim or abs(self.speed) > 1e-3:
             now, slip, thrust, resistance = self._balance(rims, rate, load, cells, climb, sense)
         self.gained += 0.2 * ((now - self.speed) / TICK - self.gained)
@@ -232,12 +234,6 @@ class Vehicle:
         )  # fmt: skip
         self.time += TICK
         self._look(rims, sense)
-
-    def _standing(self, spot: bool, yields: float, rims: Array) -> tuple[Array, Array, Array]:
-        """Slip, thrust and resistance where the vehicle rolls nowhere."""
-        nothing = np.zeros(self.all.size)
-        slip = np.full(self.all.size, 1.0 - yields) if spot else np.full(self.all.size, np.nan)
-        return slip, nothing, nothing
 
     def _count_passes(self, cells: NDArray[np.intp]) -> None:
         """How often each wheel's place was rolled over before."""
@@ -298,30 +294,31 @@ class Vehicle:
         found = found + self.curves[kind, self.all, low + 1] * part
         self.now = found.transpose(1, 0, 2)
 
-    def _forces(self, slips: Array, cells: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Thrust and resistance at slips, shape (candidates, wheels)."""
-        ground, j = self.ground, self.all
+    def _curve(self, what: int | slice, slips: Array) -> Array:
+        """Values of curves, of those of this tick, between their slips."""
         at = np.interp(slips, SLIPS, np.arange(SLIPS.size))
         low = np.minimum(at.astype(int), SLIPS.size - 2)
-        part = at - low
-        thrust, resistance = self.now[:2, j, low] * (1.0 - part) + self.now[:2, j, low + 1] * part
-        thrust = thrust * np.exp(ground.grip[j, cells])
-        floor = ground.floor[j, cells]
-        hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
-        resistance = np.where(
-            floor, _HARD_RESISTANCE, resistance + self.dragging + ground.dragging[j, cells]
-        )
-        return np.where(floor, hard, thrust), resistance
+        part, of = at - low, self.now[what]
+        found: Array = of[..., self.all, low] * (1.0 - part) + of[..., self.all, low + 1] * part
+        return found
 
-    def _torque(self, slip: Array, cells: NDArray[np.intp]) -> Array:
-        """Torque as a force at the rim."""
+    def _gripped(self, force: Array, slips: Array, cells: NDArray[np.intp]) -> Array:
+        """A force that shear makes, by the grip of each place; on hard ground by that of the floor."""
         ground, j = self.ground, self.all
-        at = np.interp(slip, SLIPS, np.arange(SLIPS.size))
-        low = np.minimum(at.astype(int), SLIPS.size - 2)
-        part = at - low
-        found = self.now[2, j, low] * (1.0 - part) + self.now[2, j, low + 1] * part
-        hard = _HARD_GRIP * np.sign(slip) * -np.expm1(-np.abs(slip) / _HARD_STIFF)
-        return np.where(ground.floor[j, cells], hard, found * np.exp(ground.grip[j, cells]))
+        hard = _HARD_GRIP * np.sign(slips) * -np.expm1(-np.abs(slips) / _HARD_STIFF)
+        return np.where(ground.floor[j, cells], hard, force * np.exp(ground.grip[j, cells]))
+
+    def _forces(self, slips: Array, cells: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Thrust and resistance at slips, shape (candidates, wheels)."""
+        thrust, resistance = self._curve(slice(2), slips)
+        dragging = self.dragging + self.ground.dragging[self.all, cells]
+        floor = self.ground.floor[self.all, cells]
+        resistance = np.where(floor, _HARD_RESISTANCE, resistance + dragging)
+        return self._gripped(thrust, slips, cells), resistance
+
+    def _torque(self, slips: Array, cells: NDArray[np.intp]) -> Array:
+        """Torque as a force at the rim."""
+        return self._gripped(self._curve(2, slips), slips, cells)
 
     def _slips(self, speeds: Array, rims: Array, sense: float) -> Array:
         travel, rim = speeds * sense, rims * sense
