@@ -12,7 +12,7 @@
    against real time; deserialising alone and the pipeline without any output beside it; and memory over the
    bag's length, in processes of their own.
 
-Both sides of a ratio take turns within one run, so that a busy machine slows both; medians.
+Times are of the processor; both sides of a ratio take turns within one run; medians.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -71,18 +72,16 @@ ROOT = Path(__file__).resolve().parent.parent
 RIG = Path(os.environ.get("SMALLWHEEL_SHARED", ROOT.parent / "shared")) / "data" / "cmu_wheel_rig"
 
 
-def in_turn(
-    repeats: int, *works: Callable[[], object], clock: Callable[[], float] = time.perf_counter
-) -> list[float]:
-    """Median seconds of each, by a clock; they take turns."""
+def in_turn(repeats: int, *works: Callable[[], object]) -> list[float]:
+    """Median seconds of processor of each; they take turns."""
     taken: list[list[float]] = [[] for _ in works]
     for work in works:
         work()
     for _ in range(repeats):
         for work, spent in zip(works, taken, strict=True):
-            start = clock()
+            start = time.process_time()
             work()
-            spent.append(clock() - start)
+            spent.append(time.process_time() - start)
     return [float(np.median(spent)) for spent in taken]
 
 
@@ -156,10 +155,10 @@ def of_contact() -> None:
     )
 
 
-def of_cost_map(side: int = 1000) -> None:
+def of_cost_map() -> None:
     """Classes to costs, with 15 m of crossed ground, and spread, over a table lookup."""
     rng = np.random.default_rng(1)
-    cells = rng.integers(-1, 12, (side, side)).astype(np.int8)
+    cells = rng.integers(-1, 12, (1000, 1000)).astype(np.int8)
     table = rng.integers(0, 100, 256).astype(np.int8)
     wheels = [Wheel(name, 0.2, 0.1, lateral_position=y) for name, y in (("a", -0.3), ("b", 0.3))]
     plain = CostSettings(spread=0.0, unknown="none")
@@ -208,14 +207,11 @@ def tables() -> Iterator[tuple[str, Measurements, Base, float]]:
 def of_diagnosis() -> None:
     """Processor time of a diagnosis."""
     for name, measurements, base, limit in tables():
-        seconds = []
-        for _ in range(3):
-            started = time.process_time()
-            found = diagnose(measurements, base).document
-            seconds.append(time.process_time() - started)
+        found = diagnose(measurements, base).document
+        (seconds,) = in_turn(2, partial(diagnose, measurements, base))
         verdict = ", ".join([found["verdict"], *found["missing_effects"]])
         what = f"diagnosis, {name}, {len(measurements)} rows ({verdict}), s"
-        told(what, float(np.median(seconds)), f"at most {limit:g}")
+        told(what, seconds, f"at most {limit:g}")
 
 
 def six_wheels(folder: Path, distance: float = 15.0) -> tuple[Path, Path, int]:
@@ -294,7 +290,7 @@ def of_replay() -> None:
                 ReplaySpec(bag, config, folder / "all", copy="all")
             ),
         }
-        taken = in_turn(3, *works.values(), clock=time.process_time)
+        taken = in_turn(3, *works.values())
         for what, spent in zip(works, taken, strict=True):
             limit = "at least 20" if what.startswith("with tables") else "none"
             each = 1e6 * spent / count
