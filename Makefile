@@ -79,11 +79,11 @@ demo: env
 DRIVES ?= examples/data
 SPEED := speed node twist
 benchmark: env
-	@echo 'rates:'; $(RUN) benchmarks/rates.py --list
+	@echo 'rates:'; $(RUN) -m benchmarks.rates --list
 	@echo 'real drives: 1 min each; speed against peers: $(SPEED), 10 min'
-	@$(RUN) benchmarks/real_drives.py $(DRIVES) --page docs/real_robots.md
-	-@$(RUN) benchmarks/rates.py
-	@set -e; for name in $(SPEED); do echo "== $$name"; PYTHONPATH=. $(RUN) benchmarks/$$name.py; done
+	@$(RUN) -m benchmarks.real_drives $(DRIVES) --page docs/real_robots.md
+	-@$(RUN) -m benchmarks.rates
+	@set -e; for name in $(SPEED); do echo "== $$name"; $(RUN) -m benchmarks.$$name; done
 
 # A warning is an error. The pages need no network to be made or read.
 docs: env-docs

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subject: cost. What planners do with the cost map past where a robot got stuck, and out of there.
 
-    python benchmarks/rates.py cost --seeds 500:520
-    python benchmarks/cost_detours.py PICTURE   # only draws one drive's map and a path
+    python -m benchmarks.rates cost --seeds 500:520
+    python -m benchmarks.cost_detours PICTURE   # only draws one drive's map and a path
 
 Simulated drives that end stuck on slippery ground or a slope, one a seed; their cost maps, and paths over
 them by the rules of Nav2's planners: straight past the place, from 8 m before it to 3 m behind it, each end
@@ -42,12 +42,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "examples"))
-
-from cost_map import cost_map
-
 from benchmarks.judges import Judge, Line, Subject, ratio, share
+from examples.cost_map import cost_map
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.crossed_ground import Outline

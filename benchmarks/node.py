@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node over DDS: what it costs beside one that only receives, how late its estimates are, how it starts.
 
-    python benchmarks/node.py [--rounds N] [--wheels W] [--rate HZ]
+    python -m benchmarks.node [--rounds N] [--wheels W] [--rate HZ]
 
 Limit: a receiver, an rclpy node with the same subscriptions and QoS that appends each serialised message
 to a list and does nothing else. Both get the same messages, in turns of one run: at each tick loads, odometry
@@ -78,7 +78,7 @@ class Vehicle:
         from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
 
         self.latencies: list[float] = []
-        self.sent = self.answered = self.ticks = 0
+        self.ticks = 0
         self._node, self._names = node, names(wheels)
         self._times: dict[tuple[str, int], float] = {}
         make = partial(node.create_publisher, qos_profile=100)
@@ -125,7 +125,6 @@ class Vehicle:
             self._sinkage_message.sinkage = depth
             if counts:
                 self._times[name, stamp] = time.perf_counter()
-                self.sent += 1
             publisher.publish(stamped(self._sinkage_message))
         self.ticks += 1
 
@@ -134,7 +133,6 @@ class Vehicle:
         stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
         sent = self._times.pop((message.header.frame_id, stamp), None)
         if sent is not None:
-            self.answered += 1
             self.latencies.append(now - sent)
 
 
@@ -199,7 +197,7 @@ def measure(wheels: int, rate: float, rounds: int, folder: Path) -> Measured:
     parameters.write_text(f"/**:\n  ros__parameters:\n    wheels: [{listing}]\n{sizes}")
     estimator = ["-m", "smallwheel_ros.ros.mobility_estimator", "--ros-args"]
     estimator += ["--params-file", str(parameters)]
-    receiver = [__file__, "--receive", "--wheels", str(wheels), "--ros-args"]
+    receiver = ["-m", "benchmarks.node", "--receive", "--wheels", str(wheels), "--ros-args"]
     vehicles = {space: Vehicle(node, space, wheels) for space in ("node", "receiver")}
     found.vehicle = vehicles["node"]
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How often what is right: rates over worlds whose answer is known, by subject.
 
-    python benchmarks/rates.py                         # all subjects; takes as long as --list says
-    python benchmarks/rates.py soil slip --seeds 0:4 --jobs 2
-    python benchmarks/rates.py field --worlds encoder --fresh
+    python -m benchmarks.rates                         # all subjects; takes as long as --list says
+    python -m benchmarks.rates soil slip --seeds 0:4 --jobs 2
+    python -m benchmarks.rates field --worlds encoder --fresh
 
 A subject has worlds, a trial that tries one world with one seed, and judges that count over trials. Trials
 are lines of JSON in benchmarks/rates/SUBJECT.jsonl, appended one by one, so that an interrupted run goes on
@@ -32,9 +32,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pandas as pd
 from tqdm import tqdm
-
-# As a script this file finds its neighbours, as a module of the repository its package.
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks import (
     cost_detours,

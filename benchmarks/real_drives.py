@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recorded drives of real robots through `smallwheel replay`: what it says of them, as a table.
 
-    python benchmarks/real_drives.py FOLDER... [-o OUT] [--page PAGE] [--picture warthog_sand1 FILE]
+    python -m benchmarks.real_drives FOLDER... [-o OUT] [--page PAGE] [--picture warthog_sand1 FILE]
 
 A folder holds bags, parameter files and truths: the bag `warthog_sand1` goes with `warthog.yaml`, the file
 that its name begins with, and with `warthog_sand1_truth.csv`, if there is one. A truth has the columns
@@ -34,8 +34,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.drive_trial import shown_slip
 from benchmarks.faults import Raw

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How fast physics, cost map, diagnosis and replay are, each against what it cannot beat or the usual way.
 
-    python benchmarks/speed.py [replay ...]   # all parts without a name
+    python -m benchmarks.speed [replay ...]   # all parts without a name
 
 1. Closed form: sinkage and compaction resistance (eq. 10, 14) of 10^6 rows, against the three bare NumPy
    powers that the equations need; and a whole prediction of them, for information.
@@ -34,9 +34,6 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import quad
 from scipy.optimize import brentq
-
-# As a script this file finds its neighbours, as a module of the repository its package.
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks._world_labs import curves
 from benchmarks.rates_diagnosis import read

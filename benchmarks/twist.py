@@ -5,7 +5,7 @@ Peers: the rims' mean with the constant that is best on this drive, and with one
 Reach: NEES of vx .2 to 2 on the two real drives and .9 of the errors within two deviations, .5 to 2 on the
 simulated ones, a log score above the best constant's, 0.2 ms a message.
 
-`PYTHONPATH=. python benchmarks/twist.py --figure docs/images/odometry.png`; real drives are looked for in
+`python -m benchmarks.twist --figure docs/images/odometry.png`; real drives are looked for in
 ../shared/data, and left out without.
 """
 

@@ -21,7 +21,7 @@ IMAGES = ROOT / "docs" / "images"
 
 
 def run(*command: str | Path) -> None:
-    """Run a Python script of this repository from its root."""
+    """Run a Python script or module of this repository from its root."""
     subprocess.run([sys.executable, *map(str, command)], cwd=ROOT, check=True)
 
 
@@ -41,18 +41,18 @@ def draw_rig(target: Path, folder: Path) -> None:
 
 def draw_cost_detour(target: Path, folder: Path) -> None:
     """A path past where a robot got stuck."""
-    run("benchmarks/cost_detours.py", target)
+    run("-m", "benchmarks.cost_detours", target)
 
 
 def draw_odometry(target: Path, folder: Path) -> None:
     """Errors of wheel odometry after 30 s without fixes."""
-    run("benchmarks/twist.py", "--figure", target)
+    run("-m", "benchmarks.twist", "--figure", target)
 
 
 def draw_real_drive(target: Path, folder: Path) -> None:
     """Slip of a real drive with its truth; of recorded data beside the repository."""
     data = ROOT.parent / "shared" / "data" / "real_drives"
-    run("benchmarks/real_drives.py", data, "--picture", "warthog_sand1", target)
+    run("-m", "benchmarks.real_drives", data, "--picture", "warthog_sand1", target)
 
 
 def draw_demo(target: Path, folder: Path) -> None:
