@@ -102,29 +102,35 @@ def trial(law: str, seed: int) -> Line:
     return {"sizes": len(task.names), "said": said}
 
 
-def _count(line: Line, kind: str, sizes: str, word: str) -> int:
-    """How often a verdict was given; all without a word, `!` any but that."""
+def _verdicts(kind: str, sizes: str, line: Line) -> list[str]:
     low, high = SIZES[sizes]
-    said = line["said"][kind] if low <= line["sizes"] <= high else []
-    return sum(
-        (one != word[1:]) if word.startswith("!") else (not word or one == word) for one in said
-    )
+    return list(line["said"][kind]) if low <= line["sizes"] <= high else []
 
 
-def _judge(kind: str, sizes: str, word: str, text: str, most: float | None) -> Judge:
-    hits, total = (lambda one, w=w: _count(one, kind, sizes, w) for w in (word, ""))
-    return Judge(f"{text} {kind}, {sizes}", share(hits, total), None, most)
+def _judge(
+    text: str, words: tuple[str, ...], kind: str, sizes: str, most: float | None = None
+) -> Judge:
+    """How often one of these verdicts is given."""
+
+    def hits(line: Line) -> int:
+        return sum(one in words for one in _verdicts(kind, sizes, line))
+
+    def total(line: Line) -> int:
+        return len(_verdicts(kind, sizes, line))
+
+    return Judge(f"{text} {kind}, {sizes}", share(hits, total), most=most)
 
 
+_WINS, _LOSES = ("wins",), ("loses",)
 JUDGES = [
     judge
     for sizes in SIZES
     for judge in (
-        _judge(OTHERS[0], sizes, "loses", "called worse than", 0.05),
-        _judge(OTHERS[0], sizes, "wins", "called better than", None),
-        _judge(OTHERS[1], sizes, "loses", "called worse than", 0.05),
-        _judge(OTHERS[1], sizes, "wins", "called better than", None),
-        _judge(OTHERS[2], sizes, "!cannot tell", "one called better of", 0.05),
+        _judge("called worse than", _LOSES, OTHERS[0], sizes, 0.05),
+        _judge("called better than", _WINS, OTHERS[0], sizes),
+        _judge("called worse than", _LOSES, OTHERS[1], sizes, 0.05),
+        _judge("called better than", _WINS, OTHERS[1], sizes),
+        _judge("one called better of", _WINS + _LOSES, OTHERS[2], sizes, 0.05),
     )
 ]
 SUBJECTS = [Subject("laws", NAMES, trial, JUDGES, 40, 1.0)]

@@ -227,21 +227,6 @@ def table(group: str, drives: list[Drive]) -> dict[str, Ends]:
     raw = [(d.rims - d.truth[:, 0])[m] for d, m in zip(drives, masks, strict=True)]
     squares = [float(np.mean(e**2)) for e in raw]
     print(f"\n{group}: vx; log score cut at {CUT:g} deviations")
-    heads = (
-        "rms",
-        "ours",
-        "NEES",
-        "in 1",
-        "in 2",
-        "log",
-        "best",
-        "NEES*",
-        "log*",
-        "drift%",
-        "ours%",
-        "ms",
-    )
-    print(f"{'drive':<24}" + "".join(f"{head:>8}" for head in heads))
     kept = []
     ends: dict[str, Ends] = {name: ([], []) for name in ("raw", "constant", "ours")}
     for i, (drive, row, mask) in enumerate(zip(drives, rows, masks, strict=True)):
@@ -253,20 +238,14 @@ def table(group: str, drives: list[Drive]) -> dict[str, Ends]:
         nees_other, _, _, log_other = scores(raw[i], np.full(raw[i].size, other))
         kept.append((nees, one, two, log, best, log_other))
         ways = [100 * drift(drive, speed) for speed in (drive.rims, row.vx)]
-        values = (
-            np.sqrt(squares[i]),
-            np.sqrt(np.mean(error**2)),
-            nees,
-            one,
-            two,
-            log,
-            best,
-            nees_other,
-            log_other,
-            *ways,
-            1e3 * found[i][1],
-        )
-        print(f"{drive.name:<24}" + "".join(f"{value:8.3g}" for value in values))
+        cells = {
+            "rms": np.sqrt(squares[i]), "ours": np.sqrt(np.mean(error**2)), "NEES": nees, "in 1": one,
+            "in 2": two, "log": log, "best": best, "NEES*": nees_other, "log*": log_other,
+            "drift%": ways[0], "ours%": ways[1], "ms": 1e3 * found[i][1],
+        }  # fmt: skip
+        if i == 0:
+            print(f"{'drive':<24}" + "".join(f"{head:>8}" for head in cells))
+        print(f"{drive.name:<24}" + "".join(f"{value:8.3g}" for value in cells.values()))
         for name, variance in (("raw", RAW), ("constant", other), ("ours", None)):
             errors, inside = gaps(drive, row, variance)
             ends[name][0].extend(errors)
