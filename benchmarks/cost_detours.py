@@ -262,4 +262,6 @@ JUDGES = [_judge(planned, what) for planned in PLANNED for what in ("plan", "out
 SUBJECTS = [Subject("cost", ["stuck"], trial, JUDGES, 10, 20.0)]
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("expected one argument, the picture's file")
     draw(500, Path(sys.argv[1]))

@@ -236,12 +236,30 @@ def subject_of(name: str) -> Subject:
     return subjects()[name]
 
 
+def seeds(text: str) -> range:
+    """Seeds from the first to before the end, as `0:4`; argparse tells a ValueError as bad usage."""
+    first, end = text.split(":")
+    return range(int(first), int(end))
+
+
+def pattern(text: str) -> re.Pattern[str]:
+    """A regular expression."""
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no regular expression: {error}") from error
+
+
 def main() -> int:
     """Run subjects and write their rates."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("subjects", nargs="*", help="all without any")
-    parser.add_argument("--worlds", default="", help="regular expression; all without it")
-    parser.add_argument("--seeds", help="first and end, as 0:4; without it each subject's own")
+    parser.add_argument(
+        "--worlds", type=pattern, default="", help="regular expression; all without it"
+    )
+    parser.add_argument(
+        "--seeds", type=seeds, help="first and end, as 0:4; without it each subject's own"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--fresh", action="store_true", help="forget the trials of earlier runs")
     parser.add_argument(
@@ -256,19 +274,17 @@ def main() -> int:
     failing = []
     for name in given.subjects or known:
         subject = known[name]
-        first, end = (int(v) for v in (given.seeds or f"0:{subject.seeds}").split(":"))
-        worlds = [world for world in subject.worlds if re.search(given.worlds, world)]
-        minutes = len(worlds) * (end - first) * subject.seconds / 60.0 / given.jobs
-        print(
-            f"{name}: {len(worlds)} worlds, {end - first} seeds, about {minutes:.0f} min",
-            flush=True,
-        )
+        chosen = given.seeds or range(subject.seeds)
+        worlds = [world for world in subject.worlds if given.worlds.search(world)]
+        minutes = len(worlds) * len(chosen) * subject.seconds / 60.0 / given.jobs
+        told = f"{name}: {len(worlds)} worlds, {len(chosen)} seeds, about {minutes:.0f} min"
+        print(told, flush=True)
         if given.list:
             continue
         store = given.folder / f"{name}.jsonl"
         if given.fresh:
             store.unlink(missing_ok=True)
-        tasks = [(world, seed) for seed in range(first, end) for world in worlds]
+        tasks = [(world, seed) for seed in chosen for world in worlds]
         table = rates(subject, run(subject, tasks, store, given.jobs))
         table.to_csv(given.folder / f"{name}.csv", index=False)
         for row in table[(table.world == ALL) | table.fails].itertuples():

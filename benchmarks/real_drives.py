@@ -345,8 +345,10 @@ def main() -> int:
                     drives.append(judged(bag, config, kept))
         if options.picture:
             name, file = options.picture
-            drive = next(one for one in drives if one.cells[DRIVE].endswith(f"/{name}"))
-            draw(drive, Path(file))
+            named = [one for one in drives if one.cells[DRIVE].endswith(f"/{name}")]
+            if not named:
+                raise SmallwheelError(f"no drive {name} in these folders")
+            draw(named[0], Path(file))
     except (SmallwheelError, OSError) as error:
         print(f"real_drives: {error}", file=sys.stderr)
         return 2
@@ -356,7 +358,10 @@ def main() -> int:
     CSV.parent.mkdir(exist_ok=True)
     table.to_csv(CSV, index=False)
     if options.page:
-        before, rest = options.page.read_text(encoding="utf-8").split(BEGIN)
+        before, _, rest = options.page.read_text(encoding="utf-8").partition(BEGIN)
+        if END not in rest:
+            print(f"real_drives: {options.page} has no marks for the table", file=sys.stderr)
+            return 2
         page = before + BEGIN + text + END + rest.split(END)[1]
         options.page.write_text(page, encoding="utf-8")
     return 0
