@@ -40,8 +40,8 @@ class Judge:
 
     def fails(self, rate: Rate) -> bool:
         """Whether a rate is beyond its limit, interval and all."""
-        low, high = self.least is not None and rate.high < self.least, self.most is not None
-        return low or (high and rate.low > float(self.most or 0.0))
+        too_low = self.least is not None and rate.high < self.least
+        return too_low or (self.most is not None and rate.low > self.most)
 
     @property
     def limit(self) -> str:
