@@ -57,11 +57,9 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
 
 def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> list[str]:
     """Each component of the scatter that is `unusual`, in words."""
-    texts = [
-        f"its {runs_differ(f'{percent(large[component])} in {what}')}"
-        for component, what in (("tau", "firmness"), (f"own:{channel}", "what they show"))
-        if component in large
-    ]
+    mine = ("tau", f"own:{channel}")
+    apart = runs_differ({name: size for name, size in large.items() if name in mine})
+    texts = [f"its {apart}"] if apart else []
     if f"zero:{channel}" in large:
         middle = float(np.median(fitter.level[fitter.points.of_channel(channel)]))
         size = shown_value(channel, large[f"zero:{channel}"] * middle)

@@ -21,6 +21,7 @@ from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.result import unusual
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.display import (
     column_display,
@@ -147,11 +148,15 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What the best explanation leaves that chance does not. lack_of_fit, plateaus: by channel."""
+    """What the best explanation leaves that chance does not. lack_of_fit, plateaus: by channel.
+
+    scatter: deviation of each component. mixed: the components by which runs are not of one soil (`_mixed`).
+    """
 
     lack_of_fit: Mapping[str, LackOfFit]
     plateaus: Mapping[str, Plateau]
     scatter: Mapping[str, float]
+    mixed: Mapping[str, float]
 
 
 def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
@@ -164,7 +169,23 @@ def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
         lack_of_fit(found.fitter, judged),
         plateaus(found.fitter, judged),
         model.scatter.deviations,
+        _mixed(found.fitter, model),
     )
+
+
+def _mixed(fitter: Fitter, fit: Fit) -> dict[str, float]:
+    """What runs differ by where it is `unusual`, and no less than what all measured values differ by.
+
+    The law then explains none of it, as where soils of any firmness bear one name, and evidence on what
+    it lacks is none.
+    """
+    points, large, found = fitter.points, unusual(fitter, fit.scatter), dict[str, float]()
+    variance = np.diag(fitter.covariance(fit).matrix)
+    for name in points.channels:
+        mine = points.of_channel(name)
+        if variance[mine].mean() >= points.value[mine].var():
+            found |= {n: size for n, size in large.items() if n in ("tau", f"own:{name}")}
+    return found
 
 
 # --- Where a model fails, and what is left over each part of the data
@@ -175,14 +196,20 @@ def where_it_fails(
 ) -> list[Entry]:
     """The worst cut of each channel by each setting, as far as it is more than chance.
 
-    A cut splits the points by one setting; its statistic is the difference of the two sides' mean
-    error, relative to the level, over its standard error; the largest over all cuts. Its law comes
-    from turning round the sign of whole runs' errors. errors: held out. certain: it does fail
-    somewhere; then the worst cut is given even if few runs cannot confirm it. p_value: over all cuts
-    of the channel. bias, rmse: m or N.
+    A cut splits the points by one setting, or by the size of one that has both signs; its statistic is the
+    difference of the two sides' mean error, relative to the level, over its standard error; the largest over
+    all cuts. Its law comes from turning round the sign of whole runs' errors. errors: held out. certain: it
+    does fail somewhere; then the worst cut is given even if few runs cannot confirm it. p_value: over all
+    cuts of the channel. bias, rmse: m or N.
     """
     generator = np.random.default_rng([seed, 13])
     found: list[Entry] = []
+    cut_by: dict[str, Array] = {}
+    for name, column in points.varied.items():
+        cut_by[name] = column
+        below, over = -float(column.min()), float(column.max())
+        if min(below, over) > _BOTH_SIGNS * max(below, over):
+            cut_by[f"|{name}|"] = np.abs(column)
     for channel in points.channels:
         mine = np.flatnonzero(points.of_channel(channel))
         error = np.array([np.mean(errors.error[channel][points.rows[i]]) for i in mine])
@@ -193,7 +220,7 @@ def where_it_fails(
         signs = generator.choice([-1.0, 1.0], size=(_REPLICATES, int(runs.max()) + 1))
         share = np.vstack([error, error * signs[:, runs]]) / level[mine]
         worst: dict[str, tuple[Array, Mask, float]] = {}
-        for name, column in _cut_by(points).items():
+        for name, column in cut_by.items():
             above, thresholds = _cuts(column[mine], runs)
             if thresholds.size:
                 statistic = _apart(share, above)
@@ -222,17 +249,6 @@ def where_it_fails(
     found.sort(key=lambda r: (r["p_value"], -r["rmse"] / max(r["rmse_elsewhere"], 1e-300)))
     sure = [region for region in found if region["p_value"] <= _SHOWN]
     return sure[:_MOST] or found[:1]
-
-
-def _cut_by(points: Points) -> dict[str, Array]:
-    """What is cut: the settings that vary, and the size of one that has both signs."""
-    columns = {}
-    for name, column in points.varied.items():
-        columns[name] = column
-        low, high = -float(column.min()), float(column.max())
-        if min(low, high) > _BOTH_SIGNS * max(low, high):
-            columns[f"|{name}|"] = np.abs(column)
-    return columns
 
 
 def _cuts(setting: Array, runs: Index) -> tuple[Mask, Array]:

@@ -6,36 +6,29 @@
 - Something is missing where p of `Search` is up to `ALARM`. Above it nothing is named.
 - A curve without a name counts for the named effect whose most general form it is, as long as a law
   of that effect does better than none; otherwise something unknown follows that setting.
-- A name whose setting moved with another one is a tie, where a law of the other does as well.
+- A name whose setting moved with another one is a tie.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.diagnosis.search import Candidate, Key, Search
-from smallwheel_ros.effects.base import STAGES, Effect
 from smallwheel_ros.fitting.constants import (
     ALARM,
     APART,
     BEATS,
     MENTIONED,
     NAMED,
-    TIE,
-    TIED,
     TOGETHER,
 )
-from smallwheel_ros.fitting.fit import FAILURES
 from smallwheel_ros.measurements.display import listed
-from smallwheel_ros.physics.conditions import Conditions
 
-Array = NDArray[np.float64]
 Word = Literal[
     "missing_effect", "adequate", "unknown_effect", "indistinguishable", "insufficient_data"
 ]
@@ -192,58 +185,17 @@ def _best_form(search: Search, model: Candidate, out: Competitor | None, family:
 
 
 def _tied(search: Search, best: Candidate, name: str) -> list[str]:
-    """Rivals of a name: the same law, driven by a setting that moved with its own, does as well."""
+    """Rivals of a name: what follows a setting that moved with its own."""
     law = next((c for c in best.competitors if c.family == name), None)
     columns = search.field.columns
     if law is None or law.effect is None or not law.drivers or law.drivers[0] not in columns:
         return []
     rivals, own = [], columns[law.drivers[0]]
     for other, column in columns.items():
-        apart = min(np.ptp(own), np.ptp(column)) > 1e-12 and other != law.drivers[0]
-        r = float(np.corrcoef(own, column)[0, 1]) if apart else 0.0
-        if r * r < TIED or (r * r < TOGETHER and not _does_as_well(search, best, law, other)):
+        varied = min(np.ptp(own), np.ptp(column)) > 1e-12 and other != law.drivers[0]
+        if not varied or float(np.corrcoef(own, column)[0, 1]) ** 2 < TOGETHER:
             continue
         known = [c.family for c in search.field.competitors
                  if other in c.drivers and c.kind == "soil" and c.family != name]  # fmt: skip
         rivals.append(known[0] if known else f"unknown:{other}@{law.effect.stage}")
     return rivals
-
-
-class _Driven:
-    """A law that reads another setting in the place of its own: driver, by what `column` makes of it."""
-
-    def __init__(self, law: Effect, driver: str, column: Any) -> None:
-        self._law, self._driver, self._column = law, driver, column
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self._law, name)
-        if name not in STAGES:
-            return found
-        return lambda *arguments: found(*arguments[:-1], self._swapped(arguments[-1]))
-
-    def _swapped(self, conditions: Conditions) -> Conditions:
-        column = self._column(conditions)
-        if self._driver in conditions.covariates:
-            return replace(conditions, covariates={**conditions.covariates, self._driver: column})
-        return replace(conditions, **{self._driver: column})
-
-
-def _does_as_well(search: Search, best: Candidate, law: Competitor, other: str) -> bool:
-    """Whether the model keeps its evidence when a law reads another setting, put in its own's place."""
-    driver, conditions = law.drivers[0], search.fitter.points.conditions
-    own = conditions[driver]
-    line = np.polyfit(conditions[other], own, 1)
-
-    def column(of: Conditions) -> Array:
-        return np.clip(np.polyval(line, of[other]), own.min(), own.max())
-
-    def build(numbers: Mapping[str, Any]) -> Effect:
-        return cast(Effect, _Driven(law.part.build(numbers), driver, column))
-
-    vector = best.vector
-    parts = [replace(p, build=build) if p.id == law.part.id else p for p in vector.parts]
-    try:
-        fit = search.fitter.fit(replace(vector, parts=tuple(parts)), best.theta, best.scatter)
-    except FAILURES:
-        return False
-    return fit.evidence > best.evidence - TIE

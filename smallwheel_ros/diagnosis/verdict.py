@@ -5,8 +5,8 @@ In the order in which it is heard, the first that speaks has the word:
 
 1. the probabilities of the models (`posterior`): names, rivals, or nothing missing;
 2. runs that the choice never saw (`held_out`): a name that helps on none is a rival;
-3. what the best explanation leaves (`misfit`): with lack of fit, a sensor at its end or wild scatter no
-   law here describes the data, and names are its closest description;
+3. what the best explanation leaves (`misfit`): with lack of fit, a sensor at its end, runs of several soils
+   or wild scatter no law here describes the data, and names are its closest description;
 4. a fault that pull and torque tell (`faults`) stands beside all that, since they judge it alone.
 """
 
@@ -26,6 +26,7 @@ from smallwheel_ros.diagnosis.posterior import Posterior, Word
 from smallwheel_ros.diagnosis.search import Candidate, Search
 from smallwheel_ros.fitting import Problem, constants
 from smallwheel_ros.fitting.constants import ALARM, TIE, USEFUL
+from smallwheel_ros.fitting.result import runs_differ
 from smallwheel_ros.measurements.display import listed, number, p_text, percent, shown_value, words
 
 _SURE = 0.002  # p of a plateau: with two channels one clean table in 250 has one
@@ -105,13 +106,11 @@ def decide(evidence: Evidence) -> Verdict:
         word = "indistinguishable" if len(rivals) > 1 else "unknown_effect"
     if not held.rivals_help:
         word = "unknown_effect"
-    stray, flat, scatter = _of_misfit(evidence.misfit)
-    if word in ("adequate", "missing_effect"):
-        reasons += stray
-    else:
+    mixed, stray, flat, scatter = _of_misfit(evidence.misfit)
+    if word not in ("adequate", "missing_effect"):
         stray = []
-    reasons += [*flat, *scatter]
-    if stray or flat or (word == "adequate" and any(scatter.values())):
+    reasons = [*mixed, *reasons, *stray, *flat, *scatter]
+    if mixed or stray or flat or (word == "adequate" and any(scatter.values())):
         word = "unknown_effect"
     if word == "unknown_effect":
         closest, named, rivals = (*closest, *named, *rivals), (), ()
@@ -196,13 +195,14 @@ def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
         yield f"the held-out error of {forces} rises with what is named"
 
 
-def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], dict[str, bool]]:
-    """What chance does not leave: of the settings, of sensors, and of the scatter.
+def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], list[str], dict[str, bool]]:
+    """What chance does not leave: of the soils, of the settings, of sensors, and of the scatter.
 
-    The channel whose settings stray most from what their own repeats allow, where one does; sensors that seem
-    to be at the end of their range; scatter of over twice the usual size, with whether it is over four times:
-    nothing is calm then.
+    That runs are not of one soil; the channel whose settings stray most from what their own repeats allow,
+    where one does; sensors that seem to be at the end of their range; scatter of over twice the usual size,
+    with whether it is over four times: nothing is calm then.
     """
+    mixed = [runs_differ(misfit.mixed)] if misfit.mixed else []
     fits = misfit.lack_of_fit
     rejected = {name: one for name, one in fits.items() if one.p * len(fits) <= ALARM}
     stray = [
@@ -220,9 +220,11 @@ def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], dict[str, bool]]:
     ]
     scatter = {}
     for name, size in misfit.scatter.items():
+        if name in misfit.mixed:
+            continue
         component, _, channel = name.partition(":")
         usual, said = _UNUSUAL.get(component, (np.inf, ""))
         if size > usual * np.exp(constants.SPREAD):
             text = said.format(channel=words(channel), size=percent(size))
             scatter[text] = bool(size > usual * np.exp(2.0 * constants.SPREAD))
-    return stray, flat, scatter
+    return mixed, stray, flat, scatter

@@ -62,12 +62,10 @@ ALARM = 0.05
 # least expected misfit of a testable effect, in squared deviations - a strength of the prior's size
 #   moves the likelihood by 0.05 nats: this data cannot tell
 TESTABLE = 0.1
-# nats within which a tied setting does as well - 20 to 1
+# nats within which another explanation does as well - 20 to 1
 TIE = 3.0
-# share of a setting's variance that another predicts, in a tie - half
-TIED = 0.5
-# the same, from which two settings are tied whatever the fit says - what is left is as small as the
-#   errors of settings, which the model does not have
+# share of a setting's variance that another predicts, from which they are tied - what is left is as small
+#   as the errors of settings, which the model does not have
 TOGETHER = 0.95
 # draws of the null distribution - p down to 1/200
 REPLICATES = 199

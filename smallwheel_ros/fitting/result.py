@@ -247,9 +247,14 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
     return {n: v for (n, v), is_far in zip(scatter.deviations.items(), far, strict=True) if is_far}
 
 
-def runs_differ(by: str) -> str:
-    """That runs are further apart than those of one soil, and what to do. by: how far, in what."""
-    return f"runs differ by {by}, more than those of one soil: name the soils (column soil)"
+def runs_differ(scatter: Mapping[str, float]) -> str:
+    """That runs are further apart than those of one soil, and what to do. scatter: what is `unusual`."""
+    apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
+             for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
+    said = (
+        f"runs differ by {listed(apart)}, more than those of one soil: name the soils (column soil)"
+    )
+    return said if apart else ""
 
 
 @one_thread
@@ -323,12 +328,9 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
         for p in found.parameters
         if p.status in said
     ]
-    apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
-             for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
-    if apart:
+    if apart := runs_differ(scatter):
         notes.append(
-            f"{runs_differ(listed(apart))}, record what else differs, or see what is missing "
-            "(`smallwheel diagnose`)"
+            f"{apart}, record what else differs, or see what is missing (`smallwheel diagnose`)"
         )
     for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _ALIKE, -1)):
         notes.append(

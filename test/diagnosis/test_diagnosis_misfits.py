@@ -86,6 +86,19 @@ def test_the_f_test_rejects_a_misfit_and_not_the_truth(folder: Path) -> None:
         assert (min(p) < 1e-3) == rejected
 
 
+@pytest.mark.slow
+def test_curves_of_soils_that_are_not_named_give_no_name() -> None:
+    """Depth was set: firmness of the soils, 1 to 10, is no scatter of one, nor is there evidence under it."""
+    path = Path(__file__).parents[2] / "examples" / "data" / "cullinan_sand" / "plates.csv"
+    table = pd.read_csv(path).drop(columns=["soil", "dry_density [kg/m^3]"])
+    found = sw.diagnose(table)
+    assert (found.verdict, found.missing_effects, found.candidates) == ("unknown_effect", [], [])
+    reason = found.document["reason"]
+    assert reason.startswith(
+        "runs differ by 99 % in sinkage, more than those of one soil: name the soils"
+    )
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_p_up_to_the_alarm_is_never_adequate(folder: Path, seed: int) -> None:
     found = diagnose(read(without_a_law("speed_drag", seed, 0), folder)).document

@@ -99,6 +99,11 @@ def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.Monkey
     assert (stuck.word, stuck.named, stuck.closest) == ("unknown_effect", (), ("slip_sinkage",))
     assert "saturate at 12" in stuck.reasons[0]
     assert len(stuck.steps) == 1
+    mixed = decide(replace(evidence, misfit=replace(evidence.misfit, mixed={"tau": 0.9})))
+    assert (mixed.word, mixed.named, mixed.closest) == ("unknown_effect", (), ("slip_sinkage",))
+    assert mixed.reasons[0].startswith(
+        "runs differ by 90 % in firmness, more than those of one soil"
+    )
     none = {"steps": made.steps[:1], "named": ()}
     held = replace(evidence.held_out, **none, useless=(("slip_sinkage",),))
     useless = decide(replace(evidence, held_out=held))
