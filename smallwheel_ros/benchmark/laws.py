@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -125,7 +125,8 @@ def _of_size(law: PlateLaw, name: str, fold: Fold) -> Predicted:
         reference = reference_size(law, fitter.points)
         under = fitter.under(partial(UnderLaw, law, reference))
         vector = law_vector(law, fit.vector.of_soils[0].owner)
-        best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
+        start = under.at(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter)
+        best = under.fit(start, turns=0)
         depth = law.sinkage(points.conditions, reference, *best.theta.tolist())
         found = np.where(points.of_channel("sinkage"), _values({"sinkage": depth}, points), found)
         held.update(_at_bound(best))
@@ -148,7 +149,7 @@ def _own(law: OwnLaw, fold: Fold) -> Predicted:
         return Predicted(law.name, said(starts[order[0]], fold.points))
     known = points.take(keep)
     known = known.only([points.channels[c] for c in np.unique(known.channel)])
-    variance = fitter.of_values(known, keep).variance
+    variance = replace(fitter.of_values(keep), points=known).variance
     noise = variance.covariance(variance.suited(fit.scatter), fit.stiffness[keep])
 
     def errors(shares: Array) -> Array:

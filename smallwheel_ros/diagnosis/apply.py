@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.common.tables import plain
-from smallwheel_ros.diagnosis.competitors import Competitor, changed, field_of
+from smallwheel_ros.diagnosis.competitors import SETTINGS, Competitor, changed, field_of
 from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, Start, diagnosis_of
 from smallwheel_ros.diagnosis.search import Candidate, refit
-from smallwheel_ros.diagnosis.settings import SETTINGS
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import FitResult, Problem
@@ -228,7 +227,7 @@ class Grown:
         def choose(training: Points) -> Sequence[Fit]:
             (fold,) = self.choose(training)
             assert isinstance(fold, Candidate)  # as `of` and this make them
-            return [*_extended(fitter.of_runs(training), fold, near, 1), fold][:1]
+            return [*_extended(problem.fold(training)[0], fold, near, 1), fold][:1]
 
         return Grown(made[0], kept(choose))
 

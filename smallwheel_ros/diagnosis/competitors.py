@@ -20,10 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.curves import STAGES, Span, curve_part, distinct, spans_of
-from smallwheel_ros.diagnosis.settings import SETTINGS, independent
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import DRIFTS, Registry, is_of_column
-from smallwheel_ros.fitting.constants import EXPECTED_EFFECTS, FEWEST_VALUES, INSTRUMENT
+from smallwheel_ros.fitting.constants import (
+    ANSWERS,
+    EXPECTED_EFFECTS,
+    FEWEST_VALUES,
+    INSTRUMENT,
+    SAME_ORDER,
+    WAVERS,
+)
 from smallwheel_ros.fitting.parameters import (
     EffectPart,
     ParameterVector,
@@ -33,7 +39,7 @@ from smallwheel_ros.fitting.parameters import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import setting_words
-from smallwheel_ros.measurements.settings import varies
+from smallwheel_ros.measurements.settings import cluster, varies
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Geometry, Model
 
@@ -41,6 +47,9 @@ Array = NDArray[np.float64]
 Kind = Literal["soil", "instrument", "unknown"]
 
 _MOST_TERMS = 3
+# Settings that have effects of their own: any other column has no law.
+SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
+_ONE_RANK = 0.01  # of a column's range
 
 
 @dataclass(frozen=True)
@@ -69,12 +78,6 @@ class Competitor:
     def key(self) -> tuple[str, str]:
         """What tells it from all others."""
         return self.family, self.form
-
-    @property
-    def strength(self) -> int:
-        """Index of the parameter at whose neutral value it is absent."""
-        known = self.effect.parameters() if self.effect else ()
-        return next((i for i, p in enumerate(known) if p.neutral is not None), 0)
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -288,7 +291,7 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
                 # k itself takes up a constant of the stiffness.
                 first = 1 if stage == "stiffness" or span.side else 0
                 size = _size(STAGES[stage].unit, points)
-                label = f"unknown:{span.text}@{stage}"
+                label = f"unknown:{name}{' < 0' if span.side < 0 else ''}@{stage}"
                 part = curve_part(label, stage, span, first, terms + 1 - first, size)
                 found.append((part, stage, span, stands_for))
     z = points.value[points.of_channel("sinkage")] if "sinkage" in points.channels else np.ones(0)
@@ -302,3 +305,90 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
         Competitor(part.id, "curve", "unknown", part, stage=stage, span=span, stands_for=stands_for)
         for part, stage, span, stands_for in found
     ]
+
+
+# --- Which settings an effect can follow: those that were varied, and not as answers to others
+
+
+def independent(points: Points) -> dict[str, Array]:
+    """The settings that were varied and are no answers to others, by name, at each value."""
+    columns = points.varied
+    return {
+        name: column
+        for name, column in columns.items()
+        if name in (*SETTINGS, "diameter", "width")
+        or (name == "load" and not _wavers(points))
+        or not follows_others(name, _at_runs(name, columns, points))
+        if not (name == "load" and points.swept.all() and _sweeps(column, points))
+    }
+
+
+def _sweeps(load: Array, points: Points) -> bool:
+    """Whether the load changes along the curves: it is depth by another name there."""
+    change = np.log(load)
+    along = change - _run_means(change, points)
+    return float(np.var(along)) > WAVERS * float(np.var(change))
+
+
+def _wavers(points: Points) -> bool:
+    """Whether the load differs within runs by a fair share of what it differs by at all.
+
+    Then it was not set: it answers the wheel's motion, where it also follows the other settings.
+    """
+    load = np.log(points.measurements.conditions.load)
+    steady = [rows for rows, swept in zip(points.rows, points.swept, strict=True) if not swept]
+    within = sum(float(np.sum((load[rows] - load[rows].mean()) ** 2)) for rows in steady)
+    freedom = sum(rows.size - 1 for rows in steady)
+    if not freedom:
+        return False
+    total = float(np.var(np.concatenate([load[rows] for rows in steady])))
+    return within / freedom > WAVERS * total
+
+
+def _at_runs(name: str, columns: dict[str, Array], points: Points) -> dict[str, Array]:
+    """The columns; where the named one is the same all along every run, their means over each run.
+
+    Then each run is one piece of evidence on what it follows, however many settings others have in it.
+    """
+    means = {n: _run_means(c, points) for n, c in columns.items()}
+    if not np.allclose(means[name], columns[name], rtol=1e-6, atol=0.0):
+        return columns
+    return {n: c for n, c in means.items() if np.ptp(c) > 0.0}
+
+
+def _run_means(column: Array, points: Points) -> Array:
+    """Of each value the mean over its run, shape (values,)."""
+    run = np.unique(points.run, return_inverse=True)[1].reshape(-1)
+    return np.asarray((np.bincount(run, column) / np.bincount(run))[run])
+
+
+def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
+    """Whether a column answers other settings (a rim's speed, a load that falls while skidding).
+
+    By ranks, so that any rising or falling law counts: of one setting, or of all together with their
+    squares and products (adjusted for how many terms that takes).
+    """
+    others = [c for n, c in columns.items() if n != name and n in SETTINGS]
+    others += [columns["load"]] if "load" in columns and name != "load" else []
+    if not others:
+        return False
+    met = np.unique(np.column_stack([columns[name], *others]), axis=0)  # once, not once a channel
+    y, *scaled = [_ranks(column) for column in met.T]
+    if any(abs(float(np.corrcoef(y, x)[0, 1])) > SAME_ORDER for x in scaled):
+        return True
+    terms = [np.ones(y.size), *scaled]
+    terms += [a * b for i, a in enumerate(scaled) for b in scaled[i:]]
+    design = np.column_stack(terms)
+    spare = len(design) - design.shape[1]
+    if spare < design.shape[1]:
+        return False
+    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    return 1.0 - float(left @ left) / spare / max(float(y.var(ddof=1)), 1e-300) > ANSWERS
+
+
+def _ranks(column: Array) -> Array:
+    """Ranks between -1 and 1; what agrees to a hundredth of the range has one rank."""
+    steps = cluster(column, _ONE_RANK * float(np.ptp(column)))
+    _, place, count = np.unique(steps, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(count) - 0.5 * count)[place.reshape(-1)]
+    return np.asarray(2.0 * (ranks - ranks.mean()) / max(float(np.ptp(ranks)), 1.0))

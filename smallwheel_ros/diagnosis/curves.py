@@ -51,11 +51,6 @@ class Span:
     half: float
     side: int = 0
 
-    @property
-    def text(self) -> str:
-        """`slip`, `slip < 0`."""
-        return f"{self.column} < 0" if self.side < 0 else self.column
-
     def scaled(self, values: Array) -> Array:
         """The setting scaled to -1 .. 1; one-sided, 0 at the anchor to 1 at its largest."""
         x = np.nan_to_num((values - self.middle) / self.half)
@@ -82,9 +77,6 @@ class Curve(Effect):
     coefficients: Mapping[str, Any] = field(default_factory=dict)
     size: float = 1.0
 
-    def __post_init__(self) -> None:
-        """Coefficients have no bounds to check."""
-
     def log_factor(self, conditions: Conditions) -> Array:
         """ln of the factor on each row."""
         x = self.span.scaled(conditions[self.span.column])
@@ -95,11 +87,7 @@ def _stiffness(self: Curve, conditions: Conditions) -> Array:
     return np.exp(self.log_factor(conditions))
 
 
-def _sinkage(self: Curve, sinkage: Array, conditions: Conditions) -> Array:
-    return np.asarray(sinkage * np.exp(self.log_factor(conditions)))
-
-
-def _shown(self: Curve, sinkage: Array, conditions: Conditions) -> Array:
+def _deeper(self: Curve, sinkage: Array, conditions: Conditions) -> Array:
     return np.where(conditions.rolling, sinkage * np.exp(self.log_factor(conditions)), sinkage)
 
 
@@ -142,9 +130,9 @@ STAGES = {
     # the soil's stiffness
     "stiffness": Stage("modulus_factor", _stiffness, ("modulus_factor", "exponent_shift")),
     # the wheel digs, and resistance goes with it
-    "sinkage": Stage("sinkage", _sinkage, ("sinkage",)),
+    "sinkage": Stage("sinkage", _deeper, ("sinkage",)),
     # what is shown, or dug without compaction: sinkage alone
-    "shown sinkage": Stage("measured_sinkage", _shown, ("measured_sinkage", "sinkage")),
+    "shown sinkage": Stage("measured_sinkage", _deeper, ("measured_sinkage", "sinkage")),
     # resistance alone, as a share of what compaction costs
     "resistance": Stage("added_resistance", _work, ("added_resistance", "measured_resistance")),
     # something drags besides compaction: a force that is a share of the load

@@ -216,7 +216,7 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
         theta = vector.begun_at(none.vector, none.theta)
         theta[-1] = np.clip(middle + start * wide, *known.bounds)
         try:
-            fits.append(fitter.fit(vector, theta, none.scatter))
+            fits.append(fitter.fit(fitter.at(vector, theta, none.scatter)))
         except FAILURES:
             continue
     if not fits:

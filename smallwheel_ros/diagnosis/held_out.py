@@ -92,7 +92,7 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     helps = names or len(rivals) < 2 or _any_helps(problem.deciding, found, rivals)
     worse = compare_cv(errors[0], errors[-1]).worse
     forces: tuple[str, ...] = ()
-    if problem.forces_apart:
+    if problem.deciding is not problem:
         errors = errors_of(problem, choose, len(models))
         rising = compare_cv(errors[0], errors[-1]).worse
         forces = tuple(name for name in rising if name in problem.points.forces)
@@ -149,7 +149,7 @@ def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
     judged = problem.judged.points
 
     def models(training: Points) -> list[Model]:
-        fits = choose(judged.take(np.isin(judged.run, training.run)))
+        fits = choose(judged.take(judged.of_runs(training)))
         return [problem.refitted(fit, training).model for fit in fits]
 
     return cross_validate(problem.points, models, steps, known=problem.base.priors)
@@ -180,11 +180,11 @@ def _chosen_anew(judged: Problem, found: Search, chain: list[frozenset[str]]) ->
 
     def choose(training: Points) -> Sequence[Fit]:
         fitter, base = judged.fold(training)
-        steps: list[Fit] = [base]
+        steps, seen = list[Fit]([base]), judged.points.of_runs(training)
         for size, wanted in enumerate(chain[1:], start=1):
             known = [m for m in laws if len(m.competitors) == size]
-            named = [m for m in known[_SHORTLIST:] if m.families == wanted]
-            made = [refit(fitter, m, turns=1) for m in [*known[:_SHORTLIST], *named[:_SHORTLIST]]]
+            named = [m for m in known[_SHORTLIST:] if m.families == wanted][:_SHORTLIST]
+            made = [refit(fitter, m.take(seen), turns=1) for m in (*known[:_SHORTLIST], *named)]
             fits = sorted((m for m in made if m is not None), key=lambda m: -m.weight)
             if size < len(chain) - 1:
                 fits = [m for m in fits if m.families == wanted] or fits
@@ -198,10 +198,11 @@ def _as_they_are(judged: Problem, models: Sequence[Fit]) -> Choose:
     """Models as they are, fitted in each fold from where they were."""
 
     def choose(training: Points) -> Sequence[Fit]:
-        fitter, made = judged.fitter.of_runs(training), []
+        (fitter, _), seen = judged.fold(training), judged.points.of_runs(training)
+        made = []
         for m in models:
             try:
-                made.append(fitter.fit(m.vector, m.theta, m.scatter, turns=0))
+                made.append(fitter.fit(m.take(seen), turns=0))
             except FAILURES:
                 made.append(m)
         return made

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from smallwheel_ros.diagnosis.competitors import independent
 from smallwheel_ros.diagnosis.search import Candidate, Search
-from smallwheel_ros.diagnosis.settings import independent
 from smallwheel_ros.diagnosis.verdict import Verdict
 from smallwheel_ros.fitting.constants import LEAST_POWER, TIE
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, Predictor
@@ -64,10 +64,6 @@ def _levels(column: Array, name: str, limits: Limits) -> list[float]:
     return [float(v) for v in spaced(low, high, _LEVELS)]
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.3g}")
-
-
 @dataclass(frozen=True)
 class Runs:
     """A grid of what can be measured. settings: shown, by name. known: of which the table has enough runs."""
@@ -88,7 +84,7 @@ class Runs:
         order.sort(key=lambda n: (n not in limits, n not in ("load", "slip", "speed", "width")))
         used = order[:_MOST_SETTINGS]
         choices = [_levels(columns.get(n, points.column(n)), n, limits) for n in used]
-        rounded = [[_rounded(v) for v in levels] for levels in choices]
+        rounded = [[float(f"{v:.3g}") for v in levels] for levels in choices]
         combined = np.array([*itertools.product(*rounded)])
         count = len(combined)
         made = dict(zip(used, combined.T, strict=True))
@@ -143,7 +139,7 @@ def propose(
     if gain[best] <= 0:
         return None
     power = float(ndtr(np.sqrt(gain[best]) - np.sqrt(2.0 * TIE)))
-    settings = {name: _rounded(column[best]) for name, column in runs.settings.items()}
+    settings = {name: float(f"{column[best]:.3g}") for name, column in runs.settings.items()}
     shown = ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in settings.items())
     text = f"{RUNS} runs at {shown} tell {effect_words(names[0])} from {effect_words(names[1])}"
     return Proposal(settings, names, RUNS, power, text + (f"; {hint}" if hint else ""))

@@ -65,15 +65,16 @@ class Column:
 def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
     """Columns of a competitor at a fit; none where it has no finite prediction there."""
     listed, start = competitor.part.parameters, competitor.part.start
-    vector, main = changed(fit.vector, competitor), competitor.strength
-    free = competitor.kind == "unknown"
+    vector, effect = changed(fit.vector, competitor), competitor.effect
     # A rule of contact has no numbers.
     starts: Array = start[None, :]
     scale: Array = np.ones(1)
-    if free:
+    if effect is None:  # a curve
         starts = np.diag([_NUDGE * p.prior.deviation for p in listed])
         scale = np.full(len(listed), 1.0 / _NUDGE)
     elif competitor.geometry is None:
+        known = effect.parameters()  # the first at whose neutral value it is absent
+        main = next((i for i, p in enumerate(known) if p.neutral is not None), 0)
         prior = listed[main].prior
         absent = start[main] if competitor.replaces else 0.0
         if prior.low < 0.0 or competitor.replaces:
@@ -92,7 +93,7 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]
     except FAILURES:
         return []
     shifts = (moved * scale[:, None]).T
-    if free:
+    if effect is None:
         found = [Column(competitor, shifts, np.zeros(len(listed)))]
     else:
         found = [Column(competitor, shifts[:, [i]], at) for i, at in enumerate(starts)]
@@ -219,7 +220,8 @@ def refit(
     usual, scatter = fitter.variance.start.log_deviation, fitter.variance.suited(near.scatter)
     scatter = replace(scatter, log_deviation=np.minimum(scatter.log_deviation, usual))
     try:
-        fit = fitter.fit(vector, theta, scatter, turns=turns)
+        at = near if vector is near.vector else fitter.at(vector, theta)
+        fit = fitter.fit(replace(at, scatter=scatter), turns=turns)
     except FAILURES:
         return None
     return Candidate.of(fit, competitors)

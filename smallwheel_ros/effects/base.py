@@ -184,31 +184,29 @@ class Effect:
             cls.channels = tuple(name for name in _ALL_CHANNELS if name in touched)
 
     def __post_init__(self) -> None:
-        for known in (*self.parameters(), *self.constants()):
-            value = getattr(self, known.name)
-            low, high = known.bounds
+        for f in fields(self):
+            known = f.metadata.get("parameter") or f.metadata.get("constant")
+            if known is None:
+                continue
+            value, (low, high) = getattr(self, f.name), known.bounds
             number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
             if not (number and np.isfinite(value) and low <= value <= high):
                 raise EffectError(
-                    f"effect '{self.id}': {known.name} is {value!r}, "
+                    f"effect '{self.id}': {f.name} is {value!r}, "
                     f"expected {low:g} to {high:g} [{known.unit}]"
                 )
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """What a fit determines, in the order of the fields."""
-        return cls._declared("parameter")
+        known = [(f.name, f.metadata.get("parameter")) for f in fields(cls)]
+        return tuple(replace(p, name=name) for name, p in known if p is not None)
 
     @classmethod
     def constants(cls) -> tuple[Parameter, ...]:
         """The numbers that are given, in the order of the fields."""
-        return cls._declared("constant")
-
-    @classmethod
-    def _declared(cls, kind: str) -> tuple[Parameter, ...]:
-        return tuple(
-            replace(f.metadata[kind], name=f.name) for f in fields(cls) if kind in f.metadata
-        )
+        known = [(f.name, f.metadata.get("constant")) for f in fields(cls)]
+        return tuple(replace(p, name=name) for name, p in known if p is not None)
 
     def values(self) -> Iterator[tuple[str, float]]:
         """Name and value of each parameter (constants are not among them)."""

@@ -26,7 +26,7 @@ from scipy.special import ndtr
 from threadpoolctl import ThreadpoolController
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.effects.base import EffectError
+from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
@@ -56,12 +56,15 @@ _STEPS = 10  # of Gauss-Newton in a turn
 _RESTS = 0.05  # nats: a gain below which a turn ends
 _AT_BOUND = 1e-6  # of the range
 _AGREE = 1e-9  # rounding of one model evaluated alone or among copies
+# Kinds of effects met so far that take an array of each number, and those (a user's own) that do not.
+_TOGETHER: set[type[Effect]] = set()
+_ALONE: set[type[Effect]] = set()
 
 
 class Predictor:
     """Predicts values: of a channel (an index into channels) at a row of the conditions each.
 
-    Keeps the repeated conditions between calls, and which effects take an array of each number.
+    Keeps the repeated conditions between calls.
     """
 
     def __init__(
@@ -71,7 +74,6 @@ class Predictor:
         self.channel, self.row = channel, row
         self._tiled: dict[int, Conditions] = {}
         self._with_forces = not set(FORCES).isdisjoint(channels)
-        self._takes_arrays: dict[tuple[str, ...], bool] = {(): True}
 
     @classmethod
     def of(cls, points: Points) -> Predictor:
@@ -80,38 +82,39 @@ class Predictor:
 
     def __call__(self, vector: ParameterVector, theta: Array) -> Array:
         """Predictions, shape (values,)."""
-        return np.asarray(self._together(vector, theta[None, :])[0])
+        return np.asarray(self._together(vector, theta[None, :], vector.effects(theta))[0])
 
     def many(self, vector: ParameterVector, thetas: Array) -> Array:
         """Predictions of each parameter vector, shape (vectors, values).
 
         An effect that cannot take arrays (a user's own) is evaluated one vector after the other.
         """
-        key = tuple(part.id for part in vector.parts)
-        if len(thetas) > 1 and self._takes_arrays.get(key, True):
+        effects = vector.effects(np.repeat(thetas.T, len(self.conditions), axis=1))
+        kinds = {type(effect) for effect in effects}
+        if kinds.isdisjoint(_ALONE):
             try:
-                found = self._together(vector, thetas)
-                if key not in self._takes_arrays:
-                    alone = self(vector, thetas[-1])
-                    same = np.allclose(found[-1], alone, rtol=_AGREE, atol=0.0, equal_nan=True)
-                    self._takes_arrays[key] = same
-                if self._takes_arrays[key]:
+                found = self._together(vector, thetas, effects)
+                if kinds <= _TOGETHER or np.allclose(
+                    found[-1], self(vector, thetas[-1]), rtol=_AGREE, atol=0.0, equal_nan=True
+                ):
+                    _TOGETHER.update(kinds)
                     return found
             except (EffectError, TypeError, ValueError):
-                if not vector.parts:
-                    raise
-                self._takes_arrays[key] = False
-        return np.stack([self(vector, theta) for theta in thetas])
+                pass  # of these numbers, or of arrays: each of them alone tells
+        found = np.stack([self(vector, theta) for theta in thetas])
+        _ALONE.update(kinds - _TOGETHER)
+        return found
 
-    def _together(self, vector: ParameterVector, thetas: Array) -> Array:
-        """Predictions of copies of the rows, one for each parameter vector, shape (copies, values)."""
+    def _together(self, vector: ParameterVector, thetas: Array, effects: Sequence[Effect]) -> Array:
+        """Predictions of copies of the rows, one for each parameter vector, shape (copies, values).
+
+        effects: with an array of each number, one entry for each row.
+        """
         count, c = len(thetas), self.conditions
         names = [soil.name for soil in vector.soils]
         code: Index = np.zeros(len(c), dtype=np.intp)
         if c.soil is not None and len(names) > 1:
             code = np.array([names.index(str(name)) for name in c.soil], dtype=np.intp)
-        numbers = thetas[0] if count == 1 else np.repeat(thetas.T, len(c), axis=1)
-        effects = vector.effects(numbers)
         model = Model(vector.soils[:1], vector.geometry, effects, vector.thrust_form)
         if count not in self._tiled:
             self._tiled[count] = c.take(np.tile(np.arange(len(c)), count))
@@ -143,6 +146,9 @@ class Predictor:
             f"the model with {', '.join(e.id for e in effects) or 'no effect'} gives no finite "
             f"{self.channels[self.channel[value]]} at {setting} for the numbers tried"
         )
+
+
+AnyFit = TypeVar("AnyFit", bound="Fit")
 
 
 @dataclass(frozen=True)
@@ -186,6 +192,10 @@ class Fit:
         """U with U U' = J P^-1 J': what the parameters can take up of the errors, (values, parameters)."""
         precision = self.vector.precision(self.theta)
         return np.asarray(self.slopes @ np.linalg.cholesky(np.linalg.inv(precision)))
+
+    def take(self: AnyFit, keep: NDArray[np.bool_]) -> AnyFit:
+        """The same on some of the values."""
+        return replace(self, predicted=self.predicted[keep], slopes=self.slopes[keep])
 
     def away(self, observed: Array) -> Array:
         """Errors of what the priors' centres predict, to first order: y - f(centre), shape (values,)."""
@@ -254,40 +264,34 @@ class Fitter:
         """The same points and noise, predicted by another law."""
         return replace(self, law=law)
 
-    def of_runs(self, training: Points) -> Fitter:
-        """A fitter of some of the runs, under the same levels and repeatability."""
-        return self.of_values(training, np.isin(self.points.run, np.unique(training.run)))
-
-    def of_values(self, training: Points, keep: NDArray[np.bool_]) -> Fitter:
-        """A fitter of some of the values, `points.take(keep)`, under the same."""
+    def of_values(self, keep: NDArray[np.bool_]) -> Fitter:
+        """A fitter of some of the values, under the same levels and repeatability."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
-        return replace(self, points=training, level=self.level[keep], repeats=part)
+        return replace(self, points=self.points.take(keep), level=self.level[keep], repeats=part)
 
     def covariance(self, fit: Fit, spread: Array | None = None) -> Covariance:
         """V of a fit, with U U' where what parameters can take up is given."""
         return self.variance.covariance(fit.scatter, fit.stiffness, spread)
 
     @one_thread
-    def fit(
-        self,
-        vector: ParameterVector,
-        start: Array | None = None,
-        scatter: Scatter | None = None,
-        *,
-        turns: int = _TURNS,
+    def at(
+        self, vector: ParameterVector, theta: Array | None = None, scatter: Scatter | None = None
     ) -> Fit:
-        """Fit one model. start: theta to start from. scatter: components to start from.
+        """A model as it stands, to fit it from there: at its start, under the usual scatter if none is given.
 
-        turns: 0 fits theta only, under the components given.
-        Raises FittingError where the model cannot be evaluated at the start.
+        Raises FittingError where it cannot be evaluated there.
         """
-        theta = np.clip(vector.start if start is None else start, *vector.bounds)
-        scatter = self.variance.start if scatter is None else self.variance.suited(scatter)
+        theta = np.clip(vector.start if theta is None else theta, *vector.bounds)
         predicted, slopes = self.predictor.with_slopes(vector, theta)
-        now = Fit(vector, theta, predicted, slopes, scatter, -np.inf, np.zeros((0, 0)))
+        scatter = scatter or self.variance.start
+        return Fit(vector, theta, predicted, slopes, scatter, -np.inf, np.zeros((0, 0)))
+
+    @one_thread
+    def fit(self, start: Fit, *, turns: int = _TURNS) -> Fit:
+        """Fit a model on from where it is. turns: 0 fits theta only, under its components of the variance."""
+        now, last = replace(start, scatter=self.variance.suited(start.scatter)), -np.inf
         for _ in range(max(turns, 1)):
-            last = now.evidence
             now = self._climb(now)
             if turns > 0:
                 away = now.away(self.points.value)
@@ -296,6 +300,7 @@ class Fitter:
             now = self._with_evidence(now)
             if abs(now.evidence - last) < _RESTS:
                 break
+            last = now.evidence
         return now
 
     def _climb(self, now: Fit) -> Fit:

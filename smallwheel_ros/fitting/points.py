@@ -108,6 +108,10 @@ class Points:
         kept = {name: getattr(self, name)[keep] for name in _OF_VALUES}
         return replace(self, **kept, rows=tuple(self.rows[i] for i in np.flatnonzero(keep)))
 
+    def of_runs(self, others: Points) -> Mask:
+        """Mask of the values of the runs that others have."""
+        return np.isin(self.run, np.unique(others.run))
+
     def column(self, name: str) -> Array:
         """A setting at each value, shape (values,)."""
         return np.asarray(self.conditions[name][self.row])

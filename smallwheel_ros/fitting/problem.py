@@ -254,14 +254,16 @@ class Problem:
     """The points of a table, and the model on them.
 
     outliers: rows that were left out. judging: values are weighed as evidence, with the errors that many of
-    them share, and not as in a fit (`Fitter.working`). folds: fits of the base without a fold, by its runs.
+    them share, and not as in a fit (`Fitter.working`). folds: what `fold` gives, by the runs of a fold.
     """
 
     points: Points
     base: Base = field(default_factory=Base)
     outliers: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     judging: bool = False
-    folds: dict[bytes, Fit] = field(default_factory=dict, init=False, compare=False, repr=False)
+    folds: dict[bytes, tuple[Fitter, Fit]] = field(
+        default_factory=dict, init=False, compare=False, repr=False
+    )
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
@@ -301,18 +303,19 @@ class Problem:
     @cached_property
     def fit(self) -> Fit:
         """The base, fitted until it rests."""
-        fitter, vector = self.fitter, self.vector
-        fit = fitter.fit(vector, opening(self.points, vector), turns=1)
-        return settled(fit, lambda last: fitter.fit(vector, last.theta, last.scatter))
+        start = self.fitter.at(self.vector, opening(self.points, self.vector))
+        return settled(self.fitter.fit(start, turns=1), self.fitter.fit)
 
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
         """A fitter of a fold's training points, and the base fitted to them from where it was."""
-        key, fitter = np.unique(training.run).tobytes(), self.fitter.of_runs(training)
+        key = np.unique(training.run).tobytes()
         if key not in self.folds:
+            fitter = self.fitter.of_values(self.points.of_runs(training))
             vector = self.base.vector(training)
-            start = vector.begun_at(self.vector, self.fit.theta)
-            self.folds[key] = fitter.fit(vector, start, self.fit.scatter, turns=2)
-        return fitter, self.folds[key]
+            theta = vector.begun_at(self.vector, self.fit.theta)
+            start = fitter.at(vector, theta, self.fit.scatter)
+            self.folds[key] = fitter, fitter.fit(start, turns=2)
+        return self.folds[key]
 
     def held_out(self, done: Callable[[], object] = lambda: None) -> CvErrors | None:
         """Held-out errors of the base; None with one run only. done: called after each fold's fit."""
@@ -329,7 +332,7 @@ class Problem:
     @cached_property
     def deciding(self) -> Problem:
         """The channels that decide about effects: all, but pull and torque only where they are alone."""
-        if not self.forces_apart:
+        if len(self.points.forces) in (0, len(self.points.channels)):
             return self
         points = self.points.only([n for n in self.points.channels if n not in FORCES])
         parts = tuple(self.base.told.get(part.id, part) for part in self.base.parts)
@@ -343,11 +346,6 @@ class Problem:
             return found
         return replace(found, judging=True)
 
-    @property
-    def forces_apart(self) -> bool:
-        """Whether there are pull and torque that do not decide about effects."""
-        return len(self.points.forces) not in (0, len(self.points.channels))
-
     def refitted(self, fit: Fit, training: Points | None = None) -> Fit:
         """A judged model fitted to all channels as a fit weighs them, to a fold's training runs if given."""
         if self.judged is self:
@@ -360,8 +358,8 @@ class Problem:
             return base
         vector = replace(base.vector, parts=parts, geometry=geometry)
         known = [dict(zip(m.vector.names, m.theta, strict=True)) for m in (base, fit)]
-        start = np.array([(known[0] | known[1]).get(p.name, p.start) for p in vector.free])
-        return fitter.fit(vector, start, base.scatter)
+        theta = np.array([(known[0] | known[1]).get(p.name, p.start) for p in vector.free])
+        return fitter.fit(fitter.at(vector, theta, base.scatter))
 
     def result(self, fit: Fit | None = None) -> FitResult:
         """A judged model, the base where None, fitted to all channels, for people and files."""

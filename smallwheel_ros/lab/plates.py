@@ -27,7 +27,6 @@ from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, Pa
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.problem import settled
 from smallwheel_ros.fitting.result import posterior_covariance
-from smallwheel_ros.fitting.variance import Scatter
 from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.measurements.settings import cluster
 from smallwheel_ros.physics.plates import LAWS, PlateLaw
@@ -173,9 +172,9 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         reference = reference_size(law, points)
         under = fitter.under(partial(UnderLaw, law, reference))
         vector = law_vector(law, soil)
-        best = under.fit(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter, turns=0)
+        start = under.at(vector, vector.begun_at(fit.vector, fit.theta), fit.scatter)
         # Once more and on: the stiffness in the covariance is that of this law, where it came to rest.
-        best = settled(best, partial(_on_from, under, vector, fit.scatter))
+        best = settled(under.fit(start, turns=0), partial(under.fit, turns=0))
         fitted = FittedLaw(law, *_constants(law, under, best, reference))
         if len(diameters) > 2:
             error = left_out(under, best, size)
@@ -188,11 +187,6 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
         laws.append(fitted)
     depths = tuple(map(DepthRange, edges[:-1].tolist(), edges[1:].tolist(), expected))
     return PlateLaws(soil, tuple(diameters), points.run_count, tuple(laws), depths)
-
-
-def _on_from(under: Fitter, vector: ParameterVector, scatter: Scatter, last: Fit) -> Fit:
-    """The fit of theta alone from where the last one came to rest."""
-    return under.fit(vector, last.theta, scatter, turns=0)
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:
@@ -214,7 +208,7 @@ def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
     error = np.full(len(points), np.nan)
     for out in leave_out(group):
         mine = np.isin(points.run, points.run[out])
-        alone = fitter.of_runs(points.take(~mine)).fit(fit.vector, fit.theta, fit.scatter)
+        alone = fitter.of_values(~mine).fit(fit.take(~mine))
         predicted = fitter.predictor.with_slopes(fit.vector, alone.theta)[0]
         error[mine] = np.log(predicted[mine] / points.value[mine])
     return error

@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.diagnosis.settings import independent
+from smallwheel_ros.diagnosis.competitors import independent
 from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.physics.conditions import Conditions

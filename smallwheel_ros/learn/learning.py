@@ -205,7 +205,7 @@ def _published(
                 continue
             vector = replace(base, parts=(*base.parts, part_of(effect)))
             start = vector.begun_at(law.fit.vector, law.fit.theta)
-            fit = fitter.fit(vector, start, law.fit.scatter, turns=0)
+            fit = fitter.fit(fitter.at(vector, start, law.fit.scatter), turns=0)
             if yardstick.score(observed - fit.predicted) + cost < ours + TIE:
                 as_good.append(form.id)
     return [

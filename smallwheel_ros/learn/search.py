@@ -196,7 +196,7 @@ class Search:
                     self._fit(first_of_each(ranked, _kind), effort.forms)
         self._judge_anew(effort.anew)
         self._two_terms(effort.seconds)
-        base = self.fitter.fit(self.base.vector, self.base.theta, self._scatter, turns=0)
+        base = self.fitter.fit(replace(self.base, scatter=self._scatter), turns=0)
         plain, laws = self.yardstick.score(self.observed - base.predicted), self._ordered()
         gains = bool(laws) and laws[0].score < plain
         return Found(base, tuple(c for c in laws if gains and c.score < laws[0].score + TIE))
@@ -324,7 +324,7 @@ class Search:
     def _keep(self, law: Law, vector: ParameterVector, start: Array, cost: float) -> None:
         try:
             with np.errstate(all="ignore"):  # a law may ask for a soil that there is not
-                fit = self.fitter.fit(vector, start, self._scatter, turns=0)
+                fit = self.fitter.fit(self.fitter.at(vector, start, self._scatter), turns=0)
         except FAILURES:
             return
         score = self.yardstick.score(self.observed - fit.predicted) + cost
@@ -338,7 +338,7 @@ class Search:
         if not ordered:
             return
         best = ordered[0].fit
-        fit = self.fitter.fit(best.vector, best.theta, self._scatter, turns=2)
+        fit = self.fitter.fit(replace(best, scatter=self._scatter), turns=2)
         self._scatter = without_lack_of_fit(fit.scatter)
         self.yardstick = Yardstick(self.fitter, fit)
         self._known = {}

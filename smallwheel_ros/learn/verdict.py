@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.arguments import unheard
-from smallwheel_ros.diagnosis.settings import independent
+from smallwheel_ros.diagnosis.competitors import independent
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, one_thread
@@ -107,8 +107,8 @@ def seek(
         return Sought("refused", (reason,), problem, grid)
     apart = vault_of(points, seed)  # 9
     if apart.any():
-        fitter = fitter.of_values(points.take(~apart), ~apart)
-        fit = fitter.fit(fit.vector, fit.theta, fit.scatter)
+        fitter = fitter.of_values(~apart)
+        fit = fitter.fit(fit.take(~apart))
 
     search = Search(fitter, fit, grid)
     progress("permuting", 0, 1)
@@ -158,8 +158,8 @@ def _refitted(
     """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
 
     def fitted(candidate: Candidate, scatter: Scatter, **how: int) -> Candidate:
-        near = candidate.fit
-        return replace(candidate, fit=fitter.fit(near.vector, near.theta, scatter, **how))
+        start = fitter.at(candidate.fit.vector, candidate.fit.theta, scatter)
+        return replace(candidate, fit=fitter.fit(start, **how))
 
     law, made = fitted(draft, draft.fit.scatter), []
     for candidate in tied:
@@ -304,9 +304,10 @@ def left_out(
     fold = dealt[code.reshape(-1)]
     laws: list[Law | None] = []
 
-    def search(training: Points) -> list[Model]:
-        fits = fitter.of_values(training, fold != len(laws))
-        plain = fits.fit(base.vector, base.theta, base.scatter, turns=2)
+    def search(_: Points) -> list[Model]:
+        seen = fold != len(laws)
+        fits = fitter.of_values(seen)
+        plain = fits.fit(base.take(seen), turns=2)
         chosen = Search(fits, plain, grid).run(FOLD).draft
         laws.append(chosen.law if chosen else None)
         done()

@@ -22,15 +22,14 @@ from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
 from smallwheel_ros.model.stages import Loaded, Stages, guarded
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.contact import contact_sinkage
+from smallwheel_ros.physics.contact import AXLE_RATIO, contact_sinkage
 from smallwheel_ros.physics.sinkage import (
     closed_form_sinkage,
     compaction_resistance,
-    layered_load,
     layered_work,
+    loads_by_depth,
     plate_sinkage,
     solve_layered,
-    sunk_to_axle,
 )
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, soil
 from smallwheel_ros.physics.stresses import ShearLaw, WheelForces, rim_friction, wheel_forces
@@ -268,7 +267,7 @@ def _static_sinkage(model: Model, stages: Stages, wheel: Loaded) -> tuple[Array,
                 "the contact integral (geometry contact_integral) has no such limit"
             )
         z = closed_form_sinkage(carried, diameter, width, modulus, n)
-        sunk = sunk_to_axle(z, diameter)
+        sunk = z > AXLE_RATIO * diameter
     else:
         solved = contact_sinkage(carried, diameter, width, modulus, n, with_exponent=False)
         z, sunk = solved.sinkage, solved.sunk_to_axle
@@ -288,8 +287,8 @@ def _layered_sinkage(
         on_plate = np.pi / 4.0 * diameter**2 * modulus * z**n * factor(z) if plate.any() else load
         if plate.all():
             return on_plate
-        on_wheel = layered_load(z, diameter, width, modulus, n, factor)
-        return np.where(plate, on_plate, on_wheel)
+        depth, borne = loads_by_depth(z, diameter, width, modulus, n)
+        return np.where(plate, on_plate, np.sum(borne * factor(depth), axis=0))
 
     return solve_layered(load, np.where(plate, _DEEPEST_PLATE, 0.5) * diameter, load_at)
 
@@ -364,7 +363,7 @@ def predict(
         sinkage=stages.change("measured_sinkage", z),
         compaction_resistance=compaction,
         resistance=stages.change("measured_resistance", resistance),
-        immobilised=sunk | (sunk_to_axle(z, diameter) & ~conditions.plate),
+        immobilised=sunk | ((z > AXLE_RATIO * diameter) & ~conditions.plate),
         true_sinkage=z,
         true_resistance=resistance,
     )

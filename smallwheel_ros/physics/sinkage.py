@@ -9,8 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.physics.contact import AXLE_RATIO
-
 Array = NDArray[np.float64]
 
 PressureFactor = Callable[[Array], Array]
@@ -117,28 +115,13 @@ def compaction_resistance(
     return np.asarray(np.asarray(width) * work)
 
 
-def layered_load(
-    sinkage: Array,
-    diameter: Array,
-    width: Array,
-    modulus: Array,
-    exponent: Array,
-    factor: PressureFactor,
-) -> Array:
-    """Load (N) on a wheel by the contact integral, for p = K z^n f(z) with any factor f of depth.
-
-    factor takes depths (m) of shape (nodes,) + rows and returns the same shape.
-    """
-    depth, borne = loads_by_depth(sinkage, diameter, width, modulus, exponent)
-    return np.asarray(np.sum(borne * factor(depth), axis=0))
-
-
 def loads_by_depth(
     sinkage: Array, diameter: Array, width: Array, modulus: Array, exponent: Array
 ) -> tuple[Array, Array]:
     """Depths (m) of the soil below a wheel, and the load (N) that p = K z^n bears at each of them.
 
-    Both of shape (nodes,) + rows; their sum is the load by the contact integral.
+    Both of shape (nodes,) + rows; their sum is the load by the contact integral, and the sum of their
+    products with any factor f of depth that for p = K z^n f(z).
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     height = _HEIGHT[column] * sinkage
@@ -153,7 +136,8 @@ def loads_by_depth(
 def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: PressureFactor) -> Array:
     """Work (N/m) of the pressure p = K z^n f(z) down to a sinkage, for each metre of width.
 
-    The integral of eq. 14 (Meirion-Griffith and Spenko 2011); arguments as in `layered_load`.
+    The integral of eq. 14 (Meirion-Griffith and Spenko 2011). factor takes depths (m) of shape (nodes,) +
+    rows and returns the same shape.
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     # depth = z u^3 makes the power at depth 0 smooth
@@ -190,8 +174,3 @@ def solve_layered(
             high, f_high = np.where(left, high, x), np.where(left, f_high, f)
             side = np.where(left, -1.0, 1.0)
     return np.exp(x), sunk
-
-
-def sunk_to_axle(sinkage: ArrayLike, diameter: ArrayLike) -> NDArray[np.bool_]:
-    """Where a wheel is sunk to its axle or deeper: the model says immobilised and no number."""
-    return np.asarray(np.asarray(sinkage) > AXLE_RATIO * np.asarray(diameter))

@@ -231,7 +231,7 @@ def test_no_start_changes_a_fit_beyond_its_tolerance(tmp_path: Path) -> None:
     fitter, vector, fit = problem.fitter, problem.vector, problem.fit
     deviations = np.sqrt(np.diag(fit.covariance))
     for sign in (-3.0, 3.0):
-        far = fitter.fit(vector, fit.theta + sign * deviations, turns=1)
-        other = settled(far, lambda last: fitter.fit(vector, last.theta, last.scatter))
+        far = fitter.fit(fitter.at(vector, fit.theta + sign * deviations), turns=1)
+        other = settled(far, fitter.fit)
         assert np.all(np.abs(other.theta - fit.theta) < 0.3 * deviations)
         assert other.evidence == pytest.approx(fit.evidence, abs=0.1)

@@ -415,7 +415,7 @@ def test_a_fit_of_a_law_that_gives_no_number_names_law_and_setting(
     part = part_of(load_effects(broken)["slip_law"][0]())
     said = r"the model with slip_law gives no finite \w+ at load .*, slip 0\.[2-9]"
     with pytest.raises(FittingError, match=said):
-        problem.fitter.fit(replace(problem.fit.vector, parts=(part,)))
+        problem.fitter.at(replace(problem.fit.vector, parts=(part,)))
 
 
 @pytest.mark.parametrize(

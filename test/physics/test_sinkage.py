@@ -15,11 +15,10 @@ from smallwheel_ros.physics.sinkage import (
     closed_form,
     closed_form_sinkage,
     compaction_resistance,
-    layered_load,
     layered_work,
+    loads_by_depth,
     plate_sinkage,
     solve_layered,
-    sunk_to_axle,
 )
 
 # Sinkage by eq. 10 over the contact integral's, by n and z/D: the project's reference table.
@@ -73,14 +72,16 @@ def test_plate_by_hand() -> None:
 def test_layered_load_without_layers_is_the_contact_integral(n: float) -> None:
     z = 0.2 * np.array([1e-4, 0.02, 0.1, 0.3, 0.5])
     modulus, exponent = np.full(5, 1e6), np.full(5, n)
-    load = layered_load(z, np.full(5, 0.2), np.full(5, 0.1), modulus, exponent, np.ones_like)
-    assert load == pytest.approx(contact_load(z, 0.2, 0.1, 1e6, n), rel=1e-9)
+    depth, borne = loads_by_depth(z, np.full(5, 0.2), np.full(5, 0.1), modulus, exponent)
+    assert depth.min() > 0.0
+    assert (depth < z).all()
+    assert borne.sum(axis=0) == pytest.approx(contact_load(z, 0.2, 0.1, 1e6, n), rel=1e-9)
 
 
 def test_layered_solve_without_layers_is_the_contact_integral() -> None:
     load = np.array([0.1, 5.0, 60.0, 300.0])
     d, b, k, n = (np.full(4, v) for v in (0.2, 0.1, 8e5, 0.8))
-    z, sunk = solve_layered(load, d / 2, lambda x: layered_load(x, d, b, k, n, np.ones_like))
+    z, sunk = solve_layered(load, d / 2, lambda x: loads_by_depth(x, d, b, k, n)[1].sum(axis=0))
     assert z == pytest.approx(contact_sinkage(load, 0.2, 0.1, 8e5, 0.8).sinkage, rel=1e-9)
     assert not sunk.any()
 
@@ -113,7 +114,3 @@ def test_resistance_over_load_is_free_of_k(n: float, small: float) -> None:
         assert c[0] == pytest.approx(small, abs=0.005)
         assert 0.02 < c[1] / c[0] - 1 < 0.05
         assert 0.08 < c[2] / c[0] - 1 < 0.14
-
-
-def test_sunk_to_the_axle() -> None:
-    assert sunk_to_axle([0.099, 0.101], 0.2).tolist() == [False, True]
