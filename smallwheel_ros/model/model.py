@@ -259,6 +259,8 @@ def _static_sinkage(model: Model, stages: Stages, wheel: Loaded) -> tuple[Array,
     width = np.where(plate, diameter, conditions.width)
     if stages.layered:
         z, sunk = _layered_sinkage(stages, wheel._replace(load=carried), width)
+    elif plate.all():
+        return plate_sinkage(load, diameter, modulus, n), np.zeros(len(conditions), dtype=bool)
     elif model.geometry == "closed_form":
         bad = np.flatnonzero(~(n < 3.0))
         if bad.size:
