@@ -237,22 +237,19 @@ class BagReader:
         return {k: c for k, c in self._connections.items() if topics is None or k[0] in topics}
 
     def _stream(self, wanted: Collection[Key]) -> Iterator[RawMessage]:
-        read, last = 0, None
+        read, last, new = 0, None, tuple.__new__
         for part in self._parts:
             chosen = [c for c in part.connections if (c.topic, c.msgtype) in wanted]
-            source = part.messages(chosen) if chosen else iter(())  # to rosbags none are all
-            while True:
-                try:
-                    connection, time, data = next(source)
+            try:
+                # To rosbags none are all.
+                for connection, time, data in part.messages(chosen) if chosen else ():
                     if data[:4] == _ZSTD:
                         data = zstd.decompress(data)
-                except StopIteration:
-                    break
-                except Exception as error:  # damaged bytes make rosbags raise as it likes
-                    self._problems.append(f"damaged after {read} messages: {reason(error)}")
-                    break
-                read, last = read + 1, time
-                yield RawMessage(connection.topic, connection.msgtype, time, bytes(data))
+                    read, last = read + 1, time
+                    # As RawMessage(...), in a third of its time.
+                    yield new(RawMessage, (connection.topic, connection.msgtype, time, bytes(data)))
+            except Exception as error:  # damaged bytes make rosbags raise as it likes
+                self._problems.append(f"damaged after {read} messages: {reason(error)}")
         if self.damage:
             raise self._damaged(self.damage, read, last)
 

@@ -38,7 +38,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from smallwheel_ros.costmap.crossed_ground import CrossedGround, Outline, side_of
@@ -88,13 +88,10 @@ class CostRules:
                 f" {_STEEPEST:g}"
             )
 
-    def cost(self, margin: ArrayLike, deviation: ArrayLike) -> Cells:
-        """Cost of each margin (1) with its standard deviation; -1 where either is not a number."""
-        mean = np.asarray(margin, dtype=np.float64)
-        spread = np.maximum(np.asarray(deviation, dtype=np.float64), _EXACT)
-        with np.errstate(invalid="ignore", over="ignore"):
-            risk = ndtr((self.required_margin - mean) / spread)
-        return np.where(np.isnan(risk), UNKNOWN, np.rint(HIGHEST * risk)).astype(np.int8)
+    def cost(self, margin: float, deviation: float) -> int:
+        """Cost of a margin (1) with its standard deviation; -1 where either is not a number."""
+        risk = float(ndtr((self.required_margin - margin) / max(deviation, _EXACT)))
+        return UNKNOWN if math.isnan(risk) else round(HIGHEST * risk)
 
 
 @dataclass
@@ -277,17 +274,17 @@ class CostMap:
             # A place of its own, although the wheel has not moved since it last counted.
             cost, learner, learnt = HIGHEST, f"{wheel.name}, stuck", NOTHING_HELD
         elif margin is not None:
-            cost = int(self.settings.rules.cost(margin.value - slope, margin.standard_deviation))
+            cost = self.settings.rules.cost(margin.value - slope, margin.standard_deviation)
             learner, learnt = wheel.name, margin
         else:
             self._ground.skip(wheel.name)
             return
         across = self.outline.across(pose, wheel)
         self.changed |= self._ground.cross(wheel.name, across, travel, cost, stuck=stuck)
-        x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
         classes = self.class_grid
         if classes is None or classes.frame != self.frame:
             return
+        x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
         cell = classes.cell(x, y)
         if cell is not None:
             terrain = int(classes.cells[cell])
@@ -344,7 +341,7 @@ class CostMap:
         self._let_out(costs)
         cells = spread(costs.cells, self.spread / costs.resolution)
         if self.settings.unknown == "prior" and self.prior is not None:
-            before = int(self.settings.rules.cost(self.prior.value, self.prior.standard_deviation))
+            before = self.settings.rules.cost(self.prior.value, self.prior.standard_deviation)
             # Beside what was crossed one side's wheels are on ground that nothing tells of.
             told = cells != UNKNOWN
             if self.class_grid is not None:

@@ -50,9 +50,14 @@ class Outline:
     def across(self, pose: Pose, wheel: Wheel) -> tuple[Line, Line]:
         """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is."""
         ahead, middle = wheel.longitudinal_position, wheel.lateral_position
-        left, right = middle + 0.5 * wheel.width, middle - 0.5 * wheel.width
-        whole = pose.place(ahead, self.left), pose.place(ahead, self.right)
-        return whole, (pose.place(ahead, left), pose.place(ahead, right))
+        cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+        x, y = pose.x + cosine * ahead, pose.y + sine * ahead
+
+        def line(left: float, right: float) -> Line:
+            return (x - sine * left, y + cosine * left), (x - sine * right, y + cosine * right)
+
+        whole = line(self.left, self.right)
+        return whole, line(middle + 0.5 * wheel.width, middle - 0.5 * wheel.width)
 
     def gap(
         self, pose: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
@@ -160,7 +165,8 @@ class CrossedGround:
             self.skip(wheel)
             start = last.across if gone <= _LONGEST_STEP else across
         cost = HIGHEST if stuck else cost
-        places = self._swept(start[0], across[0]), self._swept(start[1], across[1])
+        whole, own = zip(start, across, strict=True)
+        places = _swept(*whole, self.resolution), _swept(*own, self.resolution)
         at = self._under(places)
         self._strips[wheel] = _Strip(across, places, at, travel, cost, stuck)
         return bool((self._cells[at[0]] != cost).any())
@@ -235,16 +241,21 @@ class CrossedGround:
         first = int(np.count_nonzero(inside[: places[0].shape[1]]))
         return [at[:first], at[first:]]
 
-    def _swept(self, start: Line, end: Line) -> Places:
-        """The cells that a line sweeps from one place to another: two points to a cell each way."""
-        length = max(math.dist(start[0], end[0]), math.dist(start[1], end[1]))
-        first = np.array(start)  # (ends, x and y)
-        along = _shares(math.ceil(2.0 * length / self.resolution))[:, None, None]
-        lines = first + along * (np.array(end) - first)
-        left, right = lines[:, :1], lines[:, 1:]
-        aside = _shares(math.ceil(2.0 * math.dist(*end) / self.resolution))[:, None]
-        places = np.floor((left + aside * (right - left)) / self.resolution).astype(np.int32)
-        return np.ascontiguousarray(places.reshape(-1, 2)[:, ::-1].T)
+
+@functools.lru_cache(maxsize=16)
+def _swept(start: Line, end: Line, resolution: float) -> Places:
+    """The cells that a line sweeps from one place to another: two points to a cell each way.
+
+    Those that were asked for last are kept: all wheels of an axle ask for the vehicle's width there.
+    """
+    length = max(math.dist(start[0], end[0]), math.dist(start[1], end[1]))
+    first = np.array(start)  # (ends, x and y)
+    along = _shares(math.ceil(2.0 * length / resolution))[:, None, None]
+    lines = first + along * (np.array(end) - first)
+    left, right = lines[:, :1], lines[:, 1:]
+    aside = _shares(math.ceil(2.0 * math.dist(*end) / resolution))[:, None]
+    places = np.floor((left + aside * (right - left)) / resolution).astype(np.int32)
+    return np.ascontiguousarray(places.reshape(-1, 2)[:, ::-1].T)
 
 
 @functools.lru_cache(maxsize=1000)

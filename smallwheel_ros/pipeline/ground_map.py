@@ -51,17 +51,25 @@ class GroundMapper:
             (found.conditions & Condition.PRIOR_ONLY) == 0
         )
         stuck = found.digging_in | found.spins | sunk
+        refused = found.status == Status.REJECTED
+        columns = (
+            found.wheel,
+            found.x,
+            found.y,
+            found.heading,
+            found.distance,
+            refused,
+            stuck,
+            found.tilt,
+        )
         margins = self._margins(found)
-        for i, wheel in enumerate(found.wheel.tolist()):
-            pose = Pose(float(found.x[i]), float(found.y[i]), float(found.heading[i]))
-            if not frame or not math.isfinite(sum(pose)):
-                continue
-            refused = found.status[i] == Status.REJECTED
-            self.map.add(
-                self._wheels[wheel], frame, pose, float(found.distance[i]),
-                None if refused else margins[i],
-                stuck=bool(stuck[i]), slope=float(found.tilt[i]),
-            )  # fmt: skip
+        rows = zip(*(column.tolist() for column in columns), margins, strict=True)
+        for wheel, x, y, heading, distance, unknown, held, slope, margin in rows if frame else ():
+            if math.isfinite(x + y + heading):
+                self.map.add(
+                    self._wheels[wheel], frame, Pose(x, y, heading), distance,
+                    None if unknown else margin, stuck=held, slope=slope,
+                )  # fmt: skip
 
     def _margins(self, found: Estimates) -> list[Quantity | None]:
         """Margin of the vehicle at each row, by the wheels that are on one soil with the row's."""

@@ -328,22 +328,26 @@ class StretchChanges:
 
     def __init__(self, wheels: tuple[Wheel, ...], length: float, window: float) -> None:
         self._wheels, self._length, self._window = wheels, length, window
-        self._kept: dict[int, Stretches] = {}
+        self._kept: list[Stretches] = []
+        self._order: dict[int, None] = {}  # of the wheels, as they came
 
     def add(self, rows: Stretches) -> None:
         """Take stretches; those without measurable sinkage have no logarithm, and are left out."""
         rows = rows.take(rows.sinkage >= _LEAST_SINKAGE)
-        for wheel in np.unique(rows.wheel).tolist():
-            mine = rows.take(rows.wheel == wheel)
-            if wheel in self._kept:
-                mine = Stretches.joined([self._kept[wheel], mine])
-            self._kept[wheel] = mine.take(mine.distance[-1] - mine.distance <= self._window)
+        if len(rows):
+            self._kept.append(rows)
+            self._order.update(dict.fromkeys(np.unique(rows.wheel).tolist()))
 
     def changes(self) -> Changes | None:
         """Give what is kept; None while there is nothing."""
         if not self._kept:
             return None
-        rows = Stretches.joined(list(self._kept.values()))
+        rows = Stretches.joined(self._kept)
+        each = [rows.take(rows.wheel == wheel) for wheel in self._order]
+        rows = Stretches.joined(
+            [one.take(one.distance[-1] - one.distance <= self._window) for one in each]
+        )
+        self._kept = [rows]
         # Over a gap the soil may be any other.
         near = np.abs(np.diff(rows.distance)) < 4.0 * self._length
         earlier = np.flatnonzero((np.diff(rows.wheel) == 0) & near)

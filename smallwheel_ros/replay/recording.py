@@ -75,7 +75,8 @@ class Recording:
         if self._has_clock:
             self._read_clock = reader.decoder(*_CLOCK)
             self.used.add(_CLOCK)
-        self._chunk: list[Message] = []
+        of = self._topics.items()
+        self._odometry = {name for name, topic in of if ODOMETRY in topic.streams}
         self._newest: list[tuple[int, int]] = []  # stamps at ends of turns, and log times
 
     def _listen(self, key: Key, topic: Topic) -> None:
@@ -97,63 +98,62 @@ class Recording:
     def turns(
         self,
         also: frozenset[str] = frozenset(),
-        each: Callable[[RawMessage], object] = lambda _: None,
+        each: Callable[[RawMessage], object] | None = None,
         block: int = _BLOCK,
     ) -> Iterator[Iterator[Turn]]:
         """The pipeline's turns, to be taken block by block, the last when nothing more comes.
 
         also: topics that are read besides; each: is given every message.
         """
-        begin = self.time
+        begin, chunk = self.time, list[Message]()
+        by_recording = self._by_clock and not self._has_clock
         try:
             for raw in self._reader.raw_messages({name for name, _ in self.used} | also):
-                if len(self._chunk) >= block or not 0 <= raw.log_time - begin < _LONGEST:
-                    yield self._turn()
-                    begin = raw.log_time
+                topic, kind, time, data = raw
+                if len(chunk) >= block or not 0 <= time - begin < _LONGEST:
+                    yield self._turn(chunk)
+                    begin, chunk = time, []
                     if self.stopped:
                         break
-                self.time = raw.log_time
-                each(raw)
-                self._keep(raw)
+                self.time = time
+                if each is not None:
+                    each(raw)
                 self.read += 1
+                convert = self._converts.get((topic, kind))
+                if convert is not None:
+                    try:
+                        now = time if by_recording else self._clock
+                        chunk.append((topic, bytes(convert(data)), now))
+                    except (
+                        Exception
+                    ) as error:  # damaged bytes of ROS 1 make rosbags raise as it likes
+                        self._not_readable(self._topics[topic].streams[0], topic, error)
+                elif self._has_clock and (topic, kind) == _CLOCK:
+                    self._set_clock(data)
         except BagError as error:
             if error.path != self._reader.path:
                 raise  # of a bag that is written
             self.damage = error
-        yield self._turn(last=True)
+        yield self._turn(chunk, last=True)
 
-    def _keep(self, raw: RawMessage) -> None:
-        """Keep a message for the next turn, if it is an input."""
-        key = (raw.topic, raw.type)
-        if key == _CLOCK and self._has_clock:
-            try:
-                clock = self._read_clock(raw.data).clock
-            except Exception as error:  # as below
-                self._not_readable(raw.topic, raw.topic, error)
-                return
-            self._clock = clock.sec * SECOND + clock.nanosec
-            return
-        if key not in self._converts:
-            return
-        streams = self._topics[raw.topic].streams
+    def _set_clock(self, data: bytes) -> None:
+        topic, _ = _CLOCK
         try:
-            data = bytes(self._converts[key](raw.data))
-        except Exception as error:  # damaged bytes of ROS 1 make rosbags raise as it likes
-            self._not_readable(streams[0], raw.topic, error)
+            clock = self._read_clock(data).clock
+        except Exception as error:  # damaged bytes make rosbags raise as it likes
+            self._not_readable(topic, topic, error)
             return
-        by_recording = self._by_clock and not self._has_clock
-        self._chunk.append((raw.topic, data, raw.log_time if by_recording else self._clock))
-        if ODOMETRY in streams:
-            self.frame = frame_of(data) or self.frame
+        self._clock = clock.sec * SECOND + clock.nanosec
 
     def _not_readable(self, stream: str, topic: str, error: Exception) -> None:
         self._pipeline.note(stream, "not_readable", f"topic {topic}: {reason(error)}")
 
-    def _turn(self, *, last: bool = False) -> Iterator[Turn]:
+    def _turn(self, chunk: list[Message], *, last: bool = False) -> Iterator[Turn]:
         """Give what was kept to the pipeline, which makes turns of it as they are asked for."""
-        if self._chunk:
-            feed(self._pipeline, self._topics, self._decoders, self._chunk)
-            self._chunk = []
+        if chunk:
+            feed(self._pipeline, self._topics, self._decoders, chunk)
+            of_odometry = (data for topic, data, _ in reversed(chunk) if topic in self._odometry)
+            self.frame = next(filter(None, map(frame_of, of_odometry)), self.frame)
             newest = self._pipeline.streams.latest
             before = [pair for pair in self._newest if pair[0] < newest]
             self._newest = [*before[-_TURNS:], (newest, self.time)]

@@ -157,7 +157,8 @@ class _Drive:
         recording = self._recording
         total = sum(t.message_count for t in self._reader.topics if t.name in self._names)
         state, ended = "complete", ""
-        for turns in recording.turns(self._names, bag.copy_message):
+        copy = bag.copy_message if self.copied else None
+        for turns in recording.turns(self._names, copy):
             for turn in turns:
                 self._write(turn)
             self._happened.take_problems(recording.time)

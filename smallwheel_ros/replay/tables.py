@@ -172,7 +172,8 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         self._blocks, self._soils, self._waiting = [], [], 0
         self._count(block)
         try:
-            block.to_csv(self._csv, mode="a", header=not self._begun, index=False)
+            # As objects: Python writes the same digits as NumPy, in half the time.
+            block.astype(object).to_csv(self._csv, mode="a", header=not self._begun, index=False)
             self._write_parquet(block)
         except OSError as error:
             raise ReplayError(f"{self._csv}: cannot be written: {reason(error)}") from error
