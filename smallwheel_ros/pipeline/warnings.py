@@ -22,7 +22,7 @@ import numpy as np
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 
-from .tables import SECOND, Array, Columns, Integers, Readings
+from .tables import SECOND, Array, Columns, Integers, Readings, mean, median
 
 PERIOD = SECOND // 10  # ns, an instant; all constants were found at 10 Hz
 HELD = 0.5  # s, for which a wheel's row is taken on
@@ -217,19 +217,21 @@ class Warnings:
             self._rolled = False
             return np.nan, np.nan, np.nan
         rim, ground = rim[known], ground[known]
-        along = -1.0 if rim.mean() < 0.0 else 1.0
+        along = -1.0 if mean(rim) < 0.0 else 1.0
         rim, ground = rim * along, ground * along
-        slip = float(np.median(1.0 - ground / np.maximum(rim, 0.05)))
+        rolls = mean(rim)
+        slip = median(1.0 - ground / np.maximum(rim, 0.05))
         gain, scatter = _line(time[b:], done.speed[b : i + 1], trend_s)
         gain = gain * along
         rises = done.rise[b : i + 1]
-        rise = float(rises[np.isfinite(rises)].mean()) * along if np.isfinite(rises).any() else 0.0
+        rises = rises[np.isfinite(rises)]
+        rise = mean(rises) * along if rises.size else 0.0
         value = slip + SLIP_PER_PULL * (max(rise, 0.0) + max(-gain, 0.0) / GRAVITY)
-        of_slip = scatter / max(float(rim.mean()), DRIVES) / np.sqrt(rate * slip_s)
+        of_slip = scatter / max(rolls, DRIVES) / np.sqrt(rate * slip_s)
         of_loss = SLIP_PER_PULL * scatter / GRAVITY * np.sqrt(12.0 / (rate * trend_s)) / trend_s
         deviation = float(np.hypot(of_slip, of_loss))
         value -= DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
-        runs = bool(rim.mean() > DRIVES and rim.min() > -0.05)
+        runs = bool(rolls > DRIVES and rim.min() > -0.05)
         self._rolled = runs and (self._rolled or slip < ROLLED)
         judged = self._rolled and -BRAKES * GRAVITY < gain < GAINS
         if not judged or _unfelt(time, done, along):
@@ -251,7 +253,7 @@ def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
     time, values = time[good], values[good]
     if len(time) < 4 or not time[-1] - time[0] > 0.5 * seconds:
         return 0.0, np.nan
-    t, v = time - time.mean(), values - values.mean()
+    t, v = time - mean(time), values - mean(values)
     slope = float(t @ v / (t @ t))
     return slope, float(np.sqrt(np.sum((v - slope * t) ** 2) / (len(t) - 2)))
 
