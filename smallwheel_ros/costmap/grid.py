@@ -200,10 +200,10 @@ def wide(grid: Grid, reach: float) -> Grid:
     return Grid(grid.frame, grid.resolution, origin, spread(cells, reach / grid.resolution))
 
 
-def spread(cells: Cells, reach: float) -> Cells:
+def spread(costs: Cells, reach: float) -> Cells:
     """Give each cell the dearest cost within so many cells, middle to middle; unknown ones cost nothing."""
-    whole: Cells = cells.copy()
-    known = cells >= 0
+    whole: Cells = costs.copy()
+    known = costs >= 0
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     steps = math.floor(reach)
     if steps < 1 or rows.size == 0:
@@ -211,18 +211,23 @@ def spread(cells: Cells, reach: float) -> Cells:
     # Only where something is known, and so far around it.
     top, left = max(rows[0] - steps, 0), max(columns[0] - steps, 0)
     part = whole[top : rows[-1] + steps + 1, left : columns[-1] + steps + 1]
-    padded = np.pad(part, steps, constant_values=UNKNOWN)
-    height, width = part.shape
-    # Row by row of the disc, from its narrow end to its middle: the dearest of a wider and wider run.
-    run: Cells = padded[:, steps : steps + width].copy()
-    reached = 0
+    height, width = part.shape[0], part.shape[1] + 2 * steps
+    padded: Cells = np.full((height + 2 * steps + 2, width), UNKNOWN, dtype=np.int8)
+    padded[steps + 1 : -steps - 1, steps:-steps] = part
+    # All rows one after the other, with what is unknown between them: a step down is one of a row's width.
+    run: Cells = padded.ravel()
+    begin, size = (steps + 1) * width, height * width
+    dearest, other, long = run[begin : begin + size].copy(), np.empty_like(run), 1
+    # Row by row of the disc, from its narrow end to its middle: the dearest of a longer and longer run.
     for down in range(steps, -1, -1):
-        for aside in range(reached + 1, math.floor(math.sqrt(reach**2 - down**2)) + 1):
-            np.maximum(run, padded[:, steps + aside : steps + aside + width], out=run)
-            np.maximum(run, padded[:, steps - aside : steps - aside + width], out=run)
-            reached = aside
-        np.maximum(part, run[steps + down : steps + down + height], out=part)
-        np.maximum(part, run[steps - down : steps - down + height], out=part)
+        aside = math.floor(math.sqrt(reach**2 - down**2))
+        while long < 2 * aside + 1:
+            more = min(long, 2 * aside + 1 - long)
+            longer = np.maximum(run[:-more], run[more:], out=other[: run.size - more])
+            run, other, long = longer, run, long + more
+        for first in {begin + down * width - aside, begin - down * width - aside}:
+            np.maximum(dearest, run[first : first + size], out=dearest)
+    part[:] = dearest.reshape(height, width)[:, steps:-steps]
     return whole
 
 
