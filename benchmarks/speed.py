@@ -8,9 +8,9 @@
 2. Contact integral: sinkage of 10^5 rows, against scipy's quad inside brentq at equal accuracy.
 3. Cost map: a grid of 10^6 terrain classes to costs, against one numpy table lookup over the same cells.
 4. Diagnosis: processor time of simulated tables, a real rig (where ../shared/data is) and plate curves.
-5. Replay: a drive of six wheels whose sensors come at 100 Hz, 1500 messages and 600 estimates a second,
-   against real time; deserialising alone and the pipeline without any output beside it; and memory over the
-   bag's length, in processes of their own.
+5. Replay: a drive of six wheels whose sensors come at 100 Hz, 1500 messages, 600 readings and 60 estimates
+   a second, against real time; deserialising alone and the pipeline without any output beside it; and memory
+   over the bag's length, in processes of their own.
 
 Times are of the processor; both sides of a ratio take turns within one run; medians.
 """

@@ -112,7 +112,7 @@ class Passes:
         for i in (column - 1, column, column + 1):
             for j in (row - 1, row, row + 1):
                 for earlier in self._cells.get((i, j), ()):
-                    if math.dist(point[:2], earlier[:2]) < width:
+                    if math.hypot(point.x - earlier.x, point.y - earlier.y) < width:
                         near.setdefault(earlier.wheel, []).append(earlier)
         number = 1.0
         for wheel, mine in near.items():

@@ -369,7 +369,8 @@ def _medians(table: pd.DataFrame, order: list[str]) -> pd.DataFrame:
     table = table.assign(wheel=pd.Categorical(table["wheel"], order))
     groups = table.groupby(keys, observed=True)
     values = [name for name in table if name not in keys]
-    low, middle, high = (groups[values].quantile(share) for share in (0.25, 0.5, 0.75))
+    quartiles = groups[values].quantile(np.array([0.25, 0.5, 0.75]))
+    low, middle, high = (quartiles.xs(share, level=-1) for share in (0.25, 0.5, 0.75))
     rows, count = middle.copy(), groups.size()
     for name in ("sinkage", "drawbar_pull"):
         # What they scatter, and what their sensor declares for each: the larger one counts.
