@@ -270,7 +270,7 @@ RULES: tuple[Rule, ...] = (
         f"changes from 0.2 m to 0.2 m, {SWAP_PIECES} pieces",
         "correlation of ln sinkage of one wheel with ln load of another",
         f"crossed over {SWAP_SURE:g} standard errors, mean of both ways, and each {SWAP:g} over its own",
-        "on one rut neighbours correlate too, but not more than with their own: worst good drive 0.1 over it",
+        "on one rut neighbours correlate too, but no more than with their own: worst good drive 0.12 over it",
         "load_topic, sinkage_topic",
         Swapped,
     ),
