@@ -115,10 +115,12 @@ def bad_run(
     elif fault == "tenth":
         table.loc[rows[0], _SINKAGE] /= 10.0
     elif fault == "transposed":
-        by = [abs(np.log(max(_transposed(v), 0.05) / v)) for v in table[_SINKAGE]]
-        plain = np.flatnonzero(np.array(by) > np.log(1.7))  # else the clearest there is
+        shown = np.array([max(_transposed(v), 0.05) for v in table[_SINKAGE]])
+        by = np.abs(np.log(shown / table[_SINKAGE].to_numpy()))
+        by[shown >= 0.5 * table["diameter [mm]"].to_numpy()] = 0.0  # refused already
+        plain = np.flatnonzero(by > np.log(1.7))  # else the clearest there is
         rows = [int(rng.choice(plain)) if plain.size else int(np.argmax(by))]
-        table.loc[rows[0], _SINKAGE] = max(_transposed(float(table.loc[rows[0], _SINKAGE])), 0.05)
+        table.loc[rows[0], _SINKAGE] = shown[rows[0]]
     elif fault == "force-tenfold":
         table.loc[rows[0], _RESISTANCE] *= 10.0
     elif fault == "doubled":
