@@ -269,10 +269,11 @@ SLIP_KNOWN = Judge(
     "slip known while moving",
     ratio(lambda one: one["known"][0], lambda one: one["known"][1]),
 )
+_, _FALSE, *_ = warnings(most=10.0)  # of our first level
 FIELD_JUDGES = [
     *(judge for name in ("sinkage", "resistance", "pull", "margin") for judge in band(name, 0.88)),
     *FLAGS,
-    warnings(most=10.0)[1],
+    _FALSE,
     SLIP_KNOWN,
     *checks("field", "."),
     Judge("metres until it is reported", middle(lambda one: one["said"])),

@@ -196,20 +196,15 @@ def where_it_fails(
 ) -> list[Entry]:
     """The worst cut of each channel by each setting, as far as it is more than chance.
 
-    A cut splits the points by one setting, or by the size of one that has both signs; its statistic is the
-    difference of the two sides' mean error, relative to the level, over its standard error; the largest over
-    all cuts. Its law comes from turning round the sign of whole runs' errors. errors: held out. certain: it
-    does fail somewhere; then the worst cut is given even if few runs cannot confirm it. p_value: over all
-    cuts of the channel. bias, rmse: m or N.
+    A cut splits the points by one setting; its statistic is the difference of the two sides' mean
+    error, relative to the level, over its standard error; the largest over all cuts. Its law comes
+    from turning round the sign of whole runs' errors. errors: held out. certain: it does fail
+    somewhere; then the worst cut is given even if few runs cannot confirm it. p_value: over all cuts
+    of the channel. bias, rmse: m or N.
     """
     generator = np.random.default_rng([seed, 13])
     found: list[Entry] = []
-    cut_by: dict[str, Array] = {}
-    for name, column in points.varied.items():
-        cut_by[name] = column
-        below, over = -float(column.min()), float(column.max())
-        if min(below, over) > _BOTH_SIGNS * max(below, over):
-            cut_by[f"|{name}|"] = np.abs(column)
+    cut_by = _cut_by(points)
     for channel in points.channels:
         mine = np.flatnonzero(points.of_channel(channel))
         error = np.array([np.mean(errors.error[channel][points.rows[i]]) for i in mine])
@@ -249,6 +244,17 @@ def where_it_fails(
     found.sort(key=lambda r: (r["p_value"], -r["rmse"] / max(r["rmse_elsewhere"], 1e-300)))
     sure = [region for region in found if region["p_value"] <= _SHOWN]
     return sure[:_MOST] or found[:1]
+
+
+def _cut_by(points: Points) -> dict[str, Array]:
+    """What is cut: the settings that vary, and the size of one that has both signs."""
+    columns = {}
+    for name, column in points.varied.items():
+        columns[name] = column
+        low, high = -float(column.min()), float(column.max())
+        if min(low, high) > _BOTH_SIGNS * max(low, high):
+            columns[f"|{name}|"] = np.abs(column)
+    return columns
 
 
 def _cuts(setting: Array, runs: Index) -> tuple[Mask, Array]:

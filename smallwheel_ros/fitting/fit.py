@@ -56,9 +56,10 @@ _STEPS = 10  # of Gauss-Newton in a turn
 _RESTS = 0.05  # nats: a gain below which a turn ends
 _AT_BOUND = 1e-6  # of the range
 _AGREE = 1e-9  # rounding of one model evaluated alone or among copies
-# Kinds of effects met so far that take an array of each number, and those (a user's own) that do not.
+# Kinds of effects met so far that take an array of each number, and models with one (a user's own) that does
+# not: which of theirs it is does not show.
 _TOGETHER: set[type[Effect]] = set()
-_ALONE: set[type[Effect]] = set()
+_ALONE: set[frozenset[type[Effect]]] = set()
 
 
 class Predictor:
@@ -90,8 +91,8 @@ class Predictor:
         An effect that cannot take arrays (a user's own) is evaluated one vector after the other.
         """
         effects = vector.effects(np.repeat(thetas.T, len(self.conditions), axis=1))
-        kinds = {type(effect) for effect in effects}
-        if kinds.isdisjoint(_ALONE):
+        kinds = frozenset(type(effect) for effect in effects)
+        if kinds not in _ALONE:
             try:
                 found = self._together(vector, thetas, effects)
                 if kinds <= _TOGETHER or np.allclose(
@@ -102,7 +103,7 @@ class Predictor:
             except (EffectError, TypeError, ValueError):
                 pass  # of these numbers, or of arrays: each of them alone tells
         found = np.stack([self(vector, theta) for theta in thetas])
-        _ALONE.update(kinds - _TOGETHER)
+        _ALONE.add(kinds)
         return found
 
     def _together(self, vector: ParameterVector, thetas: Array, effects: Sequence[Effect]) -> Array:

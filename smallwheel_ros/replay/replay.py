@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -72,7 +70,7 @@ def replay(
     be written.
     """
     stop = Stop()
-    with BagReader(spec.bag) as reader, stop.listening(), _only_new_garbage():
+    with BagReader(spec.bag) as reader, stop.listening():
         drive = _Drive(spec, reader)
         with draft(spec) as folder:
             bag = NewBag(folder / BAG, reader, drive.copied)
@@ -90,16 +88,6 @@ def replay(
             report(result, folder)
             write_json(str(folder / SUMMARY), result.to_dict(folder))
     return result
-
-
-@contextmanager
-def _only_new_garbage() -> Iterator[None]:
-    """Python's collector leaves alone what was there before: the packages' many objects are no garbage."""
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 class _Drive:
