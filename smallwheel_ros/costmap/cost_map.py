@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from smallwheel_ros.costmap.crossed_ground import CrossedGround, Outline, side_of
+from smallwheel_ros.costmap.crossed_ground import LONGEST_STEP, CrossedGround, Outline, side_of
 from smallwheel_ros.costmap.grid import (
     HERE,
     HIGHEST,
@@ -53,6 +53,7 @@ from smallwheel_ros.costmap.grid import (
     lay_over,
     spread,
     union,
+    wide,
 )
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -236,6 +237,8 @@ class CostMap:
         self.frame = ""
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
+        # Cells that base_link was in, row and column, and whether it was not stuck there.
+        self._track: dict[tuple[int, int], bool] = {}
         # Where it was on ground that cannot be crossed, at the last grid.
         self._held: Pose | None = None
 
@@ -244,6 +247,7 @@ class CostMap:
         self._ground.clear()
         self.classes.clear()
         self._pose = self._held = self.remembered = None
+        self._track.clear()
         self.changed = True
 
     def add(
@@ -255,32 +259,42 @@ class CostMap:
         margin: Quantity | None,
         *,
         stuck: bool = False,
+        risk: float = 0.0,
         slope: float = 0.0,
     ) -> None:
         """Take what the vehicle, at its pose after so much travel (m), has found where a wheel is.
 
         slope: of the ground there, a tangent; terrain classes are learnt without it.
-        margin: None where nothing is known there. stuck: it cannot move on there, whatever the
-        margin is: sunk to its axle, digging itself in, or spinning on the spot.
+        margin: None where nothing is known there. stuck: it was seen not to move on there, whatever the
+        margin is: sunk to its axle, or spinning on the spot. risk: that it gets stuck, by the warning; 0: none.
+        What is expected costs 99 at most: it drives there.
         """
         self._enter(frame)
+        self._follow(pose, stuck=stuck)
         self._pose = pose
         self.changed |= self._ground.follow(pose.x, pose.y)
         if self._held is not None and math.dist(pose[:2], self._held[:2]) > (
             0.5 * self.settings.resolution
         ):
             self.changed = True
-        if stuck:
-            # A place of its own, although the wheel has not moved since it last counted.
-            cost, learner, learnt = HIGHEST, f"{wheel.name}, stuck", NOTHING_HELD
-        elif margin is not None:
+        cost = mark = UNKNOWN
+        if margin is not None:
             cost = self.settings.rules.cost(margin.value - slope, margin.standard_deviation)
             learner, learnt = wheel.name, margin
-        else:
+        if stuck:
+            # A place of its own, although the wheel has not moved since it last counted.
+            mark, learner, learnt = HIGHEST, f"{wheel.name}, stuck", NOTHING_HELD
+        elif risk > 0.0:
+            mark = min(round(HIGHEST * risk), _PASSABLE)
+        if cost == mark == UNKNOWN:
             self._ground.skip(wheel.name)
             return
         across = self.outline.across(pose, wheel)
-        self.changed |= self._ground.cross(wheel.name, across, travel, cost, stuck=stuck)
+        self.changed |= self._ground.cross(
+            wheel.name, across, travel, min(cost, _PASSABLE), mark
+        )
+        if not stuck and margin is None:
+            return
         classes = self.class_grid
         if classes is None or classes.frame != self.frame:
             return
@@ -326,6 +340,15 @@ class CostMap:
             return ground if ground is not None else old
         return union(ground.frame, [(old, HERE), (ground, HERE)])
 
+    def spread_whole(self) -> Grid | None:
+        """Return `whole` as planners that know base_link alone need it."""
+        ground = self.whole()
+        if ground is None:
+            return None
+        ground = wide(ground, self.spread)
+        self._leave_way_home(ground)
+        return ground
+
     # --- The grid
 
     def grid(self) -> Grid | None:
@@ -348,7 +371,31 @@ class CostMap:
                 told |= self.class_grid.cells >= 0
             told &= costs.cells == UNKNOWN
             cells[told] = np.maximum(cells[told], min(before, _PASSABLE))
-        return Grid(costs.frame, costs.resolution, costs.origin, cells)
+        grid = Grid(costs.frame, costs.resolution, costs.origin, cells)
+        self._leave_way_home(grid)
+        return grid
+
+    def _follow(self, pose: Pose, *, stuck: bool) -> None:
+        """Note the cells from the last place of base_link to this one."""
+        side, last = self.settings.resolution, self._pose or pose
+        gone = math.dist(pose[:2], last[:2])
+        steps = max(math.ceil(2.0 * gone / side), 1)
+        parts = [(k + 1) / steps for k in range(steps)] if gone <= LONGEST_STEP else [1.0]
+        for part in parts:
+            x, y = (a + part * (b - a) for a, b in zip(last[:2], pose[:2], strict=True))
+            cell = math.floor(y / side), math.floor(x / side)
+            self._track[cell] = self._track.get(cell, True) and not stuck
+
+    def _leave_way_home(self, grid: Grid) -> None:
+        """Where base_link itself has been it can be again: the way it came is no obstacle, as dear as may be."""
+        free = [cell for cell, was_free in self._track.items() if was_free]
+        if grid.frame != self.frame or not free:
+            return
+        row, column = np.array(free).T
+        middle = (np.stack([row, column]) + 0.5) * self.settings.resolution
+        at = np.floor((middle - np.array(grid.origin)[::-1, None]) / grid.resolution).astype(int)
+        at = at[:, ((at >= 0) & (at < np.array(grid.cells.shape)[:, None])).all(axis=0)]
+        grid.cells[tuple(at)] = np.minimum(grid.cells[tuple(at)], _PASSABLE)
 
     def _found(self) -> Grid | None:
         """What was found, newest on top, and what is expected of terrain classes."""

@@ -2,8 +2,11 @@
 """The ground that a vehicle covers, and what it has crossed: a window of cells that goes along with it.
 
 At each axle it covers a strip over its whole width. Of the wheels that pass a cell in one crossing the
-worst counts, of several crossings the newest. Where it was stuck stays so until a wheel itself has
-rolled over the cell: what is between wheels tells nothing against it.
+worst counts, of several crossings the newest.
+
+Marks lie over that: `HIGHEST` where it was stuck, less where a warning held. As soon as the axle is a vehicle's
+length further on, it has got through: its marks are taken back, over the whole width. Else they stay until
+a wheel itself has rolled over the cell: what is between wheels tells nothing against it.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ Places = NDArray[np.int32]  # rows and columns on the frame's lattice, shape (2,
 Indices = NDArray[np.intp]  # of places in the window's cells, row by row
 
 _MOST_CELLS = 4_000_000
-_LONGEST_STEP = 2.0  # m between two places of a wheel; over more the way is not known
+_MOST_OPEN = 1000  # strips with marks of a wheel: of one that goes to and fro
+LONGEST_STEP = 2.0  # m between two places of a wheel; over more the way is not known
 
 
 class Outline:
@@ -86,14 +90,24 @@ def side_of(size: float, resolution: float) -> int:
 
 @dataclass
 class _Strip:
-    """The ground under an axle from a wheel's last place to this one; cost: the newest there."""
+    """The ground under an axle from a wheel's last place to this one; cost: the newest there, mark: the most.
+
+    ahead: which way the axle goes, x and y.
+    """
 
     across: tuple[Line, Line]
     places: tuple[Places, Places]  # under the whole width, and under the wheel
     at: list[Indices]  # where they are in the window
     travel: float
     cost: int
-    stuck: bool
+    mark: int
+    ahead: tuple[float, float]
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Of the axle, m."""
+        (ax, ay), (bx, by) = self.across[0]
+        return 0.5 * (ax + bx), 0.5 * (ay + by)
 
 
 class CrossedGround:
@@ -117,10 +131,12 @@ class CrossedGround:
         """Forget every cell; the window stays where it is."""
         self._empty()
         self._strips: dict[str, _Strip] = {}
+        self._open: dict[str, list[_Strip]] = {}  # that have marks, and it has not got through yet
         self._left: list[tuple[Places, Cells]] = []  # by the window behind it, oldest first
 
     def _empty(self) -> None:
         self._cells: Cells = np.full(self._side**2, UNKNOWN, dtype=np.int8)  # row by row
+        self._marks: Cells = np.full(self._side**2, UNKNOWN, dtype=np.int8)
         self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
 
     def follow(self, x: float, y: float) -> bool:
@@ -131,13 +147,14 @@ class CrossedGround:
             return False
         for strip in self._strips.values():
             self._lay(strip)
-        known, places = self._known(self._cells)
-        costs, travel = self._cells[known], self._travel[known]
+        known, places = self._known(np.maximum(self._cells, self._marks))
+        costs, marks, travel = (each[known] for each in (self._cells, self._marks, self._travel))
         self._empty()
         self._corner = at[0] - side // 2, at[1] - side // 2
         still, inside = self._in_window(places)
         self._cells[still], self._travel[still] = costs[inside], travel[inside]
-        self._left.append((places[:, ~inside], costs[~inside]))
+        self._marks[still] = marks[inside]
+        self._left.append((places[:, ~inside], np.maximum(costs, marks)[~inside]))
         while sum(costs.size for _, costs in self._left) > _MOST_CELLS:
             self._left.pop(0)
         for strip in self._strips.values():
@@ -145,37 +162,53 @@ class CrossedGround:
         return True
 
     def cross(
-        self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, *, stuck: bool
+        self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, mark: int = UNKNOWN
     ) -> bool:
         """Take the cost of where a wheel is now; return whether any cell has changed.
 
         The window must have been given its place by `follow`. across: the vehicle's width at the wheel's
         axle, and the wheel's own. travel: of the vehicle, m. As long as the wheel is there its newest
-        cost counts, but where it was stuck it was stuck.
+        cost counts, and the highest of its marks: where it was stuck it was stuck.
         """
         last = self._strips.get(wheel)
-        start = across
+        start, ahead = across, _ahead(*across[0])
         if last is not None:
             gone = max(math.dist(a, b) for a, b in zip(across[0], last.across[0], strict=True))
             if gone < 0.5 * self.resolution:
-                before = last.cost
-                last.stuck |= stuck
-                last.cost = HIGHEST if last.stuck else cost
-                return last.cost != before
+                before = last.cost, last.mark
+                last.cost, last.mark = cost, max(last.mark, mark)
+                return (last.cost, last.mark) != before
             self.skip(wheel)
-            start = last.across if gone <= _LONGEST_STEP else across
-        cost = HIGHEST if stuck else cost
+            if gone <= LONGEST_STEP:
+                start, ahead = last.across, _way(last, across[0])
         whole, own = zip(start, across, strict=True)
         places = _swept(*whole, self.resolution), _swept(*own, self.resolution)
         at = self._under(places)
-        self._strips[wheel] = _Strip(across, places, at, travel, cost, stuck)
-        return bool((self._cells[at[0]] != cost).any())
+        self._strips[wheel] = strip = _Strip(across, places, at, travel, cost, mark, ahead)
+        taken = self._take_back(wheel, strip.middle)
+        return taken or bool((self._cells[at[0]] != cost).any() or mark != UNKNOWN)
+
+    def _take_back(self, wheel: str, now: tuple[float, float]) -> bool:
+        """Take marks back that an axle has left behind by a vehicle's length, the way it went."""
+        still = []
+        for strip in self._open.get(wheel, ()):
+            (x, y), (c, s) = strip.middle, strip.ahead
+            if c * (now[0] - x) + s * (now[1] - y) > self._length:
+                at, _ = self._in_window(strip.places[0])
+                self._marks[at[self._travel[at] - strip.travel < self._length]] = UNKNOWN
+            else:
+                still.append(strip)
+        taken = len(still) < len(self._open.get(wheel, ()))
+        self._open[wheel] = still[-_MOST_OPEN:]
+        return taken
 
     def skip(self, wheel: str) -> None:
         """Note that from here on nothing is known of a wheel's way."""
         last = self._strips.pop(wheel, None)
         if last is not None:
             self._lay(last)
+            if last.mark != UNKNOWN:
+                self._open.setdefault(wheel, []).append(last)
 
     def grid(self, frame: str) -> Grid | None:
         """Return the window as a grid of that frame; its cells are a copy.
@@ -185,10 +218,11 @@ class CrossedGround:
         if self._corner is None or not frame:
             return None
         # What is under the wheels may still change: it is laid down for this copy only.
-        before = self._cells.copy(), self._travel.copy()
+        before = self._cells.copy(), self._marks.copy(), self._travel.copy()
         for strip in self._strips.values():
             self._lay(strip)
-        cells, (self._cells, self._travel) = self._cells, before
+        cells = np.maximum(self._cells, self._marks)
+        self._cells, self._marks, self._travel = before
         row, column = self._corner
         origin = (column * self.resolution, row * self.resolution)
         return Grid(frame, self.resolution, origin, cells.reshape(self._side, self._side))
@@ -212,14 +246,15 @@ class CrossedGround:
 
     def _lay(self, strip: _Strip) -> None:
         """Write a strip: over its width but for where it was stuck before, under the wheel there too."""
-        cells, travel = self._cells, self._travel
+        cells, marks, travel = self._cells, self._marks, self._travel
         for at, rolled in zip(strip.at, (False, True), strict=True):
-            old, same = cells[at], strip.travel - travel[at] < self._length
-            new = np.where(same, np.maximum(old, strip.cost), strip.cost)
+            same = strip.travel - travel[at] < self._length
             if not rolled:
-                taken = same | (old != HIGHEST)
-                at, new = at[taken], new[taken]
-            cells[at] = new
+                taken = same | (marks[at] != HIGHEST)
+                at, same = at[taken], same[taken]
+            if strip.cost != UNKNOWN:
+                cells[at] = np.where(same, np.maximum(cells[at], strip.cost), strip.cost)
+            marks[at] = np.where(same, np.maximum(marks[at], strip.mark), strip.mark)
             travel[at] = strip.travel
 
     def _known(self, cells: Cells) -> tuple[Indices, Places]:
@@ -240,6 +275,21 @@ class CrossedGround:
         at, inside = self._in_window(np.concatenate(places, axis=1))
         first = int(np.count_nonzero(inside[: places[0].shape[1]]))
         return [at[:first], at[first:]]
+
+
+def _ahead(left: tuple[float, float], right: tuple[float, float]) -> tuple[float, float]:
+    """Which way a vehicle looks whose axle reaches from one place to the other."""
+    x, y = left[1] - right[1], right[0] - left[0]
+    size = math.hypot(x, y) or 1.0
+    return x / size, y / size
+
+
+def _way(last: _Strip, axle: Line) -> tuple[float, float]:
+    """Which way an axle has gone; as before where its middle has hardly."""
+    (ax, ay), (bx, by) = axle
+    x, y = 0.5 * (ax + bx) - last.middle[0], 0.5 * (ay + by) - last.middle[1]
+    size = math.hypot(x, y)
+    return (x / size, y / size) if size > 1e-3 else last.ahead
 
 
 @functools.lru_cache(maxsize=16)

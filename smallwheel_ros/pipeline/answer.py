@@ -55,6 +55,7 @@ class Condition(IntFlag):
     SUNK_TO_AXLE = 256
     LOAD_STATIC = 512
     DIGS = 1024
+    WARNED = 2048
 
 
 # Number of MobilityEstimate.msg that each makes, the most serious of which counts.
@@ -128,6 +129,7 @@ def answer(
         Condition.SUNK_TO_AXLE: can.sunk & measured,
         Condition.LOAD_STATIC: static & np.isfinite(loads.load),
         Condition.DIGS: digging,
+        Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     conditions = np.zeros(count, dtype=np.int64)
     status = np.zeros(count, dtype=np.int64)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of sensors: one table of rules, each of which speaks only where nothing but a fault explains it.
 
-    checks = Checks(settings, ground)  # which has learnt of the rows before they are taken
+    checks = Checks(settings, ground, doubts)  # ground has learnt of the rows before they are taken
     for finding in checks.take(rows, watermark): ...      # raw rows of all streams since checks.done
-    checks.doubted        # streams that are not to be used now, and since when (ns)
+    doubts.at(stream, stamps)   # whether it is not to be used there
 
 1. A difference of slips is no fault: stuck vehicles spin diagonally. No wheel is judged by others' slips.
 2. Exact before statistical: bit-for-bit repeats over way, signs, impossible sizes, sums.
@@ -79,6 +79,7 @@ from .checks_odometry import (
 )  # fmt: skip
 from .checks_sums import Said
 from .checks_window import AROUND, SPAN, Memory, Raw, Vehicle, Window
+from .doubts import SHOWS_NO_SLIP, Doubts
 from .ground import DOWN, Ground
 from .odometry import MADE, PIECES
 from .tables import SECOND, Array, Integers
@@ -110,7 +111,8 @@ class Rule:
     starts: Callable[[Vehicle], Judge]
 
 
-# Those that other rules hear of come first: odometry made of wheels, and an imu that looks down.
+# Those that other rules hear of come first: what is no witness is an odometry that is made of the wheels, repeats
+# or has just jumped; an imu that looks down is turned over.
 RULES: tuple[Rule, ...] = (
     Rule(
         "of wheels",
@@ -129,6 +131,24 @@ RULES: tuple[Rule, ...] = (
         "no vehicle drives beyond 60 degrees",
         "z of the imu looks down; it is turned over",
         lambda vehicle: ZDown(),
+    ),
+    Rule(
+        "repeats",
+        "messages of the odometry while the rims move",
+        "longest way of the rims on one and the same message",
+        f"over {REPEAT_WAY:g} m",
+        "one dropped connection, not one missed message",
+        "driver of the odometry",
+        lambda vehicle: Repeats(ODOMETRY),
+    ),
+    Rule(
+        "jumps",
+        "steps of the pose, gaps under 1 s",
+        f"step less {JUMP_FACTOR:g} times what the fastest of rims and twist makes",
+        f"over {JUMP:g} m",
+        "worst good drive 0.8 m (lidar in violent spins)",
+        "places are off by that",
+        Jumps,
     ),
     Rule(
         "mirrored",
@@ -194,15 +214,6 @@ RULES: tuple[Rule, ...] = (
         lambda vehicle: NoTwist(),
     ),
     Rule(
-        "repeats",
-        "messages of the odometry while the rims move",
-        "longest way of the rims on one and the same message",
-        f"over {REPEAT_WAY:g} m",
-        "one dropped connection, not one missed message",
-        "driver of the odometry",
-        lambda vehicle: Repeats(ODOMETRY),
-    ),
-    Rule(
         "frozen",
         "messages of the imu while the rims move",
         "longest way of the rims on one and the same message",
@@ -219,15 +230,6 @@ RULES: tuple[Rule, ...] = (
         "the worst good odometry that follows the rims so well is 0.1 s late",
         "stamps of the odometry",
         Late,
-    ),
-    Rule(
-        "jumps",
-        "steps of the pose, gaps under 1 s",
-        f"step less {JUMP_FACTOR:g} times what the fastest of rims and twist makes",
-        f"over {JUMP:g} m",
-        "worst good drive 0.8 m (lidar in violent spins)",
-        "places are off by that",
-        Jumps,
     ),
     Rule(
         "tilt",
@@ -303,8 +305,6 @@ class Checks:
     ----------
     doubted
         By stream that is not to be used now: since when, ns; 0: since the beginning.
-    history
-        Stamps (ns) from which on other streams were of no use, and which.
     anew
         Stamps (ns) from which on the soil begins anew, without what streams had taught that were found to be
         wrong from the beginning; once for each.
@@ -314,12 +314,14 @@ class Checks:
         What is complained of in the newest span.
     """
 
-    def __init__(self, settings: OnboardSettings, ground: Ground) -> None:
+    def __init__(
+        self, settings: OnboardSettings, ground: Ground, doubts: Doubts | None = None
+    ) -> None:
         self.vehicle, self.ground = Vehicle.of(settings), ground
+        self.doubts = Doubts() if doubts is None else doubts
         self.memory = Memory()
         self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]
         self.doubted: dict[str, int] = {}
-        self.history: list[tuple[int, set[str]]] = [(_NEVER, set())]
         self.anew: list[int] = []
         self.holds: tuple[Finding, ...] = ()
         self.done = self._next = _NEVER
@@ -338,11 +340,6 @@ class Checks:
             (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=_NEVER
         )
         return self._judge(newest + SPAN + 1) if newest > _NEVER else []
-
-    def forget_history(self, stamp: int) -> None:
-        """Keep what holds behind a stamp (ns)."""
-        while len(self.history) > 1 and self.history[1][0] <= stamp:
-            del self.history[0]
 
     def _keep(self, raw: Raw) -> None:
         for name, (stamps, values) in raw.items():
@@ -390,7 +387,7 @@ class Checks:
                 for said in judge.take(window):
                     since = 0 if math.isnan(said.since) else round(said.since * SECOND)
                     self.memory.doubted.update(said.doubts)
-                    unusable |= set() if said.places else set(said.doubts)
+                    unusable |= {SHOWS_NO_SLIP} if said.places else set(said.doubts)
                     for stream in said.doubts:
                         doubted[stream] = min(since, doubted.get(stream, since))
                     holds.append(Finding(begin + SPAN, rule, said.subject, _words(said, begin)))
@@ -401,8 +398,7 @@ class Checks:
             if window.rims is not None:
                 self.memory.way = float(window.way(np.array([SPAN / SECOND]))[0])
         self.doubted, self.holds = doubted, tuple(holds)
-        if unusable != self.history[-1][1]:
-            self.history.append((begin + SPAN + AROUND, unusable))
+        self.doubts.hold(begin + SPAN + AROUND, unusable)
         if taught:
             self.anew.append(begin + SPAN + AROUND)
         return found

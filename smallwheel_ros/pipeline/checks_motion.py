@@ -83,10 +83,15 @@ class Dead:
 
 
 class Held:
-    """How often most others change while a joint shows one value, not 0, bit for bit."""
+    """How often most others change while a joint shows one value, not 0, bit for bit.
+
+    The largest value of all, which joints of both sides have shown, is a limit of the drivers, and no fault.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
+        self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
+        self.most = np.zeros(len(vehicle.names))
 
     def take(self, window: Window) -> list[Said]:
         """Coarse counters repeat at a steady speed, all at once: then none is asked."""
@@ -95,11 +100,14 @@ class Held:
             return []
         rows, changes = rims.inside, rims.changes[rims.inside]
         x, t = rims.x[rows], window.seconds(rims.t[rows])
+        self.most = np.fmax(self.most, np.nan_to_num(np.abs(x)).max(axis=0, initial=0.0))
+        most = {float(self.most[side].max()) for side in self.sides}
+        limit = most.pop() if len(self.sides) > len(most) == 1 else np.inf
         moves = np.nan_to_num(np.abs(x)).max(axis=1, initial=0.0) > MOVES
         for i, (name, run) in enumerate(zip(self.names, self.runs, strict=True)):
             others = np.delete(changes, i, axis=1).sum(axis=1) > (len(self.names) - 1) / 2
             run.extend(
-                ~changes[:, i] & (x[:, i] != 0) & np.isfinite(x[:, i]),
+                ~changes[:, i] & (x[:, i] != 0) & (np.abs(x[:, i]) != limit) & np.isfinite(x[:, i]),
                 (others & moves).astype(float),
                 t,
             )
@@ -149,11 +157,13 @@ class Turn:
             subject = "imu or wheels" if by_gyro < low else "odometry or wheels"
         if subject:
             text = (
-                f"{subject}: it turns the other way than the others (wheels, gyro, odometry): check how the"
+                f"it turns the other way than the others (wheels, gyro, odometry): check how the"
                 " imu is mounted, the frame of the odometry, and the joints of left and right"
             )
-            named = {"imu": IMU, "odometry": ODOMETRY}
-            return [Said(subject, both, text, (named[subject],) if subject in named else ())]
+            # Where nothing decides between imu and wheels, the wheels are all that tells of the motion.
+            named = {"imu": IMU, "odometry": ODOMETRY, "imu or wheels": IMU}
+            doubts = (named[subject],) if subject in named else ()
+            return [Said(subject, both, text, doubts, taught=bool(doubts))]
         if -low >= both != 0.0:
             return []
         each = np.array([one[by_odometry > -low].value for one in self.each])
@@ -183,7 +193,12 @@ class RollingAll:
             self.felt, self.count = self.felt + float(felt.sum()), self.count + felt.size
         if m is None:
             return []
-        rows = m.inside & m.straight & np.isfinite(m.rim).all(axis=1)
+        if ODOMETRY in window.memory.doubted:  # what was named is no witness, nor was it before
+            self.pieces = Pieces(ROLL_PIECE, 2 * n)
+            return []
+        # Rims that stand while a late odometry still moves are left out, as those are that start before it.
+        turns = np.median(np.abs(m.rim), axis=1) > MOVES
+        rows = m.inside & m.straight & turns & np.isfinite(m.rim).all(axis=1)
         v, dt = m.v[rows], m.dt[rows]
         turned = np.nan_to_num(np.where(np.isfinite(m.w[rows]), m.w[rows], m.gyro[rows]))
         place = v[:, None] - turned[:, None] * self.y

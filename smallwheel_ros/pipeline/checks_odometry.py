@@ -172,7 +172,10 @@ class Jumps:
         most = np.fmax(rim[1:], np.abs(o.x[1:, SPEED]))
         rows = o.inside[1:] & (dt < 2 * GAP)
         jump = np.nan_to_num(step - JUMP_FACTOR * most * dt)[rows]
-        self.count += int((jump > JUMP).sum())
+        now = int((jump > JUMP).sum())
+        self.count += now
+        if now:  # its ways tell no radius; places and speeds between jumps are of use all the same
+            window.memory.doubted.add(ODOMETRY)
         self.most = max(self.most, float(jump.max(initial=0.0)))
         text = (
             f"its pose jumps {self.count} times, by up to {self.most:.1f} m, where no wheel turns so fast:"

@@ -10,10 +10,11 @@ import numpy as np
 
 from .identifiability import SoilEstimate
 from .pipeline import Pipeline, Turn
-from .statements import DIGGING_IN, statements
+from .statements import statements
 from .tables import SECOND, Estimates, Flags, Integers, Readings, none_of
-from .warnings import WORDS
+from .warnings import APART, WORDS
 
+KINDS = ("", "stuck", "digging_in")  # of an event, by level of the warning
 _PAUSE = 5.0  # s: what is not said for so long begins anew
 _Place = tuple[float, float] | None
 
@@ -21,7 +22,8 @@ _Place = tuple[float, float] | None
 class Event(NamedTuple):
     """Something that happened: time in s since the bag's beginning, way in m, and in words.
 
-    place: x and y (m) of the vehicle in the frame of the odometry, None where not known.
+    place: x and y (m) of the vehicle in the frame of the odometry, None where not known. times: how often, if
+    it is said once for all; it is that of the first.
     """
 
     time: float
@@ -29,6 +31,7 @@ class Event(NamedTuple):
     kind: str
     text: str
     place: tuple[float, float] | None = None
+    times: int = 1
 
 
 class DriveEvents:
@@ -49,6 +52,8 @@ class DriveEvents:
         self._change: Event | None = None
         self._pressure = self._pressure_before = pipeline.soil.reference_pressure
         self._said: dict[str, float] = {}  # what, without its numbers, and when last, s
+        self._holds: set[str] = set()  # what was said at the end of the last turn
+        self._once: dict[str, int] = {}  # which event a finding is, without its numbers
         self._begin()
 
     def _begin(self) -> None:
@@ -56,6 +61,7 @@ class DriveEvents:
         self._note_change()
         self.newest: Estimates = none_of(Estimates)
         self._changes, self._until = 0, 0.0
+        self._raised = [-math.inf, -math.inf]  # s, when each level of the warning was on last
         self._version = -1
         self.soils: list[SoilEstimate] = [self._pipeline.soil]
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
@@ -109,39 +115,41 @@ class DriveEvents:
             self._note_change()
 
     def _warn(self, turn: Turn) -> None:
-        """Note each episode in which the vehicle may get stuck, also one that is over within the turn."""
+        """Note each rise of a level of the warning, also one that is over within the turn."""
         warned, rows = turn.warned, turn.readings
         if warned is None or not len(rows):
             return
         for i in np.flatnonzero(warned.level > 0).tolist():
-            row = max(int(np.searchsorted(rows.stamp, warned.stamp[i], side="right")) - 1, 0)
-            text = WORDS[int(warned.level[i])].format(slip=warned.slip[i])
-            time = self._since(int(warned.stamp[i]))
-            way = float(rows.distance[row])
-            self._say("stuck", Event(time, way, "stuck", text, _place(rows, row)), time)
+            level, time = int(warned.level[i]), self._since(int(warned.stamp[i]))
+            rises = [one for one in range(level) if time - self._raised[one] > APART]
+            self._raised[:level] = [time] * level
+            if rises:
+                row = max(int(np.searchsorted(rows.stamp, warned.stamp[i], side="right")) - 1, 0)
+                text, way = WORDS[level].format(slip=warned.slip[i]), float(rows.distance[row])
+                self.events.append(Event(time, way, KINDS[level], text, _place(rows, row)))
 
     def _look(self, turn: Turn) -> None:
-        """Note what begins to be said."""
+        """Note what begins to be said; a finding of sensors once, with how often."""
         rows, now = turn.estimates, self._since(turn.until)
         place = _place(rows, len(rows) - 1) if len(rows) else None
-        digs = np.flatnonzero(rows.digging_in)
-        if digs.size:  # if only for a while, within the turn
-            first, event = int(digs[0]), DIGGING_IN
-            way, time = float(rows.distance[first]), self._since(int(rows.stamp[first]))
-            self._say(
-                event.about, Event(time, way, event.kind, event.text, _place(rows, first)), now
-            )
+        goes_on, self._holds = self._holds, set()
         for statement in statements(self._pipeline, self.newest):
-            if statement is not DIGGING_IN and statement.kind != "stuck":
-                event_now = Event(now, self.travel, statement.kind, statement.text, place)
-                self._say(statement.about, event_now, now)
-
-    def _say(self, about: str, event: Event, until: float) -> None:
-        """Note an event that is not said already. until: s, up to which it is."""
-        before = self._said.get(about, -math.inf)
-        self._said[about] = until
-        if event.time - before > _PAUSE:
-            self.events.append(event)
+            if statement.kind in KINDS:
+                continue  # by the instants of the warning
+            about = statement.about
+            self._holds.add(about)
+            before, self._said[about] = self._said.get(about, -math.inf), now
+            if about in goes_on or now - before <= _PAUSE:
+                continue
+            event = Event(now, self.travel, statement.kind, statement.text, place)
+            if statement.entry != "sensors":
+                self.events.append(event)
+            elif about in self._once:
+                first = self.events[self._once[about]]
+                self.events[self._once[about]] = first._replace(times=first.times + 1)
+            else:
+                self._once[about] = len(self.events)
+                self.events.append(event)
 
     def _note_change(self) -> None:
         """Note a change of soil, once the estimate has not jumped for a turn of a wheel."""

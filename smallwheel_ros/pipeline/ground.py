@@ -4,7 +4,8 @@
     speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
               the heading, in the middle of both
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
-              the same of three messages in a row; the larger one. Of poses also by their stamps: how far one
+              the same of three messages in a row; the larger one, as a share of sqrt(v^2 + 1): it is the more
+              the faster a vehicle drives, since stamps are off. Of poses also by their stamps: how far one
               is from the line between its neighbours, over the rims' speed, is how much its stamp is off
     lag       by how much the turning and the speed follow gyro and rims: largest correlation, as last found;
               until anything follows, it may be half a second
@@ -12,7 +13,8 @@
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
 
-Each row depends on messages up to its own stamp alone, and sums go on over cuts.
+Each row depends on messages up to its own stamp alone, and sums go on over cuts. What checks doubt is NaN here
+(`doubts`): speeds, rims and imu are read through `speeds`, `each_rim` and `imu`, by all stages.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from smallwheel_ros.onboard.settings import (
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 
+from .doubts import Doubts
 from .odometry import LAGS, Lag, OfWheels
 from .stream import NEVER, Stream
 from .streams import Streams
@@ -51,6 +54,7 @@ _SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a place ho
 _APART = (
     SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
 )
+_SLOW = 1.0  # m/s, under which a speed's error hardly depends on it: robots drove with 0.1 to 4 m/s
 _SMOOTH = (
     0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
 )
@@ -118,8 +122,11 @@ class Ground:
     pose.
     """
 
-    def __init__(self, settings: OnboardSettings, streams: Streams) -> None:
+    def __init__(
+        self, settings: OnboardSettings, streams: Streams, doubts: Doubts | None = None
+    ) -> None:
         self.settings, self.streams = settings, streams
+        self.doubts = Doubts() if doubts is None else doubts
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
         self._rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
         self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
@@ -136,9 +143,13 @@ class Ground:
 
     def advance(self, until: int) -> None:
         """Take what came, and learn of it up to a stamp (ns) at which all is there."""
+        self.take()
+        self.learn(until)
+
+    def take(self) -> None:
+        """Take what came."""
         self._turn_over()
         self._speeds()
-        self._learn(until)
 
     def bound(self, until: int) -> int:
         """Stamp (ns) up to which speeds are there: those of poses are in the middle between two."""
@@ -180,12 +191,25 @@ class Ground:
         stamps, values = self._trust.last(instants)
         return stamps, values.T
 
+    def believed(self, name: str, instants: Integers) -> Array:
+        """Values of a stream at instants, (instants, width); NaN where it is doubted."""
+        values = self.streams.all[name].at(instants, self.streams.rules)
+        return self.doubts.believed(name, instants, values)
+
+    def speeds(self, instants: Integers) -> Array:
+        """Speed (m/s) and yaw rate (rad/s) as measured over ground, (instants, 2)."""
+        values = self.moves.at(instants, self.streams.rules)
+        return self.doubts.believed(self.source, instants, values)
+
+    def imu(self, instants: Integers) -> Array:
+        """Rows of the imu, z up, (instants, 7)."""
+        return self.doubts.believed(IMU, instants, self.felt.at(instants, self.streams.rules))
+
     def each_rim(self, instants: Integers) -> Array:
         """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
         found = np.empty((len(self._rolling), instants.size))
         for row, wheel in zip(found, self._rolling, strict=True):
-            stream = self.streams.all[f"{wheel.name}/wheel_speed"]
-            row[:] = stream.at(instants, self.streams.rules)[:, 0] * wheel.diameter / 2.0
+            row[:] = self.believed(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
         return found
 
     def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
@@ -196,8 +220,8 @@ class Ground:
         side = np.array([wheel.lateral_position for wheel in self._rolling])
         turn = unknown(instants.size)
         if (side > 0.0).any() and (side < 0.0).any():
-            turn = 0.5 * (rims[side < 0.0].mean(axis=0) - rims[side > 0.0].mean(axis=0))
-        return rims.mean(axis=0), np.abs(rims).mean(axis=0), turn
+            turn = 0.5 * (_mean(rims[side < 0.0]) - _mean(rims[side > 0.0]))
+        return _mean(rims), _mean(np.abs(rims)), turn
 
     # --- What came
 
@@ -278,7 +302,8 @@ class Ground:
 
     # --- What is learnt
 
-    def _learn(self, until: int) -> None:
+    def learn(self, until: int) -> None:
+        """Learn of what came up to a stamp (ns) at which all is there."""
         after = max(self._trust.newest, NEVER)
         stamps, own = self._own.between(after, until)
         if not stamps.size:
@@ -293,6 +318,9 @@ class Ground:
         before = np.concatenate([[sums.stamp], stamps[:-1]])
         passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
         sums.stamp = int(stamps[-1])
+        doubted = self.doubts.at(self.source, stamps)
+        speed, turn, off = (np.where(doubted, np.nan, each) for each in (speed, turn, off))
+        passed[doubted] = 0.0
         step = np.nan_to_num(size[:, 0]) * passed
         way = steps_of(step, sums.way)
         ways_before = np.concatenate([[sums.way], way[:-1]])
@@ -322,8 +350,8 @@ class Ground:
         off: m, of a place from the line between its neighbours, as `_off_line` has it. rims: their mean
         speed then, `_APART` and twice that before, (rows, 3).
         """
-        sums, rules = self._sums, self.streams.rules
-        apart = [self.moves.at(middle - k * _APART, rules)[:, 0] for k in (1, 2)]
+        sums = self._sums
+        apart = [self.speeds(middle - k * _APART)[:, 0] for k in (1, 2)]
         with np.errstate(invalid="ignore"):
             most = np.abs(rims).max(axis=1)
             change = np.where(most > STANDSTILL_SPEED, np.ptp(rims, axis=1) / most, np.nan)
@@ -339,9 +367,13 @@ class Ground:
         posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
+        # Errors of stamps grow with the speed: fast and slow rows tell of each other by this share.
+        with np.errstate(invalid="ignore"):
+            share = _SLOW**2 + np.nan_to_num(np.fmax(most, np.abs(speed))) ** 2
         for i, bend in enumerate(bends):
             good = (change < _STEADY) & np.isfinite(bend)
-            found = np.maximum(found, self._mean(i, good, bend**2 / 6.0, told, _TOLD))
+            squares = bend**2 / 6.0 / share
+            found = np.maximum(found, share * self._mean(i, good, squares, told / share, _TOLD))
         return np.asarray(found)
 
     def _mean(
@@ -359,7 +391,7 @@ class Ground:
         rims: their mean speed `LAGS` before, (rows, lags).
         """
         instants = (middle[:, None] - LAGS).ravel()
-        gyro = self.felt.at(instants, self.streams.rules)[:, 0].reshape(middle.size, -1)
+        gyro = self.imu(instants)[:, 0].reshape(middle.size, -1)
         found = np.fmax(self._turns_late.take(turn, gyro), self._speed_late.take(speed, rims))
         return np.where(np.isnan(found), _LATE, found)
 
@@ -371,6 +403,14 @@ class Ground:
             no = np.zeros(way.size, dtype=bool)
             return no, no, unknown(way.size)
         return self._of_wheels.take(before, way, parts)
+
+
+def _mean(wheels: Array) -> Array:
+    """Mean over the wheels that are known, (instants,)."""
+    known = np.isfinite(wheels)
+    count = known.sum(axis=0)
+    total = np.where(known, wheels, 0.0).sum(axis=0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:

@@ -17,6 +17,7 @@ from .answer import STALE, Condition
 from .answers import Status
 from .stream import NEVER
 from .tables import Estimates
+from .warnings import risk_of
 
 
 class GroundMapper:
@@ -50,7 +51,9 @@ class GroundMapper:
         sunk = (found.status == Status.SUNK_TO_AXLE) & (
             (found.conditions & Condition.PRIOR_ONLY) == 0
         )
-        stuck = found.digging_in | found.spins | sunk
+        stuck = found.spins | sunk
+        level = np.where(found.digging_in, 2, ((found.conditions & Condition.WARNED) > 0).astype(int))
+        risk = risk_of(np.zeros(len(found)), level)
         refused = found.status == Status.REJECTED
         columns = (
             found.wheel,
@@ -60,15 +63,16 @@ class GroundMapper:
             found.distance,
             refused,
             stuck,
+            risk,
             found.tilt,
         )
         margins = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, strict=True)
-        for wheel, x, y, heading, distance, unknown, held, slope, margin in rows if frame else ():
+        for wheel, x, y, heading, distance, unknown, held, likely, slope, margin in rows if frame else ():
             if math.isfinite(x + y + heading):
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
-                    None if unknown else margin, stuck=held, slope=slope,
+                    None if unknown else margin, stuck=held, risk=likely, slope=slope,
                 )  # fmt: skip
 
     def _margins(self, found: Estimates) -> list[Quantity | None]:

@@ -9,7 +9,7 @@ may be cut anywhere. What checks doubt is left out, and what is no number of a v
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -91,18 +91,24 @@ class TwistState:
         )  # m/s^2 of gravity felt ahead and left, by the last orientation
         places = np.array([np.mean([w.lateral_position for w in side]) for side in sides])
         axles = {w.longitudinal_position for side in sides for w in side}
-        self.filter = TwistFilter(places, _CHI if len(axles) > 1 else 1.0)
+        self.track = places, _CHI if len(axles) > 1 else 1.0
+        self.filter = TwistFilter(*self.track)
+        self.anew: list[int] = []  # stamps of doubts that rows have not reached yet
 
 
 def twist(
-    state: TwistState, rows: Rows, doubted: Mapping[str, Flags | bool] | None = None
+    state: TwistState,
+    rows: Rows,
+    doubted: Mapping[str, Flags | bool] | None = None,
+    anew: Sequence[int] = (),
 ) -> Twists:
     """Twists at the stamps of the rims among these rows.
 
     rows: all that came of each stream since the last call, up to one stamp. doubted: by stream which of those
     a check doubts (all: True). They are left out; a side of which no wheel is left, too, and of no side there
-    is no row.
+    is no row. anew: stamps (ns) behind which a doubt begins: the filter then forgets what it was taught.
     """
+    state.anew += anew
     streams = _streams(state, rows, doubted or {})
     rims = [name for side in state.sides for name in side]
     stamps = np.unique(np.concatenate([streams[name][0] for name in rims]))
@@ -126,6 +132,9 @@ def twist(
     steps = [delay / max(parts, 1) / SECOND] * parts
     found = np.empty((stamps.size, 7))
     for i, stamp in enumerate(stamps.tolist()):
+        while state.anew and stamp > state.anew[0]:
+            del state.anew[0]
+            state.filter, state.last = TwistFilter(*state.track), stamp - 2 * LONGEST
         state.filter.step(stamp - state.last, both[i], felt[0][i], speed[i], speed_std[i])
         later = [(step, part[i]) for step, part in zip(steps, felt[1:], strict=True)]
         found[i] = state.filter.told(both[i], later)

@@ -269,6 +269,8 @@ class TwistFilter:
         self.weight *= fade
         for i in np.flatnonzero(there).tolist():
             rim2, s = float(scale[i]) ** 2, float(self.x[_SL + i])
+            if not rim2 > 0.0:  # a side at rest tells nothing of its slip
+                continue
             usual = self.slip**2 * rim2 + _CREEP**2
             share = min(max(1.0 - float(self.P[_SL + i, _SL + i]) / usual, 0.0), 1.0)
             seen = s * s - share * (1.0 - share) * usual - share**2 * _CREEP**2

@@ -14,7 +14,7 @@ from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
-from smallwheel_ros.costmap.grid import wide, write_map
+from smallwheel_ros.costmap.grid import write_map
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.pipeline.answers import margin_before_driving, mobility_columns, soil_fields
 from smallwheel_ros.pipeline.events import DriveEvents
@@ -261,9 +261,9 @@ class _Drive:
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""
-        whole = self._ground.map.whole()
+        whole = self._ground.map.spread_whole()
         if whole is not None:
-            write_map(path, wide(whole, self._ground.map.spread))
+            write_map(path, whole)
 
     def _hints(self) -> list[str]:
         """What is to be said of stamps, and of messages that were damaged."""

@@ -173,7 +173,7 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     if soil["changes"] == 0 and not digging:
         headline = "One soil throughout, and no wheel dug itself in."
     if not sunk:
-        warned = sum(event["kind"] == "stuck" for event in events)
+        warned = sum(event["kind"] in ("stuck", "digging_in") for event in events)
         told = f"Getting-stuck warnings were issued {_times(warned)}."
         if not warned:
             told = "No getting-stuck warning was issued."
@@ -356,7 +356,8 @@ def _events(summary: dict[str, Any]) -> list[Block]:
     rows = []
     for event in summary["events"]:
         place = "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
-        rows.append([f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"]])
+        again = f" ({event['times']} times; this is the first)" if event["times"] > 1 else ""
+        rows.append([f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"] + again])
     if not rows:
         text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
         return [Text(text)]

@@ -121,7 +121,7 @@ def cross(
     whole = line(*at, width, heading)
     wheels = whole if own is None else ((at[0], own[0]), (at[0], own[1]))
     ground.follow(*at)
-    return ground.cross(wheel, (whole, wheels), travel, cost, stuck=stuck)
+    return ground.cross(wheel, (whole, wheels), travel, cost, 100 if stuck else -1)
 
 
 class TestCrossedGround:
@@ -222,6 +222,27 @@ class TestCrossedGround:
         assert self.at(ground, 0.05, 0.0) == 100
         assert self.at(ground, 0.05, 0.25) == self.at(ground, 0.05, -0.25) == 10
         assert self.at(ground, -0.25, 0.0) == 10
+
+    def test_what_an_axle_gets_through_is_taken_back_over_the_whole_width(self) -> None:
+        for away, left in ((1.3, {10}), (0.9, {10, 100})):
+            ground = CrossedGround(20.0, 0.1, length=1.0)
+            for x in np.arange(0.05, 0.6, 0.1):
+                cross(ground, "a", (x, 0.0), 10, x, width=0.6)
+            cross(ground, "a", (0.65, 0.0), 10, 0.65, width=0.6, stuck=True)
+            for x in np.arange(0.75, 0.65 + away, 0.1):
+                cross(ground, "a", (x, 0.0), 10, x, width=0.6)
+            cells = ground.grid("odom").cells
+            assert set(cells[cells >= 0].tolist()) == left
+
+    def test_what_it_backs_out_of_is_not_taken_back(self) -> None:
+        ground = CrossedGround(20.0, 0.1, length=1.0)
+        for x in np.arange(0.05, 0.6, 0.1):
+            cross(ground, "a", (x, 0.0), 10, x, width=0.6)
+        cross(ground, "a", (0.65, 0.0), 10, 0.65, width=0.6, stuck=True)
+        for i, x in enumerate(np.arange(0.55, -3.0, -0.1)):
+            cross(ground, "a", (x, 0.0), 10, 0.75 + 0.1 * i, width=0.6)
+        assert self.at(ground, 0.63, 0.0) == 100
+        assert self.at(ground, 0.25, 0.0) == 10
 
     def test_without_a_place_or_a_frame_there_is_no_grid(self) -> None:
         ground = CrossedGround(1.0, 0.1)
@@ -375,6 +396,14 @@ class TestCostMap:
         grid = cost_map.grid()
         assert grid is not None
         assert grid.cells[grid.cell(1.0, 0.01)] == -1
+
+    def test_what_is_expected_is_dear_but_never_an_obstacle(self) -> None:
+        cost_map = made()
+        drive(cost_map, 1.0, Quantity(-0.5, 0.01))
+        cost_map.add(WHEEL, "odom", Pose(1.02, 0.0, 0.0), 9.0, Quantity(0.3, 0.01), risk=1.0)
+        grid = cost_map.grid()
+        assert grid is not None
+        assert grid.cells[grid.cell(0.5, 0.01)] == grid.cells[grid.cell(1.02, 0.01)] == 99
 
     def test_stuck_is_lethal_even_without_having_moved(self) -> None:
         cost_map = made()

@@ -329,3 +329,13 @@ def test_wheels_may_have_stamps_of_their_own(apart: int) -> None:
     )
     assert wrong < 1.2 * before
     np.testing.assert_allclose(found.vx_var.mean(), together.vx_var.mean(), rtol=0.3)
+
+
+def test_a_side_at_rest_tells_nothing_of_its_slip() -> None:
+    """One side starts first, all others are exactly 0: nothing is divided by."""
+    rows = {name: (stamps.copy(), values.copy()) for name, (stamps, values) in SHORT.rows.items()}
+    for name, (_, values) in rows.items():
+        values[:] = 2.0 if name in LEFT else 0.0
+    found = twist(TwistState(SHORT.vehicle, SHORT.settings), rows)
+    assert len(found) > 10
+    assert all(np.isfinite(column).all() for column in vars(found).values())

@@ -110,6 +110,25 @@ def test_slip_that_is_surely_high_is_of_the_first_level_by_itself() -> None:
     assert not noisy.level[late].any()  # the same slip, less sure
 
 
+@pytest.mark.parametrize(("spread", "told"), [(0.02, True), (0.3, False)])
+def test_nothing_is_said_where_slip_may_be_none(spread: float, told: bool) -> None:
+    rows = rows_of(0.52, slips_in)
+    rows = replace(rows, speed_std=np.full(len(rows), spread))
+    _, said = warned(rows)
+    time = (said.stamp - START) / 1e9
+    assert said.level[time < 12.0].any() == told
+    assert not np.nanmax(np.abs(said.slip), initial=0.0) > 1.0
+
+
+def test_a_steady_climb_digs_nothing_in() -> None:
+    _, said = warned(rows_of(0.60, 0.40, slope=9.80665 * 0.12, seconds=30.0))
+    rolls = rows_of(0.60, lambda t: 0.55 - 0.15 * min(t / 10.0, 1.0), slope=9.80665 * 0.12, seconds=30.0)
+    _, slowly = warned(rolls)
+    for one in (said, slowly):
+        assert (one.level < 2).all()
+    assert slowly.hazard[-20] > 0.5
+
+
 def test_backwards_is_as_forwards() -> None:
     ahead = warned(rows_of(0.52, slips_in))[1]
     back = warned(rows_of(-0.52, lambda t: -slips_in(t)))[1]

@@ -70,7 +70,7 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
 
     (event,) = [event for event in summary["events"] if event["kind"] == "digging_in"]
-    assert "digging in" in event["text"]
+    assert "dig in" in event["text"]
     # Slip passes a half after half of the time; what is asked for beside it may come before.
     assert begin + 0.3 * LENGTH < event["time"] < begin + LENGTH
     assert event["text"] in said

@@ -95,7 +95,7 @@ def test_a_file_that_is_no_soil_is_said_and_the_prior_used(
     assert "Traceback" not in log.read_text()
 
 
-def test_digging_in_is_an_alarm_and_lethal_on_the_map(
+def test_digging_in_is_an_alarm_and_dear_until_it_gets_through(
     peer: Peer, one_wheel: Path, tmp_path: Path
 ) -> None:
     from nav_msgs.msg import OccupancyGrid
@@ -112,10 +112,11 @@ def test_digging_in_is_an_alarm_and_lethal_on_the_map(
         assert "digs itself in" in peer.mobility[-1].status_text
         peer.spin_until(lambda: peer.entry("alarms").level == b"\x02", "the alarm in diagnostics")
         assert "the wheels are digging in" in peer.entry("alarms").message
-        peer.spin_until(lambda: max(grids[-1].data) == 99, "ground that it may still leave")
+        peer.spin_until(lambda: max(grids[-1].data) == 90, "ground that it is warned of")
         peer.drive(1.65, 4.0, slip=0.1, step=0.01, period=0.025)
-        peer.spin_until(lambda: max(grids[-1].data) == 100, "lethal ground behind it")
         peer.spin_until(lambda: peer.entry("alarms").message == "none", "the alarms end")
+        # It got through: what was feared of this ground is taken back.
+        assert max(grids[-1].data) < 50
         assert node.death() is None
     said = log.read_text()
     assert "Traceback" not in said
