@@ -266,7 +266,8 @@ class CostMap:
 
         slope: of the ground there, a tangent; terrain classes are learnt without it.
         margin: None where nothing is known there. stuck: it was seen not to move on there, whatever the
-        margin is: sunk to its axle, or spinning on the spot. risk: that it gets stuck, by the warning; 0: none.
+        margin is: sunk to its axle, or spinning on the spot. risk: that it gets stuck, by the warning;
+        0: none.
         What is expected costs 99 at most: it drives there.
         """
         self._enter(frame)
@@ -290,9 +291,7 @@ class CostMap:
             self._ground.skip(wheel.name)
             return
         across = self.outline.across(pose, wheel)
-        self.changed |= self._ground.cross(
-            wheel.name, across, travel, min(cost, _PASSABLE), mark
-        )
+        self.changed |= self._ground.cross(wheel.name, across, travel, min(cost, _PASSABLE), mark)
         if not stuck and margin is None:
             return
         classes = self.class_grid
@@ -387,7 +386,7 @@ class CostMap:
             self._track[cell] = self._track.get(cell, True) and not stuck
 
     def _leave_way_home(self, grid: Grid) -> None:
-        """Where base_link itself has been it can be again: the way it came is no obstacle, as dear as may be."""
+        """Where base_link itself has been it can be again: its own track is no obstacle, only dear."""
         free = [cell for cell, was_free in self._track.items() if was_free]
         if grid.frame != self.frame or not free:
             return

@@ -111,8 +111,8 @@ class Rule:
     starts: Callable[[Vehicle], Judge]
 
 
-# Those that other rules hear of come first: what is no witness is an odometry that is made of the wheels, repeats
-# or has just jumped; an imu that looks down is turned over.
+# Those that other rules hear of come first: what is no witness is an odometry that is made of the wheels,
+# repeats or has just jumped; an imu that looks down is turned over.
 RULES: tuple[Rule, ...] = (
     Rule(
         "of wheels",

@@ -157,12 +157,12 @@ class Turn:
             subject = "imu or wheels" if by_gyro < low else "odometry or wheels"
         if subject:
             text = (
-                f"it turns the other way than the others (wheels, gyro, odometry): check how the"
+                "it turns the other way than the others (wheels, gyro, odometry): check how the"
                 " imu is mounted, the frame of the odometry, and the joints of left and right"
             )
             # Where nothing decides between imu and wheels, the wheels are all that tells of the motion.
             named = {"imu": IMU, "odometry": ODOMETRY, "imu or wheels": IMU}
-            doubts = (named[subject],) if subject in named else ()
+            doubts: tuple[str, ...] = (named[subject],) if subject in named else ()
             return [Said(subject, both, text, doubts, taught=bool(doubts))]
         if -low >= both != 0.0:
             return []
@@ -172,8 +172,8 @@ class Turn:
             return []
         names = [self.vehicle.names[i] for i in bad]
         text = f"{' and '.join(names)} turn as the other side does: are their joints interchanged?"
-        doubts = tuple(f"{name}/wheel_speed" for name in names)
-        return [Said(" and ".join(names), float(each[bad].max()), text, doubts)]
+        both_sides = tuple(f"{name}/wheel_speed" for name in names)
+        return [Said(" and ".join(names), float(each[bad].max()), text, both_sides)]
 
 
 class RollingAll:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which streams are not believed, and from which stamp on: what every stage reads raw rows through.
 
-Checks put it down at fixed stamps, for rows behind these. So what is made of a row depends on its stamp, not on
-where blocks are cut; and since nothing is assembled but of what is believed here, a doubt reaches all that
-is derived.
+Checks put it down at fixed stamps, for rows after these. So what is made of a row depends on its stamp, not
+on where blocks are cut; and since nothing is assembled but of what is believed here, a doubt reaches all
+that is derived.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from .stream import NEVER
 from .tables import Array, Flags, Integers
 
-SHOWS_NO_SLIP = "odometry/speed"  # of an odometry made of the wheels: its places are of use all the same
+# Of an odometry made of the wheels: its places are of use all the same.
+SHOWS_NO_SLIP = "odometry/speed"
 
 
 class Doubts:

@@ -13,8 +13,8 @@
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
 
-Each row depends on messages up to its own stamp alone, and sums go on over cuts. What checks doubt is NaN here
-(`doubts`): speeds, rims and imu are read through `speeds`, `each_rim` and `imu`, by all stages.
+Each row depends on messages up to its own stamp alone, and sums go on over cuts. What checks doubt is NaN
+here (`doubts`): speeds, rims and imu are read through `speeds`, `each_rim` and `imu`, by all stages.
 """
 
 from __future__ import annotations
@@ -209,7 +209,9 @@ class Ground:
         """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
         found = np.empty((len(self._rolling), instants.size))
         for row, wheel in zip(found, self._rolling, strict=True):
-            row[:] = self.believed(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
+            row[:] = (
+                self.believed(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
+            )
         return found
 
     def rims(self, instants: Integers) -> tuple[Array, Array, Array]:

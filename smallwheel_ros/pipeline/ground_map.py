@@ -52,7 +52,9 @@ class GroundMapper:
             (found.conditions & Condition.PRIOR_ONLY) == 0
         )
         stuck = found.spins | sunk
-        level = np.where(found.digging_in, 2, ((found.conditions & Condition.WARNED) > 0).astype(int))
+        level = np.where(
+            found.digging_in, 2, ((found.conditions & Condition.WARNED) > 0).astype(int)
+        )
         risk = risk_of(np.zeros(len(found)), level)
         refused = found.status == Status.REJECTED
         columns = (
@@ -68,7 +70,9 @@ class GroundMapper:
         )
         margins = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, strict=True)
-        for wheel, x, y, heading, distance, unknown, held, likely, slope, margin in rows if frame else ():
+        for wheel, x, y, heading, distance, unknown, held, likely, slope, margin in (
+            rows if frame else ()
+        ):
             if math.isfinite(x + y + heading):
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,

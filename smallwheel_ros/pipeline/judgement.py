@@ -9,7 +9,6 @@ What holds at a row is that of its stamp, so that it does not depend on where bl
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -21,8 +20,8 @@ from .stream import NEVER, Stream
 from .tables import SECOND, Array, Columns, Flags, Integers, Readings
 from .warnings import Instants, Warned, Warnings, level_at
 
-# Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a second
-# had it, and none before (0.6 to 0.7; with 0.8 it is 12).
+# Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
+# second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
 _SPINS = 0.7
 _SURELY = 2.0  # deviations of the speed over ground
 _TURNS = 0.05  # m/s: rims that drive; encoders of one that stands show 0.02 at most
@@ -142,7 +141,7 @@ class Judgement:
         return int(self._levels[1][-1])
 
     def _spin(self, instants: Instants) -> None:
-        """Whether the vehicle surely gets nowhere: over a second, by the means of its rims and of their places.
+        """Whether the vehicle surely gets nowhere: over a second, by the means of its rims and of their ways.
 
         Its middle, since wheels that get stuck spin on a diagonal while the others stand. Rims that all the
         while drive one way, by more than noise: who stands does not spin, nor who turns on the spot. Surely:

@@ -6,8 +6,8 @@
 slip: of the middle wheel, what is in use of the grip; slope: pull over weight that goes on being asked for;
 loss of speed: pull that is missing already. All along the way that the rims go. Two levels: over 0.4 it is
 on the way to get stuck; over 0.5, while it loses speed, it gets stuck: a steady climb has its slope in its
-slip already. On the way it is as well where slip is over 0.3 by two deviations, behind the same gates: ground that
-gives way at once takes away no speed before (docs/without_soil_sensors.md).
+slip already. On the way it is as well where slip is over 0.3 by two deviations, behind the same gates:
+ground that gives way at once takes away no speed before (docs/without_soil_sensors.md).
 
 Nothing is said where slip may be none: it has to be over 0 by two deviations, as they are told of it (the
 speed over ground late, scattered, or hardly known).
@@ -49,7 +49,7 @@ LOSS_S, UNFELT, SEEN = (
     0.4,
 )  # s, m/s, share: a loss of speed that an accelerometer has to feel
 REPEAT, APART = 5.0, 2.0  # s, between two messages that it goes on; a gap that ends it
-# Of each level, at least. In snow 17 of 25 warnings were of a vehicle that got stuck, and 17 of 19 of the second.
+# Of each level, at least. In snow 17 of 25 warnings were of a vehicle that got stuck, 17 of 19 of the second.
 RISKS = (0.0, 0.5, 0.9)
 _LEAST = 0.05  # m/s of a rim, by which is divided
 _KEEP = 10 * SECOND  # ns of instants, for the slow mean of an accelerometer without orientation

@@ -44,7 +44,8 @@ def instants(
     ground = np.full((n, 4), speed)
     felt = GRAVITY * pull + 0.1 * rng.standard_normal(n)
     stamp = START + 100_000_000 * np.arange(1, n + 1)
-    return Instants(stamp, rim, ground, 0.02 + 0.0 * ground, speed + 0.02 * rng.standard_normal(n), np.zeros(n), felt)
+    ground_std, along = 0.02 + 0.0 * ground, speed + 0.02 * rng.standard_normal(n)
+    return Instants(stamp, rim, ground, ground_std, along, np.zeros(n), felt)
 
 
 def test_before_any_drive_it_is_the_prior() -> None:

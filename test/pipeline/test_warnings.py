@@ -122,7 +122,9 @@ def test_nothing_is_said_where_slip_may_be_none(spread: float, told: bool) -> No
 
 def test_a_steady_climb_digs_nothing_in() -> None:
     _, said = warned(rows_of(0.60, 0.40, slope=9.80665 * 0.12, seconds=30.0))
-    rolls = rows_of(0.60, lambda t: 0.55 - 0.15 * min(t / 10.0, 1.0), slope=9.80665 * 0.12, seconds=30.0)
+    rolls = rows_of(
+        0.60, lambda t: 0.55 - 0.15 * min(t / 10.0, 1.0), slope=9.80665 * 0.12, seconds=30.0
+    )
     _, slowly = warned(rolls)
     for one in (said, slowly):
         assert (one.level < 2).all()
