@@ -63,7 +63,7 @@ _PRIOR_PLACES = 2.0
 # Standard deviation of the margin between places of one class, until they tell. The friction angle of one
 # sand differs from place to place by 5 to 15 % (Cherubini and Orr 1999); with 9 %, tan(phi) of 32 degrees
 # differs by 0.07. Of that a wheel at the reference slip 0.4 mobilises 0.65 (Janosi and Hanamoto, 0.1 m of
-# contact, K 15 mm). In the worlds of benchmarks/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any
+# contact, K 15 mm). In the worlds of rates/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any
 # kind.
 CLASS_SCATTER = 0.05
 _STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
