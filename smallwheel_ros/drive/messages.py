@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,8 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
+from smallwheel_ros.pipeline.mobility.answer import STALE
+from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.margin import GroundMargin
@@ -19,7 +19,6 @@ from smallwheel_ros.pipeline.warning.margin import GroundMargin
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
 
-STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
 # Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
 VALID = {
     "load_valid": ("load",),
@@ -44,17 +43,6 @@ _COLUMNS = {
     "risk_of_getting_stuck": "risk",
 }
 _WITHOUT_DEVIATION = ("probability_drawbar_pull_positive", "risk_of_getting_stuck")
-
-
-class Status(IntEnum):
-    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
-
-    OK = 0
-    PRIOR_ONLY = 1
-    SLIP_UNKNOWN = 2
-    REJECTED = 3
-    LOAD_MISSING = 4
-    SUNK_TO_AXLE = 5
 
 
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
@@ -130,7 +118,9 @@ def _in_words(
             why = "odometry comes from the wheels, and there is no velocity_topic"
         elif Condition.STANDS in conditions:
             why = "the wheel stands"
-        words.append(f"slip unknown ({why}): no thrust, no drawbar pull")
+        read = ", ".join(e.id for e in settings.effects if {"slip", "speed"} & set(e.needs))
+        also = f", and no sinkage: {read} of the model reads it" if read else ""
+        words.append(f"slip unknown ({why}): no thrust, no drawbar pull{also}")
     if Condition.LAW_UNKNOWN in conditions:
         words.append(
             "no sinkage is measured, and the soil is not named: sinkage and resistance unknown"
@@ -151,7 +141,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     modulus, deviation = soil.effective_modulus()
     known = soil.identifiable
     return {
-        "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
+        "status": int(SoilStatus.PRIOR_ONLY if soil.accepted == 0 else SoilStatus.OK),
         "status_text": "; ".join(soil.status),
         "k": float(soil.k),
         "n": float(soil.n),
@@ -195,4 +185,4 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """Margin on any ground, as believed before the first message; None without a rolling wheel."""
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    return Quantity(*GroundMargin().moments())
+    return Quantity(*GroundMargin(settings.reference_slip).moments())

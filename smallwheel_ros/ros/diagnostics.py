@@ -12,15 +12,20 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.drive.messages import Status, status_texts, vehicle_margin
+from smallwheel_ros.drive.messages import status_texts, vehicle_margin
 from smallwheel_ros.drive.statements import statements
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.strength.words import StrengthEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.outputs import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-_LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
+_LEVELS = {
+    Status.LOAD_MISSING: WARN,
+    Status.NOTHING_PREDICTED: WARN,
+    Status.SUNK_TO_AXLE: ERROR,
+}
 
 
 def status(

@@ -10,12 +10,12 @@ asked for; at least 0.5 over the first level of the warning
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from enum import IntFlag
 from statistics import median
 
 import numpy as np
 from scipy.special import chdtri, ndtr
 
+from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
@@ -38,6 +38,7 @@ from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import AHEAD
 
+from .status import Condition, status_of
 from .wheel import Predicted, mobility
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
@@ -48,35 +49,6 @@ _NEWEST, _FAR = (
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 _GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
-
-
-class Condition(IntFlag):
-    """What applies to a row; a bit each in `Estimates.conditions`."""
-
-    PRIOR_ONLY = 1
-    LAW_UNKNOWN = 2
-    SLIP_UNKNOWN = 4
-    STANDS = 8
-    DOES_NOT_FIT = 16
-    NOT_USED = 32
-    LOAD_MISSING = 64
-    NOTHING_PREDICTED = 128
-    SUNK_TO_AXLE = 256
-    LOAD_STATIC = 512
-    DIGS = 1024
-    WARNED = 2048
-
-
-# Number of MobilityEstimate.msg that each makes, the most serious of which counts.
-STATUS = {
-    Condition.PRIOR_ONLY: 1,
-    Condition.SLIP_UNKNOWN: 2,
-    Condition.DOES_NOT_FIT: 3,
-    Condition.NOT_USED: 3,
-    Condition.LOAD_MISSING: 4,
-    Condition.NOTHING_PREDICTED: 4,
-    Condition.SUNK_TO_AXLE: 5,
-}
 
 
 @dataclass
@@ -125,26 +97,27 @@ def answer(
     if settings.law_unknown:
         can = _without_law(can, measured)
     digging = rolls & (judged.level == 2)
+    slip_unknown = rolls & ~np.isfinite(rows.slip)
+    # Without slip a model whose effects read it has no sinkage: then slip is what is missing.
+    waits = slip_unknown & bool(covariates_of(settings.effects))
     has = {
         Condition.PRIOR_ONLY: ~measured,
         Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
-        Condition.SLIP_UNKNOWN: rolls & ~np.isfinite(rows.slip),
-        Condition.STANDS: rolls & ~np.isfinite(rows.slip) & (np.abs(rows.speed) <= _SLOW),
+        Condition.SLIP_UNKNOWN: slip_unknown,
+        Condition.STANDS: slip_unknown & (np.abs(rows.speed) <= _SLOW),
         Condition.DOES_NOT_FIT: _does_not_fit(state, rows, can, settings),
         Condition.NOT_USED: sensed & ~np.isfinite(rows.sinkage),
         Condition.LOAD_MISSING: ~np.isfinite(loads.load),
         Condition.NOTHING_PREDICTED: np.isfinite(loads.load)
-        & ~can.sunk & ~predicted & (measured | (not settings.law_unknown)),
+        & ~can.sunk & ~predicted & ~waits & (measured | (not settings.law_unknown)),
         Condition.SUNK_TO_AXLE: can.sunk & measured,
         Condition.LOAD_STATIC: static & np.isfinite(loads.load),
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     conditions = np.zeros(count, dtype=np.int64)
-    status = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-        status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
     margin, margin_std, risk = _margins(
         state, rows, can, judged, measured, strength, strengths, rolls
     )
@@ -154,8 +127,8 @@ def answer(
     return Estimates(
         **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
         sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
-        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
-        conditions=conditions,
+        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows),
+        status=status_of(conditions), conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
         digging_in=digging, spins=judged.spins,

@@ -80,7 +80,7 @@ def mobility(
         for name, values in made.items():
             found[name][mine] = values
     other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
-    nothing = np.where(on.sunk, np.nan, 1.0)
+    nothing = np.where(on.sunk | np.isnan(on.sinkage), np.nan, 1.0)
     loaded = WheelsUnderLoad(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
         rows.pass_doubt,

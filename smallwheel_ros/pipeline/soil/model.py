@@ -101,9 +101,9 @@ def sinkage_of(
     if effects:
         value, by = np.full(load.size, np.nan), np.full((load.size, 4), np.nan)
         sunk = np.zeros(load.size, dtype=bool)
-        known, read = covariates(effects, load.size, slip, speed)
+        contact = np.array([w.contact for w in wheels])[wheel]
+        known, read = covariates(effects, contact == ROLLING, slip, speed)
         if known.size:
-            contact = np.array([w.contact for w in wheels])[wheel]
             given = Conditions(load, diameter, width, contact).take(known)
             found = neighbours(laws[known], replace(given, covariates=read), effects)
             value[known], by[known] = found.sinkage[: known.size], slopes(found.sinkage).T
@@ -124,15 +124,18 @@ def sinkage_of(
 
 
 def covariates(
-    effects: Sequence[Effect], count: int, slip: Array | None, speed: Array | None
+    effects: Sequence[Effect], rolling: Flags, slip: Array | None, speed: Array | None
 ) -> tuple[Integers, dict[str, Array]]:
-    """Of so many rows those in which all is known that effects read, and it there."""
+    """Rows in which all is known that effects read, and it there.
+
+    rolling: of each row whether its wheel rolls; a pressed one needs neither, as at the bench.
+    """
     given = {"slip": slip, "speed": speed}
     read = {name: given[name] for name in covariates_of(effects)}
-    columns = {name: unknown(count) if v is None else v for name, v in read.items()}
-    known = np.ones(count, dtype=bool)
+    columns = {name: unknown(rolling.size) if v is None else v for name, v in read.items()}
+    known = np.ones(rolling.size, dtype=bool)
     for column in columns.values():
-        known &= np.isfinite(column)
+        known &= np.isfinite(column) | ~rolling
     return np.flatnonzero(known), {name: column[known] for name, column in columns.items()}
 
 

@@ -69,17 +69,18 @@ def on_soil(
 ) -> OnSoil:  # fmt: skip
     """Put wheels on soils. shown, shown_std: loads by their cells without their noise, N.
 
-    scatter: deviation of ln k from place to place. NaN where slip (1) or speed (m/s) is not known and an
-    effect reads it.
+    scatter: deviation of ln k from place to place. NaN, but for the load, where slip (1) or speed (m/s) of a
+    rolling wheel is not known and an effect reads it.
     """
-    known, read = covariates(effects, shown.size, slip, speed)
+    rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
+    known, read = covariates(effects, rolling, slip, speed)
     if known.size < shown.size:
         some = on_soil(
             wheels, wheel[known], laws.take(known), shown[known], shown_std[known], scatter=scatter,
             effects=effects, slip=read.get("slip"), speed=read.get("speed"),
             strength=strength,
         )  # fmt: skip
-        return _among(some, known, wheel)
+        return _among(some, known, wheel, laws, shown, shown_std)
     load = laws.load(shown)
     law = laws.law.copy()
     law[:, 0] -= law[:, 1] * LOG_DEPTH
@@ -91,7 +92,6 @@ def on_soil(
     diameter, width = (
         np.array([getattr(w, a) for w in wheels])[wheel] for a in ("diameter", "width")
     )
-    rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
     if effects and load.size:
         contact = np.array([w.contact for w in wheels])[wheel]
         conditions = Conditions(load, diameter, width, contact, None, read)
@@ -140,13 +140,21 @@ def on_soil(
     )
 
 
-def _among(some: OnSoil, known: Integers, wheel: Integers) -> OnSoil:
-    """Rows of some wheels among those of which nothing is known."""
-    columns = {}
+def _among(
+    some: OnSoil, known: Integers, wheel: Integers, laws: LocalLaws, shown: Array, shown_std: Array
+) -> OnSoil:
+    """Rows of some wheels among those of which the load alone is known."""
+    columns: dict[str, Any] = {}
     for field in fields(some):
         column = getattr(some, field.name)
         blank = np.nan if column.dtype == float else False
         columns[field.name] = np.full((wheel.size, *column.shape[1:]), blank, dtype=column.dtype)
-        columns[field.name][known] = column
-    columns["wheel"] = wheel
+    columns["wheel"], columns["load"] = wheel, laws.load(shown)
+    noise = (shown_std / shown) ** 2
+    for name in ("own", "covariance"):
+        columns[name][:] = 0.0
+        columns[name][:, 3, 3] = noise
+    columns["covariance"][:, 3, 3] += laws.with_load(shown)[:, 3, 3]
+    for name, column in columns.items():
+        column[known] = getattr(some, name)
     return OnSoil(**columns)

@@ -52,7 +52,7 @@ class Judgement:
     def __init__(self, settings: OnboardSettings, align: Align) -> None:
         self.settings = settings
         self.warnings = Warnings(settings.wheels, IMU in settings.streams)
-        self.ground = AnyGround(self.warnings.side)
+        self.ground = AnyGround(self.warnings.side, settings.reference_slip)
         self.warned: Warned | None = None
         self._speed_is = (
             VELOCITY
@@ -122,7 +122,7 @@ class Judgement:
         if self._wheels_since is None:
             return margins
         wrong = margins.stamp > self._wheels_since
-        mean, deviation = GroundMargin().moments()
+        mean, deviation = GroundMargin(self.settings.reference_slip).moments()
         return replace(
             margins,
             margin=np.where(wrong, mean, margins.margin),

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Margin of any ground from slip and accelerometer: no mass, no load cell, no torque, no name of the soil.
 
-    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin = p(0.4)
+    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin = p(reference slip)
 
 H grip, K slip at which 63 % of it is used, R motion resistance over load. Pushed by the ground alone, the
 accelerometer along the way over g is net pull over load, slope and gain of speed included. Each second
@@ -25,7 +25,6 @@ from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
 
 from .hazard import Instants
 
-REFERENCE_SLIP = 0.4
 # Prior: (median, standard deviation of the logarithm).
 GRIP = (0.40, 0.70)  # wet ice 0.1, snow 0.3, sand 0.4, grass 0.5, gravel 0.6, asphalt 0.9
 SOFTNESS = (0.10, 0.70)  # rubber on asphalt 0.03, loose sand and snow 0.3
@@ -54,9 +53,12 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 
 
 class GroundMargin:
-    """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights."""
+    """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights.
 
-    def __init__(self) -> None:
+    reference_slip: at which the margin is asked for, 1.
+    """
+
+    def __init__(self, reference_slip: float) -> None:
         ranks = np.tile(np.arange(POINTS), (5, 1))  # Latin hypercube (McKay et al. 1979)
         uniform = (np.random.default_rng(44).permuted(ranks, axis=1).T + 0.5) / POINTS
         low = float(ndtr(-REACH))
@@ -67,7 +69,7 @@ class GroundMargin:
         )
         self.offset, self.radius = OFFSET * normal[3], RADIUS * normal[4]
         self.logs = np.zeros(uniform.shape[0])
-        self.margins = self.grip * -np.expm1(-REFERENCE_SLIP / self.softness) - self.resistance
+        self.margins = self.grip * -np.expm1(-reference_slip / self.softness) - self.resistance
         self._order = np.argsort(self.margins)
 
     def forget(self, metres: float) -> None:
@@ -131,10 +133,13 @@ class Margins(Columns):
 
 
 class AnyGround:
-    """The margin at work on the instants of `warnings`. side: places of the rolling wheels, m to the left."""
+    """The margin at work on the instants of `warnings`.
 
-    def __init__(self, side: Array) -> None:
-        self.ground = GroundMargin()
+    side: places of the rolling wheels, m to the left. reference_slip: at which the margin is asked for.
+    """
+
+    def __init__(self, side: Array, reference_slip: float) -> None:
+        self.ground = GroundMargin(reference_slip)
         self.side = side
         self._open: Instants | None = None
         self._unshared: list[float] = []
