@@ -39,7 +39,7 @@ class _Explained(IntEnum):
 
     meaning: str
 
-    def __new__(cls, number: int, meaning: str) -> Self:
+    def __new__(cls, number: int, meaning: str = "") -> Self:
         one = int.__new__(cls, number)
         one._value_, one.meaning = number, meaning
         return one
