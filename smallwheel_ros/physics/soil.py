@@ -132,12 +132,10 @@ def usual_strength(soil: Soil) -> Strength:
 
 _PAPER = "Meirion-Griffith and Spenko 2011"
 _WONG = f"{_PAPER}, Table 4 (Wong 2008)"
-_NO_STRENGTH = "strength not printed where we could read it: c = 0, phi = 30 deg assumed"
+_TABLES_6_5 = f"{_PAPER}, Table 6; strength Table 5"
 
 
-def _tabled(
-    name: str, k: float, n: float, m: float, source: str, *, c: float = 0.0, phi: float = 30.0
-) -> Soil:
+def _tabled(name: str, k: float, n: float, m: float, source: str, *, c: float, phi: float) -> Soil:
     """A soil as tables print it: k in kN/m^(n+m+2), c in kPa, phi in degrees."""
     return Soil(name, 1e3 * k, n, m, 1e3 * c, float(np.radians(phi)), source=source)
 
@@ -147,12 +145,10 @@ def _tabled(
 SOILS: dict[str, Soil] = {
     soil.name: soil
     for soil in (
-        _tabled(
-            "dry_sand", 1604, 0.80, 0.39, f"{_PAPER}, Table 6; phi Table 5; c = 0 assumed", phi=27.2
-        ),
-        _tabled("calcium_silicate", 17, 0.48, 0.0, f"{_PAPER}, Table 6; {_NO_STRENGTH}"),
-        _tabled("moist_earth", 79, 0.88, -0.49, f"{_PAPER}, Table 6; {_NO_STRENGTH}"),
-        _tabled("dry_sand_bekker", 1783, 0.75, 0.0, f"{_PAPER}, Table 2; c = 0 assumed", phi=27.5),
+        _tabled("dry_sand", 1604, 0.80, 0.39, _TABLES_6_5, c=2.05, phi=27.2),
+        _tabled("calcium_silicate", 17, 0.48, 0.0, _TABLES_6_5, c=3.08, phi=32.2),
+        _tabled("moist_earth", 79, 0.88, -0.49, _TABLES_6_5, c=3.13, phi=34.0),
+        _tabled("dry_sand_bekker", 1783, 0.75, 0.0, f"{_PAPER}, Table 2", c=2.05, phi=27.5),
         _tabled(
             "wong_sandy_loam", 1515, 0.7, 0.0, f"{_WONG}; strength unverified", c=1.72, phi=29.0
         ),
