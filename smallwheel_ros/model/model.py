@@ -428,7 +428,7 @@ def _forces(
             *at, state.exponent,
             ShearLaw(
                 state.cohesion, state.friction_angle, soil["shear_displacement"],
-                soil["rolling_share"], rim_friction(soil["rim_friction"], slip, lugs),
+                soil["rolling_share"], rim_friction(soil["rim_friction"], lugs),
             ),
             lug_height=lugs,
             peak=soil["pressure_peak"] * np.maximum(slip, 0.0),
