@@ -32,8 +32,7 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.variance import Scatter, settings_repeated
 from smallwheel_ros.measurements.display import listed, percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model.model import Model, Prediction, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 if TYPE_CHECKING:
