@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.physics.wheel import Quantity, Strength
+from smallwheel_ros.physics.wheel import (
+    PRESSURE_PEAK,
+    RIM_FRICTION,
+    ROLLING_SHARE,
+    Quantity,
+    Strength,
+)
 
 Array = NDArray[np.float64]
 
@@ -50,9 +56,9 @@ class Soil:
     friction_angle: float = np.radians(30.0)
     shear_displacement: float = 0.015
     source: str = ""
-    rolling_share: float = 1.3
-    rim_friction: float = 0.8
-    pressure_peak: float = 0.1
+    rolling_share: float = ROLLING_SHARE.value
+    rim_friction: float = RIM_FRICTION.value
+    pressure_peak: float = PRESSURE_PEAK.value
 
     def __post_init__(self) -> None:
         rules = (
@@ -116,17 +122,26 @@ def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
 
 
-def usual_strength(soil: Soil) -> Strength:
-    """Strength of a soil of this kind, not of this very soil.
+# Of cohesion, Pa: dry sand has 200 to 2300 in the pulls of nine rigs, 1040 in Wong (2008), 2050 in the paper.
+_COHESION_STD = 700.0
+_COHESION_SHARE = 0.3  # of larger ones: loams and earth in the published tables
+_FRICTION_STD = 0.1  # rad: dry sands and loams in the published tables have 27 to 34 degrees, rigs 21 to 31
+_SHEAR_SHARE = 0.4  # Wong (2008) gives 10 to 25 mm for sand
 
-    Deviations: cohesion 500 Pa and 30 %, friction angle 0.1 rad, shear displacement 40 %. Dry sands
-    and loams in the published tables have 0 to 1.7 kPa and 27 to 34 degrees; Wong 2008 gives 10 to
-    25 mm for sand.
+
+def usual_strength(soil: Soil) -> Strength:
+    """Strength of a soil of this kind under a wheel of any rig, not of this very soil and wheel.
+
+    Centred on the soil's own numbers. Their deviations are the spread of what is published of soils of one
+    kind, and among rigs.
     """
     return Strength(
-        Quantity(soil.cohesion, math.hypot(500.0, 0.3 * soil.cohesion)),
-        Quantity(soil.friction_angle, 0.1),
-        Quantity(soil.shear_displacement, 0.4 * soil.shear_displacement),
+        Quantity(soil.cohesion, math.hypot(_COHESION_STD, _COHESION_SHARE * soil.cohesion)),
+        Quantity(soil.friction_angle, _FRICTION_STD),
+        Quantity(soil.shear_displacement, _SHEAR_SHARE * soil.shear_displacement),
+        ROLLING_SHARE._replace(value=soil.rolling_share),
+        RIM_FRICTION._replace(value=soil.rim_friction),
+        PRESSURE_PEAK._replace(value=soil.pressure_peak),
     )
 
 

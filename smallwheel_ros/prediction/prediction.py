@@ -17,7 +17,7 @@ from smallwheel_ros.common.results import Result
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
-from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS, soil_from, soil_numbers
+from smallwheel_ros.fitting.parameters import soil_from, soil_numbers
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.measurements.display import listed, words
 from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, Prediction, predict
@@ -178,8 +178,9 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[flo
         ),
         "log_shear_displacement": (relative, "shear displacement", 1.0, 1e3 * kappa.value, " mm"),
     }  # fmt: skip
-    for name, (_, prior) in WHEEL_PARAMETERS.items():
-        known[name] = (prior.deviation, _WHEEL_WORDS[name], getattr(soil, name), 1.0, "")
+    for name, said in _WHEEL_WORDS.items():
+        number = getattr(usual, name)
+        known[name] = (number.standard_deviation, said, number.value, 1.0, "")
     return {
         name: (
             deviation,
@@ -194,8 +195,8 @@ def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, t
     """The model with a covariance of the strength too, and a note of what of it was not measured.
 
     A fit without pull and torque leaves the strength where it was: pull would look as if that were known
-    exactly. What the covariance lacks gets the deviations among soils of one kind (`usual_strength`), as
-    in the estimator, and among rigs (`WHEEL_PARAMETERS`).
+    exactly. What the covariance lacks gets the deviations among soils of one kind and among rigs
+    (`usual_strength`), as in the estimator.
     """
     names, covariance, notes = calibrated.names, calibrated.covariance, []
     for soil in calibrated.model.soils:
