@@ -20,7 +20,8 @@ from scipy.special import gammaln, stdtr
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting.constants import STUDENT
-from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, k_from_reference
 from smallwheel_ros.physics.traction import ThrustForm
 from smallwheel_ros.physics.wheel import PRESSURE_PEAK, RIM_FRICTION, ROLLING_SHARE

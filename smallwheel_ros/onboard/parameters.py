@@ -12,8 +12,8 @@ from typing import Any
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.costmap.cost_map import CostRules, CostSettings
-from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
+from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard import gone
 from smallwheel_ros.onboard.parameter import Value
@@ -26,10 +26,11 @@ from smallwheel_ros.onboard.settings import (
     TwistSettings,
     WheelInputs,
 )
+from smallwheel_ros.onboard.strength import any_strength, strength_of
 from smallwheel_ros.onboard.table import GENERAL, parameters_for
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
-from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
+from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Wheel
 
 NODE_NAME = "mobility_estimator"
 _SECTION = "ros__parameters"
@@ -39,8 +40,6 @@ _FOREIGN = ("use_sim_time", "start_type_description_service")
 _STATIC_STD = 0.3
 # The body of a small vehicle is above its wheels.
 _GRAVITY_HEIGHT = 1.2  # mean diameters
-# Of soils of one kind: dry sands and loams have 27 to 34 degrees.
-_COHESION_STD, _FRICTION_ANGLE_STD, _SHEAR_DISPLACEMENT_STD = 400.0, 0.05, 0.005  # Pa, rad, m
 
 
 class ParametersError(SmallwheelError):
@@ -210,7 +209,9 @@ def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
 
 def _onboard(v: Mapping[str, Any]) -> OnboardSettings:
     """What the estimate rests on besides the measurements."""
-    start, effects = _start(v)
+    model, soil = _start(v)
+    told = bool(v["soil.name"] or v["model_file"])
+    strength, measured = strength_of(model, soil) if told else (any_strength(), False)
     wheels = tuple(_wheel(v, name) for name in v["wheels"])
     rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
     mean_diameter = sum(wheel.diameter for wheel in rolling) / max(len(rolling), 1)
@@ -218,16 +219,12 @@ def _onboard(v: Mapping[str, Any]) -> OnboardSettings:
     by_topic = bool(v["velocity_topic"])
     return OnboardSettings(
         wheels=wheels,
-        prior=SoilPrior.from_soil(start),
-        strength=Strength(
-            Quantity(start.cohesion, _COHESION_STD),
-            Quantity(start.friction_angle, _FRICTION_ANGLE_STD),
-            Quantity(start.shear_displacement, _SHEAR_DISPLACEMENT_STD),
-        ),
+        prior=SoilPrior.from_soil(soil, model.geometry),
+        strength=strength,
         estimator=_estimator(v, static),
         noise=SensorNoise(v["noise.load"], v["noise.drawbar_pull"], v["noise.speed"]),
         timing=Timing(v["timing.reorder_time"], v["timing.maximum_age"]),
-        effects=effects,
+        effects=model.effects,
         without_sinkage=frozenset(w.name for w in wheels if not v[f"{w.name}.sinkage_topic"]),
         with_drawbar_pull=frozenset(w.name for w in rolling if v[f"{w.name}.drawbar_pull_topic"]),
         with_torque=frozenset(w.name for w in rolling if v[f"{w.name}.torque_per_effort"] > 0.0),
@@ -239,7 +236,8 @@ def _onboard(v: Mapping[str, Any]) -> OnboardSettings:
         gravity_height=v["vehicle.gravity_height"] or _GRAVITY_HEIGHT * mean_diameter,
         mobility_rate=v["mobility.rate"],
         twist=_twist(v) if v["twist.publish"] else None,
-        soil_told=bool(v["soil.name"] or v["model_file"]),
+        soil_told=told,
+        strength_measured=measured,
     )
 
 
@@ -268,8 +266,8 @@ def _estimator(v: Mapping[str, Any], static: Mapping[str, Quantity]) -> Estimato
     return EstimatorSettings(told.sinkage_std, told.sinkage_zero_std, scatter, loads_measured=False)
 
 
-def _start(v: Mapping[str, Any]) -> tuple[Soil, tuple[Effect, ...]]:
-    """The soil that the estimate starts from, and effects: of the model file, or of the library."""
+def _start(v: Mapping[str, Any]) -> tuple[CalibratedModel, Soil]:
+    """The model that the estimate starts from, and its soil: of the model file, or of the library."""
     name, file = v["soil.name"], v["model_file"]
     if not file:
         if v["effects_file"]:
@@ -277,25 +275,37 @@ def _start(v: Mapping[str, Any]) -> tuple[Soil, tuple[Effect, ...]]:
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
         try:
-            return soil(name or "dry_sand"), ()
+            kind = soil(name or "dry_sand")
         except SoilError as error:
             raise ParametersError(f"parameter soil.name: {error}") from None
+        return CalibratedModel(Model(kind)), kind
     effects = load(Path(v["effects_file"]).expanduser()) if v["effects_file"] else None
-    model = read_model(Path(file).expanduser(), effects).model
-    if model.geometry != "contact_integral":
-        raise ParametersError(
-            f"{file}: geometry is {model.geometry}, expected contact_integral: the estimate"
-            " on board solves the contact exactly; fit the model again without the closed form"
-        )
+    model = read_model(Path(file).expanduser(), effects)
+    _refuse_what_cannot_be_honoured(file, model)
     found = {kind.name: kind for kind in model.soils}
     if name is None and len(found) == 1:
-        return model.soils[0], tuple(model.effects)
+        return model, model.soils[0]
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
             f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
         )
-    return found[name], tuple(model.effects)
+    return model, found[name]
+
+
+def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
+    """Refuse a law that the robot does not have: it would give other numbers than the bench."""
+    if model.thrust_form != "stress_integral":
+        raise ParametersError(
+            f"{file}: thrust_form is {model.thrust_form}, expected stress_integral: on board pull and"
+            " torque are those of the stresses along the contact; fit the model again without it"
+        )
+    shifts = [effect.id for effect in model.effects if "exponent_shift" in effect.acts]
+    if model.geometry == "closed_form" and shifts:
+        raise ParametersError(
+            f"{file}: geometry is closed_form, which needs n < 3, and effect {shifts[0]} changes n: write"
+            " geometry: contact_integral, and fit the model again"
+        )
 
 
 def _static_loads(v: Mapping[str, Any]) -> dict[str, Quantity]:

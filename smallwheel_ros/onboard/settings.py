@@ -98,6 +98,8 @@ class OnboardSettings:
         Hz, estimates of each wheel at most; 0: one for each measured sinkage.
     soil_told
         Whether the user has said which soil it is; else it is any.
+    strength_measured
+        Whether the model file's strength was measured: then it is that of this ground from the start.
     twist
         How the twist of the rims is told; None: it is not.
     """
@@ -120,6 +122,7 @@ class OnboardSettings:
     gravity_height: float = 0.0
     mobility_rate: float = 10.0
     soil_told: bool = True
+    strength_measured: bool = False
     twist: TwistSettings | None = None
 
     @property

@@ -125,7 +125,9 @@ def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
 # Of cohesion, Pa: dry sand has 200 to 2300 in the pulls of nine rigs, 1040 in Wong (2008), 2050 in the paper.
 _COHESION_STD = 700.0
 _COHESION_SHARE = 0.3  # of larger ones: loams and earth in the published tables
-_FRICTION_STD = 0.1  # rad: dry sands and loams in the published tables have 27 to 34 degrees, rigs 21 to 31
+_FRICTION_STD = (
+    0.1  # rad: dry sands and loams in the published tables have 27 to 34 degrees, rigs 21 to 31
+)
 _SHEAR_SHARE = 0.4  # Wong (2008) gives 10 to 25 mm for sand
 
 

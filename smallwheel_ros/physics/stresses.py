@@ -134,15 +134,14 @@ def wheel_forces(
 class Arc(NamedTuple):
     """Nodes along the contact of each row, (nodes, rows); angles from the lowest point.
 
-    weight: rad, of a sum over the arc. sine, cosine: of the node's angle. depth: of the soil's pressure there,
-    m. pressure: over its largest value. rolled, slid: displacement by rolling and by slip over R: eta and 1 - u
-    times them is j/R. displacement: j/K. friction: mu there.
+    weight: rad, of a sum over the arc. sine, cosine: of the node's angle. pressure: over its largest value.
+    rolled, slid: by rolling and by slip; eta and 1 - u times them add up to j/R. displacement: j/K. friction:
+    mu there.
     """
 
     weight: Array
     sine: Array
     cosine: Array
-    depth: Array
     pressure: Array
     rolled: Array
     slid: Array
@@ -203,7 +202,7 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     if factor is not None:
         pressure = pressure * factor(r * depth)
     friction = np.where(j > 0.0, rows.rim_friction, 1.0)
-    return Arc(w, sine, cosine, r * depth, pressure, rolled, slid, j, friction)
+    return Arc(w, sine, cosine, pressure, rolled, slid, j, friction)
 
 
 def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array:

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ class Wheel:
 # the peak moves by 0.2 to 0.4 of the arc in Wong and Reece's wheels and hardly in the pulls of rigs.
 ROLLING_SHARE, RIM_FRICTION = Quantity(1.3, 0.4), Quantity(0.8, 0.12)
 PRESSURE_PEAK = Quantity(0.1, 0.2)
+_CORRELATED = ("cohesion", "friction_angle", "shear_displacement", "rolling_share", "rim_friction")
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,21 @@ class Strength:
     rim_friction: Quantity = RIM_FRICTION
     pressure_peak: Quantity = PRESSURE_PEAK
     correlation: Array | None = None
+
+    def wider(self, **by: float) -> Strength:
+        """The same with more deviation of some numbers, in their units, that goes with no other's."""
+        numbers: dict[str, Any] = {}
+        share = np.ones(5)  # of the deviations that correlations are of
+        for name, more in by.items():
+            value, before = getattr(self, name)
+            numbers[name] = Quantity(value, math.hypot(before, more))
+            if name in _CORRELATED and numbers[name].standard_deviation > 0.0:
+                share[_CORRELATED.index(name)] = before / numbers[name].standard_deviation
+        if self.correlation is not None:
+            correlation = self.correlation * np.outer(share, share)
+            np.fill_diagonal(correlation, 1.0)
+            numbers["correlation"] = correlation
+        return replace(self, **numbers)
 
 
 def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quantity | None:

@@ -188,12 +188,14 @@ def _margins(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Margin of each wheel with its deviation, and the vehicle's risk.
 
-    measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
+    measured: whether the soil's law is: a margin of the filter is less the resistance by that law. Where a
+    model file has the strength as measured, the margin is the filter's from the start.
     """
     prior = strengths.reserve.prior_std
     versions, index = np.unique(strength_version, return_inverse=True)
     known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
-    by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)
+    by_filter = np.array(known, dtype=bool)[index] & measured
+    by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
     margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
     deviation = np.where(rolls, np.where(by_filter, can.margin_std, judged.margin_std), np.nan)

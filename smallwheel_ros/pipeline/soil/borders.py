@@ -104,7 +104,7 @@ class Soils:
         self.filter: SoilFilter | None = None
         self.waiting: Stretches | None = None
         self.health = FilterHealth()
-        self.watch = MissingEffectWatch(self.effects, self.wheels, self.length, self.prior.soil)
+        self.watch = MissingEffectWatch(self.effects, self.wheels, self.length, self.prior)
         self.weighing = Weighing(len(self.wheels), self.mass)
         self.variety = Variety()
         self.accepted = 0

@@ -12,11 +12,12 @@ from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.model.nearby import neighbours, slopes
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 from smallwheel_ros.physics.wheel import Strength, Wheel
 from smallwheel_ros.pipeline.soil.local_law import LocalLaws
 from smallwheel_ros.pipeline.soil.model import LOG_DEPTH, covariates, sinkage_of
-from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, unknown
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,9 @@ class OnSoil(Columns):
     """Of wheels: load (N), sinkage (m), compaction and other resistance (N).
 
     covariance: of these three and ln load, by law, the place's deviation of ln k, and load, (rows, 4, 4);
-    own: of that what is the wheel's own. exponent: n. reaching: of the load, by the effects, what the soil
-    carries (N); factor: of the effects on thrust. sunk: to the axle.
+    own: of that what is the wheel's own. shown: of the sinkage by its sensor, m. exponent, diameter: n and m
+    that the soil meets. reaching: of the load, by the effects, what the soil carries (N); factor: of the
+    effects on thrust. slip, speed: that effects have read, NaN where none does. sunk: to the axle.
     """
 
     wheel: Integers
@@ -35,9 +37,13 @@ class OnSoil(Columns):
     other: Array
     covariance: Array
     own: Array
+    shown: Array
     exponent: Array
+    diameter: Array
     reaching: Array
     factor: Array
+    slip: Array
+    speed: Array
     sunk: Flags
 
     def means(self, group: Integers, weight: Array) -> OnSoil:
@@ -66,11 +72,12 @@ def on_soil(
     wheels: tuple[Wheel, ...], wheel: Integers, laws: LocalLaws, shown: Array, shown_std: Array,
     *, scatter: float, effects: tuple[Effect, ...] = (),
     slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
+    geometry: Geometry = "contact_integral",
 ) -> OnSoil:  # fmt: skip
     """Put wheels on soils. shown, shown_std: loads by their cells without their noise, N.
 
-    scatter: deviation of ln k from place to place. NaN, but for the load, where slip (1) or speed (m/s) of a
-    rolling wheel is not known and an effect reads it.
+    scatter: deviation of ln k from place to place. strength: that effects read. NaN, but for the load, where
+    slip (1) or speed (m/s) of a rolling wheel is not known and an effect reads it.
     """
     rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
     known, read = covariates(effects, rolling, slip, speed)
@@ -78,12 +85,13 @@ def on_soil(
         some = on_soil(
             wheels, wheel[known], laws.take(known), shown[known], shown_std[known], scatter=scatter,
             effects=effects, slip=read.get("slip"), speed=read.get("speed"),
-            strength=strength,
+            strength=strength, geometry=geometry,
         )  # fmt: skip
         return _among(some, known, wheel, laws, shown, shown_std)
     load = laws.load(shown)
     law = laws.law.copy()
     law[:, 0] -= law[:, 1] * LOG_DEPTH
+    exponent: Array = law[:, 1]
     reaching: Array = load.copy()
     factor: Array = np.ones(load.size)
     # Of sinkage, compaction, other, ln load by ln K, n, m, ln load.
@@ -99,24 +107,26 @@ def on_soil(
         if strength is not None:
             three = strength.cohesion, strength.friction_angle, strength.shear_displacement
             shear = three[0].value, three[1].value, three[2].value
-        found = neighbours(law, conditions, effects, shear)
-        table = np.stack([found.sinkage, found.compaction_resistance, found.true_resistance])
+        found = neighbours(law, conditions, effects, shear, geometry)
+        table = np.stack([found.true_sinkage, found.compaction_resistance, found.true_resistance])
         table[2] -= table[1]
         table[1:, np.tile(~rolling, 9)] = 0.0
         by_law[:, :3] = np.stack([slopes(column) for column in table]).transpose(2, 0, 1)
         sinkage, compaction, other = (np.asarray(column[: load.size]) for column in table)
-        sunk = found.immobilised[: load.size]
+        depth, sunk = found.sinkage[: load.size], found.immobilised[: load.size]
+        stages = Stages(effects, conditions)
+        k = np.exp(law[:, 0] - law[:, 2] * np.log(REFERENCE_DIAMETER))
+        on, diameter, modulus, exponent = stages.loaded(k, law[:, 1], law[:, 2])
+        reaching = np.where(rolling, on, load)
         if strength is not None and rolling.any():
-            stages = Stages(effects, conditions)
-            k = np.exp(law[:, 0] - law[:, 2] * np.log(REFERENCE_DIAMETER))
-            on, size, modulus, n = stages.loaded(k, law[:, 1], law[:, 2])
-            soil = (np.full(load.size, shear[0]), np.full(load.size, shear[1])) if shear else ()
-            state = WheelState(on, size, width, found.true_sinkage[: load.size], modulus, n, *soil)
+            held = strength.cohesion.value, strength.friction_angle.value
+            soil = (np.full(load.size, value) for value in held)
+            state = WheelState(on, diameter, width, sinkage, modulus, exponent, *soil)
             factor = np.where(rolling, stages.product("thrust_factor", state), factor)
-            reaching = np.where(rolling, on, load)
     else:
-        made = sinkage_of(law, load, wheels, wheel)
+        made = sinkage_of(law, load, wheels, wheel, geometry=geometry)
         sinkage, sunk, other = made.value, made.sunk, np.zeros(load.size)
+        depth = sinkage
         by_law[:, 0] = made.slopes
         # R = b K z^(n + 1)/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
         power, log_z = law[:, 1] + 1.0, np.log(sinkage)
@@ -130,14 +140,15 @@ def on_soil(
         by_law[:, 1] = compaction[:, None] * along
     # From here on by ln pressure, n, m and ln load.
     by_law[:, :3, 1] -= by_law[:, :3, 0] * LOG_DEPTH
-    spread = laws.with_load(shown)
+    spread, nothing = laws.with_load(shown), unknown(load.size)
     alone = np.zeros((load.size, 4, 4))
     alone[:, 0, 0], alone[:, 3, 3] = scatter**2, (shown_std / shown) ** 2
     own = by_law @ alone @ by_law.transpose(0, 2, 1)
     both = by_law @ spread @ by_law.transpose(0, 2, 1) + own
     return OnSoil(
-        wheel, load, sinkage, compaction, other, both, own, law[:, 1], reaching, factor, sunk
-    )
+        wheel, load, sinkage, compaction, other, both, own, depth, np.array(exponent), np.array(diameter),
+        reaching, factor, read.get("slip", nothing), read.get("speed", nothing), sunk,
+    )  # fmt: skip
 
 
 def _among(
