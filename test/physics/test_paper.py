@@ -12,9 +12,9 @@ from smallwheel_ros.physics.paper import (
     MEIRION_GRIFFITH_SPENKO,
     TABLE_3,
     paper_lines,
-    table_7,
     resistance,
     sinkage,
+    table_7,
 )
 
 # Worked out by hand from the printed tables: (quantity, printed, computed to the digits given)

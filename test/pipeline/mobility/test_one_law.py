@@ -143,5 +143,7 @@ def test_what_the_robot_cannot_honour_is_refused_in_words(tmp_path: Path) -> Non
     with pytest.raises(ParametersError, match="write geometry: contact_integral"):
         on_board(
             {"diameter": 0.25, "width": 0.1, "load": 60.0, "slip": 0.1},
-            **of_file(tmp_path, Model("dry_sand", "closed_form", ("penetration_rate",))),
+            **of_file(
+                tmp_path, Model("dry_sand", "closed_form", ("penetration_rate/penetration_speed",))
+            ),
         )
