@@ -23,8 +23,8 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from inspect import get_annotations
 from pathlib import Path
-from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -245,15 +245,12 @@ def _rows(declared: type, before: str) -> Iterator[NodeParameter]:
 
 def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodeParameter:
     """The parameter of a field; its kind and what it may be by the field's type."""
-    kinds = [kind for kind in get_args(hint) or (hint,) if kind is not NoneType]
-    choices: tuple[Value, ...] = ()
-    if get_origin(hint) is Literal:
-        choices = get_args(hint)
-        kinds = [type(choices[0])]
-    if get_origin(hint) is tuple:
-        kinds = [tuple]
+    if get_origin(hint) in (Union, UnionType):  # of it and None
+        (hint,) = (one for one in get_args(hint) if one is not NoneType)
+    choices: tuple[Value, ...] = get_args(hint) if get_origin(hint) is Literal else ()
+    of = type(choices[0]) if choices else get_origin(hint) or hint
     given = None if what["required"] else default
-    return NodeParameter(name, _KINDS[kinds[0]], given, choices=choices, **what)
+    return NodeParameter(name, _KINDS[of], given, choices=choices, **what)
 
 
 def filled(declared: type[Declared], values: Mapping[str, Any], before: str = "") -> Declared:

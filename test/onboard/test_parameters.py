@@ -126,7 +126,7 @@ class TestSettings:
         assert made.onboard.effects == ()
         assert made.onboard.static_loads == {}
         assert made.onboard.velocity == "odometry"
-        assert made.load_source == "wrench"
+        assert made.load.source == "wrench"
         assert made.cost == CostSettings()
 
     def test_values_arrive(self) -> None:
