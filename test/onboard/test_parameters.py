@@ -22,8 +22,8 @@ from smallwheel_ros.common.node_parameter import (
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.onboard.declared import (
     GENERAL,
     PARAMETERS,
