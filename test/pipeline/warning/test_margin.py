@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from rows_of_drives import drive, give, rover, static_rover
 
 from smallwheel_ros.drive.messages import margin_before_driving
-from smallwheel_ros.onboard.settings import REFERENCE_SLIP
+from smallwheel_ros.onboard.declared import REFERENCE_SLIP
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from raw_drives import NAMES, START, real_folder, settings
 
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, REFERENCE_SLIP
+from smallwheel_ros.onboard.declared import REFERENCE_SLIP
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.rows.align import Align, rules_of, widths_of
 from smallwheel_ros.pipeline.tables import Readings, unknown
