@@ -29,7 +29,7 @@ from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.onboard.strength import any_strength, strength_of
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
-from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 NODE_NAME = "mobility_estimator"
 _SECTION = "ros__parameters"
@@ -280,6 +280,6 @@ def _static_loads(given: Parameters) -> dict[str, Quantity]:
             f"parameters load_share: {len(told)} of {len(shares)} wheels have one, with a sum of"
             f" {sum(told):g}: give all of them, with a sum of 1, or none"
         )
-    weight = given.vehicle.mass * GRAVITY
+    weight = given.vehicle.mass * given.gravity
     loads = {name: weight * (share or 1.0 / len(shares)) for name, share in shares.items()}
     return {name: Quantity(load, _STATIC_STD * load) for name, load in loads.items()}

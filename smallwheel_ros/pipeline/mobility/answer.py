@@ -18,7 +18,6 @@ from scipy.special import chdtri, ndtr
 from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import Loads
@@ -128,7 +127,7 @@ def answer(
     return Estimates(
         **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
         sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
-        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows),
+        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows, settings.gravity),
         status=status_of(conditions), conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
@@ -215,7 +214,7 @@ def _margins(
     return margin, deviation, risk
 
 
-def _tilt(state: AnswerState, rows: Readings) -> Array:
+def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:
     """Tangent of the steepest slope, whichever way the vehicle looks, by means over 2 s; 0 without any."""
     known = np.isfinite(rows.slope + rows.across)
     stamp, ahead, aside = state.slopes
@@ -231,7 +230,7 @@ def _tilt(state: AnswerState, rows: Readings) -> Array:
     first = np.maximum(np.searchsorted(stamp, rows.stamp - STALE), lost + 1)
     count = np.maximum(last + 1 - first, 1)
     ahead, aside = ((total[last + 1] - total[first]) / count for total in sums)
-    sine = np.minimum(np.hypot(ahead, aside) / GRAVITY, _STEEPEST)
+    sine = np.minimum(np.hypot(ahead, aside) / gravity, _STEEPEST)
     begin = int(first[-1])
     state.slopes = stamp[begin:], np.diff(sums[0])[begin:], np.diff(sums[1])[begin:]
     return np.where(known, sine / np.sqrt(1.0 - sine * sine), 0.0)

@@ -36,7 +36,7 @@ class Strengths:
 
     def __init__(
         self, strength: Strength, wheels: tuple[Wheel, ...], rolling: Integers, mass: float,
-        effects: tuple[Effect, ...] = (), measured: bool = False,
+        effects: tuple[Effect, ...] = (), measured: bool = False, gravity: float = GRAVITY,
     ) -> None:  # fmt: skip
         self.mass, self._count = mass, rolling.size
         self._order = np.full(len(wheels), -1)  # of each wheel among those that roll
@@ -45,7 +45,7 @@ class Strengths:
         self._own = tuple(wheels[i] for i in rolling.tolist())
         any_ground = strength if measured else strength.wider(friction_angle=_ANY_FRICTION_STD)
         self._priors = strength, any_ground
-        self.measured = measured
+        self.measured, self._gravity = measured, gravity
         self._peak = strength.pressure_peak.value
         self._layers = tuple(effect for effect in effects if "pressure_factor" in effect.acts)
         self._since = NEVER
@@ -104,7 +104,9 @@ class Strengths:
         forward = bool(steps.forward[number])
         told = force, float(steps.force_std[number])
         zero = None if steps.level is None else steps.level[number]
-        drag = 0.0 if steps.unlisted is None else _DRAG * GRAVITY * float(steps.unlisted[number])
+        drag = (
+            0.0 if steps.unlisted is None else _DRAG * self._gravity * float(steps.unlisted[number])
+        )
         nothing = np.full(mine.size, np.nan)
         for one in (self.now, self.reserve):
             one.move(length, forward, slip_std)

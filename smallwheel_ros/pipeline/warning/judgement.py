@@ -51,8 +51,8 @@ class Judgement:
 
     def __init__(self, settings: OnboardSettings, align: Align) -> None:
         self.settings = settings
-        self.warnings = Warnings(settings.wheels, IMU in settings.streams)
-        self.ground = AnyGround(self.warnings.side, settings.reference_slip)
+        self.warnings = Warnings(settings.wheels, IMU in settings.streams, settings.gravity)
+        self.ground = AnyGround(self.warnings.side, settings.reference_slip, settings.gravity)
         self.warned: Warned | None = None
         self._speed_is = (
             VELOCITY

@@ -138,7 +138,8 @@ class AnyGround:
     side: places of the rolling wheels, m to the left. reference_slip: at which the margin is asked for.
     """
 
-    def __init__(self, side: Array, reference_slip: float) -> None:
+    def __init__(self, side: Array, reference_slip: float, gravity: float = GRAVITY) -> None:
+        self._gravity = gravity
         self.ground = GroundMargin(reference_slip)
         self.side = side
         self._open: Instants | None = None
@@ -167,7 +168,7 @@ class AnyGround:
 
     def _step(self, rows: Instants, number: int) -> tuple[float, ...]:
         speed, rims = float(np.mean(rows.speed)), rows.rim.mean(axis=0)
-        pull, rise = float(np.mean(rows.felt)) / GRAVITY, float(np.mean(rows.rise))
+        pull, rise = float(np.mean(rows.felt)) / self._gravity, float(np.mean(rows.rise))
         rim = float(np.mean(rims))
         self.ground.forget(abs(speed) * STEP / SECOND if math.isfinite(speed) else 0.0)
         noise = self._noise(number, speed, pull - (rise if math.isfinite(rise) else 0.0))
@@ -210,7 +211,7 @@ class AnyGround:
             and last[0] == number - 1
             and math.isfinite(speed + gain + last[1] + last[2])
         ):
-            self._unshared.append(speed - last[1] - GRAVITY * 0.5 * (gain + last[2]))
+            self._unshared.append(speed - last[1] - self._gravity * 0.5 * (gain + last[2]))
             del self._unshared[:-60]
         self._last = number, speed, gain
         if len(self._unshared) < 5:
