@@ -14,7 +14,7 @@ from smallwheel_ros.pipeline.mobility.answer import STALE
 from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.pipeline.warning.margin import GroundMargin
+from smallwheel_ros.pipeline.warning.margin import before_driving
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -127,6 +127,11 @@ def _in_words(
         )
     elif Condition.PRIOR_ONLY in conditions:
         words.append(f"soil not measured yet: {settings.prior.soil.name} as configured")
+    if Condition.STRENGTH_OF_PRIOR in conditions:
+        whose = settings.prior.soil.name if settings.soil_told else "any sand"
+        words.append(f"thrust and pull by the strength of {whose}, not measured")
+    if Condition.MARGIN_OF_PRIOR in conditions:
+        words.append("margin of any ground: the drive has hardly told of this one yet")
     if Condition.LOAD_STATIC in conditions:
         load = settings.static_loads[settings.wheels[wheel].name].value
         words.append(f"load not measured: {load:.3g} N as configured")
@@ -185,4 +190,4 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """Margin on any ground, as believed before the first message; None without a rolling wheel."""
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    return Quantity(*GroundMargin(settings.reference_slip).moments())
+    return Quantity(*before_driving(settings.reference_slip))

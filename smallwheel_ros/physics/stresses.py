@@ -136,7 +136,7 @@ class Arc(NamedTuple):
 
     weight: rad, of a sum over the arc. sine, cosine: of the node's angle. pressure: over its largest value.
     rolled, slid: by rolling and by slip; eta and 1 - u times them add up to j/R. displacement: j/K. friction:
-    mu there.
+    mu there. by_peak: slope of the pressure by `peak`; None: no row has one.
     """
 
     weight: Array
@@ -147,6 +147,7 @@ class Arc(NamedTuple):
     slid: Array
     displacement: Array
     friction: Array
+    by_peak: Array | None = None
 
     def around(self, stress: Array) -> tuple[Array, Array, Array]:
         """Sums over the arc, (rows,) each: of what points up, forward, and around."""
@@ -194,7 +195,8 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
         rows.rolling_share * rolled + (1.0 - u) * slid
     )
     under = cosine  # where on the rim the same pressure is found as here
-    if np.any(rows.peak):
+    peaked = bool(np.any(rows.peak))
+    if peaked:
         beyond = np.where(top > 0.0, entry - ahead * place[:, None], t[-place.size :])
         under = np.concatenate([cosine[: -place.size], np.cos(beyond)])
     depth = np.maximum(under - (1.0 - deep), 1e-300)
@@ -202,7 +204,14 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     if factor is not None:
         pressure = pressure * factor(r * depth)
     friction = np.where(j > 0.0, rows.rim_friction, 1.0)
-    return Arc(w, sine, cosine, pressure, rolled, slid, j, friction)
+    by_peak = None
+    if peaked:
+        # At an angle behind the peak the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
+        by_peak, last = np.zeros_like(pressure), slice(-place.size, None)
+        fall = -rows.exponent * pressure[last] * np.sin(beyond) / depth[last]
+        moves = place[:, None] * entry / np.where(top > 0.0, top, 1.0) * entry
+        by_peak[last] = np.where(top > 0.0, fall * moves, 0.0)
+    return Arc(w, sine, cosine, pressure, rolled, slid, j, friction, by_peak)
 
 
 def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array:

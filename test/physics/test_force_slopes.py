@@ -55,7 +55,7 @@ def test_it_is_the_law_of_the_bench(way: str, layered: bool) -> None:
 
 @pytest.mark.parametrize("way", SLIPS)
 def test_slopes_are_those_of_the_values(way: str) -> None:
-    w = ROWS_OF._replace(slip=SLIPS[way], peak=np.zeros(ROWS))
+    w = ROWS_OF._replace(slip=SLIPS[way])
     made = sloped_forces(w)
     for place, name in enumerate(SLOPES):
         step = 0.1 if name == "cohesion" else 1e-6

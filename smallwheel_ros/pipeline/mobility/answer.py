@@ -35,7 +35,7 @@ from smallwheel_ros.pipeline.tables import (
 )
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.margin import AHEAD
+from smallwheel_ros.pipeline.warning.margin import AHEAD, is_prior
 
 from .status import Condition, status_of
 from .wheel import Predicted, mobility
@@ -115,12 +115,18 @@ def answer(
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
+    margin, margin_std, risk, of_ground = _margins(
+        state, rows, can, judged, measured, strength_version, strengths, rolls
+    )
+    has[Condition.MARGIN_OF_PRIOR] = of_ground & is_prior(margin_std, settings.reference_slip)
+    has[Condition.STRENGTH_OF_PRIOR] = (
+        np.isfinite(can.drawbar_pull)
+        & (not strengths.measured)
+        & ~_determined(strengths, strength_version, reserve=False)
+    )
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    margin, margin_std, risk = _margins(
-        state, rows, can, judged, measured, strength_version, strengths, rolls
-    )
     numbers = [soils.versions[number].number for number in newest.tolist()]
     known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     known |= {"margin": margin, "margin_std": margin_std}
@@ -184,16 +190,13 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     strength_version: Integers, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, and the vehicle's risk.
+) -> tuple[Array, Array, Array, Flags]:  # fmt: skip
+    """Margin of each wheel with its deviation, the vehicle's risk, and which margins are any ground's.
 
     measured: whether the soil's law is: a margin of the filter is less the resistance by that law. Where a
     model file has the strength as measured, the margin is the filter's from the start.
     """
-    prior = strengths.reserve.prior_std
-    versions, index = np.unique(strength_version, return_inverse=True)
-    known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
-    by_filter = np.array(known, dtype=bool)[index] & measured
+    by_filter = _determined(strengths, strength_version, reserve=True) & measured
     by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
     margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
@@ -211,7 +214,15 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, risk
+    return margin, deviation, risk, rolls & ~by_filter & np.isfinite(margin)
+
+
+def _determined(strengths: Strengths, versions: Integers, *, reserve: bool) -> Flags:
+    """Whether the strength of rows is, by the filter of the reserve or by that of the present pull."""
+    prior = (strengths.reserve if reserve else strengths.now).prior_std
+    kinds, index = np.unique(versions, return_inverse=True)
+    known = [is_determined(strengths.believed[v][int(reserve)].P, prior) for v in kinds.tolist()]
+    return np.array(known, dtype=bool)[index]
 
 
 def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:

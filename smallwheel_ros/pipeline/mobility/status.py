@@ -32,6 +32,8 @@ class Condition(IntFlag):
     LOAD_STATIC = 512
     DIGS = 1024
     WARNED = 2048
+    MARGIN_OF_PRIOR = 4096
+    STRENGTH_OF_PRIOR = 8192
 
 
 class _Explained(IntEnum):

@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
 
 from .hazard import Instants
 
@@ -50,6 +51,17 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
     0.5,
     6,
 )  # m/s, 1, slip, slip, instants of a step
+
+
+def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
+    """Whether a margin of any ground is its prior's still: over half of the prior's variance is left."""
+    return np.asarray(np.square(deviation) > 0.5 * before_driving(reference_slip)[1] ** 2)
+
+
+@lru_cache
+def before_driving(reference_slip: float) -> tuple[float, float]:
+    """Mean and deviation of the margin of ground of which nothing is known."""
+    return GroundMargin(reference_slip).moments()
 
 
 class GroundMargin:
