@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.onboard.parameter import WHEEL, Value, written
+from smallwheel_ros.common.node_parameter import WHEEL, Value, written
+from smallwheel_ros.onboard.declared import PARAMETERS, parameters_for
 from smallwheel_ros.onboard.robot_description import fill_silent
 from smallwheel_ros.onboard.running_gear import centre_of, heading_of, running_gear
-from smallwheel_ros.onboard.table import PARAMETERS, parameters_for
 from smallwheel_ros.onboard.urdf import RobotDescriptionError, Urdf
 from smallwheel_ros.onboard.wheel_names import usual_names, wheels_named_by
 

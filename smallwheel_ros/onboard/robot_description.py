@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from smallwheel_ros.onboard.parameter import WHEEL
+from smallwheel_ros.common.node_parameter import WHEEL
+from smallwheel_ros.onboard.declared import PARAMETERS
 from smallwheel_ros.onboard.parameters import ParametersError, problems, wheel_names
 from smallwheel_ros.onboard.running_gear import (
     PARALLEL,
@@ -21,7 +22,6 @@ from smallwheel_ros.onboard.running_gear import (
     heading_of,
     steering_of,
 )
-from smallwheel_ros.onboard.table import PARAMETERS
 from smallwheel_ros.onboard.urdf import BASE, TURNING, Joint, RobotDescriptionError, Urdf
 from smallwheel_ros.physics.conditions import PRESSED
 
