@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `gone.py`, `parameter.py`, `prior.py`, `settings.py` and `table.py`."""
+
 from __future__ import annotations
 
 from pathlib import Path
