@@ -19,7 +19,9 @@ from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_b
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("drive")
-    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=2.0)), folder / "bag")
+    write_drive_bag(
+        simulate_drive(DriveSettings(seed=5, distance=2.0, wheels="two_sizes")), folder / "bag"
+    )
     return folder / "bag"
 
 
@@ -45,7 +47,7 @@ def test_a_bag_is_listed_and_replayed(bag: Path, tmp_path: Path, repository: Pat
     listed = run("replay", bag, "--topics", "--json", "-")
     assert listed.exit_code == 0
     assert "/odom" in [topic["name"] for topic in json.loads(listed.stdout)["topics"]]
-    config = repository / "config" / "mobility_estimator.yaml"
+    config = repository / "config" / "two_wheel_sizes.yaml"
     done = run("replay", bag, "--config", config, "-o", tmp_path / "out", "--copy", "none")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "out" / "estimates.csv").stat().st_size > 1000

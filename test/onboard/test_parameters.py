@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests `gone.py`, `parameter.py`, `prior.py`, `settings.py` and `table.py`."""
+"""Tests `declared.py`, `prior.py` and `settings.py`."""
 
 from __future__ import annotations
 
