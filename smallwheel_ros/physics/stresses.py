@@ -149,11 +149,11 @@ class Arc(NamedTuple):
     friction: Array
     by_peak: Array | None = None
 
-    def around(self, stress: Array) -> tuple[Array, Array, Array]:
-        """Sums over the arc, (rows,) each: of what points up, forward, and around."""
-        whole = self.weight * stress
-        up, forward = (np.einsum("nr,nr->r", whole, part) for part in (self.sine, self.cosine))
-        return up, forward, whole.sum(axis=0)
+    def around(self, *stresses: Array) -> Array:
+        """Sums over the arc of each stress: what points up, forward, and around, (stresses, 3, rows)."""
+        whole = self.weight * np.stack(stresses)
+        up, forward = (np.einsum("knr,nr->kr", whole, part) for part in (self.sine, self.cosine))
+        return np.stack([up, forward, whole.sum(axis=1)], axis=1)
 
 
 class ArcRows(NamedTuple):
@@ -228,9 +228,8 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
     else:
         called = np.copysign(-np.expm1(-np.abs(j)), j)
     called = arc.friction * called
-    back, up, _ = arc.around(f)
-    held_up, held_on, held = arc.around(called)
-    rubbed_up, rubbed_on, rubbed = arc.around(f * called)
+    (back, up, _), (held_up, held_on, held), rubs = arc.around(f, called, f * called)
+    rubbed_up, rubbed_on, rubbed = rubs
     grip = np.tan(phi)
     # Shear that points down leaves little of it only where no wheel is: sunk to the axle and skidding.
     lift = np.maximum(r * up + big * grip * rubbed_up, 1e-3 * r * up)

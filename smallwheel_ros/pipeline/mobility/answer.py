@@ -115,14 +115,13 @@ def answer(
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
+    by_now, by_reserve = _determined(strengths, strength_version)
     margin, margin_std, risk, of_ground = _margins(
-        state, rows, can, judged, measured, strength_version, strengths, rolls
+        state, rows, can, judged, measured, by_reserve, strengths, rolls
     )
     has[Condition.MARGIN_OF_PRIOR] = of_ground & is_prior(margin_std, settings.reference_slip)
     has[Condition.STRENGTH_OF_PRIOR] = (
-        np.isfinite(can.drawbar_pull)
-        & (not strengths.measured)
-        & ~_determined(strengths, strength_version, reserve=False)
+        np.isfinite(can.drawbar_pull) & (not strengths.measured) & ~by_now
     )
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
@@ -189,14 +188,14 @@ def _does_not_fit(
 
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
-    strength_version: Integers, strengths: Strengths, rolls: Flags,
+    determined: Flags, strengths: Strengths, rolls: Flags,
 ) -> tuple[Array, Array, Array, Flags]:  # fmt: skip
     """Margin of each wheel with its deviation, the vehicle's risk, and which margins are any ground's.
 
-    measured: whether the soil's law is: a margin of the filter is less the resistance by that law. Where a
-    model file has the strength as measured, the margin is the filter's from the start.
+    measured: whether the soil's law is, determined: its strength. A margin of the filter is less the resistance
+    by that law. Where a model file has the strength as measured, the margin is the filter's from the start.
     """
-    by_filter = _determined(strengths, strength_version, reserve=True) & measured
+    by_filter = determined & measured
     by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
     margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
@@ -217,12 +216,16 @@ def _margins(
     return margin, deviation, risk, rolls & ~by_filter & np.isfinite(margin)
 
 
-def _determined(strengths: Strengths, versions: Integers, *, reserve: bool) -> Flags:
-    """Whether the strength of rows is, by the filter of the reserve or by that of the present pull."""
-    prior = (strengths.reserve if reserve else strengths.now).prior_std
+def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
+    """Whether the strength of rows is: by the filter of the present pull, and by that of the reserve."""
     kinds, index = np.unique(versions, return_inverse=True)
-    known = [is_determined(strengths.believed[v][int(reserve)].P, prior) for v in kinds.tolist()]
-    return np.array(known, dtype=bool)[index]
+    believed = zip(*(strengths.believed[version] for version in kinds.tolist()), strict=True)
+    spreads = [np.array([one.P for one in column]) for column in believed]
+    now, reserve = (
+        is_determined(P, one.prior_std)[index]
+        for P, one in zip(spreads, (strengths.now, strengths.reserve), strict=True)
+    )
+    return now, reserve
 
 
 def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:

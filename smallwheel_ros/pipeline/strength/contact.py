@@ -17,7 +17,7 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 from smallwheel_ros.physics.wheel import Strength, Wheel
 from smallwheel_ros.pipeline.soil.local_law import LocalLaws
 from smallwheel_ros.pipeline.soil.model import LOG_DEPTH, covariates, sinkage_of
-from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, unknown
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def on_soil(
         by_law[:, 1] = compaction[:, None] * along
     # From here on by ln pressure, n, m and ln load.
     by_law[:, :3, 1] -= by_law[:, :3, 0] * LOG_DEPTH
-    spread, nothing = laws.with_load(shown), unknown(load.size)
+    spread, nothing = laws.with_load(shown), np.full(load.size, np.nan)
     alone = np.zeros((load.size, 4, 4))
     alone[:, 0, 0], alone[:, 3, 3] = scatter**2, (shown_std / shown) ** 2
     own = by_law @ alone @ by_law.transpose(0, 2, 1)
