@@ -150,6 +150,15 @@ FAULTS: dict[str, tuple[str, str, Callable[[Rows], None]]] = {
 }  # fmt: skip
 
 
+def test_two_joints_that_stand_at_one_value_stand_at_a_limit(good: Rows) -> None:
+    rows = copy.deepcopy(good)
+    one, other = LEFT, "rear_left/wheel_speed"
+    fastest = float(np.quantile(rows[one][1], 0.7))
+    for name in (one, other):
+        np.clip(rows[name][1], None, fastest, out=rows[name][1])
+    assert not [finding for finding in heard(rows) if finding.rule == "held"]
+
+
 def test_nothing_is_said_of_good_sensors(good: Rows) -> None:
     assert said(good) == set()
 
