@@ -38,7 +38,7 @@ from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
 from smallwheel_ros.pipeline.tables import Array
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "checks.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "checks.md"
 BEGIN, END = "<!-- rules -->\n", "<!-- end of rules -->\n"
 LEFT = "front_left/wheel_speed"
 
