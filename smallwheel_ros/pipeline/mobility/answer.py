@@ -192,8 +192,9 @@ def _margins(
 ) -> tuple[Array, Array, Array, Flags]:  # fmt: skip
     """Margin of each wheel with its deviation, the vehicle's risk, and which margins are any ground's.
 
-    measured: whether the soil's law is, determined: its strength. A margin of the filter is less the resistance
-    by that law. Where a model file has the strength as measured, the margin is the filter's from the start.
+    measured: whether the soil's law is, determined: its strength. A margin of the filter is less the
+    resistance by that law. Where a model file has the strength as measured, the margin is the filter's from
+    the start.
     """
     by_filter = determined & measured
     by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
