@@ -108,7 +108,9 @@ def with_files(text: str) -> str:
         name = line.split("`")[1] if line.startswith("| `") else ""
         if name and (folder / name).is_dir():
             files = sorted(path.stem for path in (folder / name).glob("[!_]*.py"))
-            rooms = [f"{path.parent.name}/" for path in sorted((folder / name).glob("*/__init__.py"))]
+            rooms = [
+                f"{path.parent.name}/" for path in sorted((folder / name).glob("*/__init__.py"))
+            ]
             first = line.rsplit("|", 2)[0].rstrip()
             line = f"{first} | {', '.join([*files, *rooms])} |"
         lines.append(line)
