@@ -90,7 +90,7 @@ def test_it_finds_what_is_true(drive: Drive, whole: tuple[Pipeline, Readings, Es
     soil, true = pipeline.soil, drive.stretches[0].soil
     log_pressure = math.log(true.k * 0.01**true.n * 0.2**true.m)
     deviation = math.sqrt(soil.log_covariance[0, 0])
-    assert abs(soil.log_reference_pressure - log_pressure) < 3 * deviation
+    assert abs(soil.log_pressure - log_pressure) < 3 * deviation
     assert deviation < 0.18  # of it 0.05 (n + 1/2) is the scale of the sinkage sensors
     assert abs(soil.n - true.n) < 3 * math.sqrt(soil.covariance[1, 1])
     assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])
