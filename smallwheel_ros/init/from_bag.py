@@ -42,6 +42,7 @@ from smallwheel_ros.init.rover import (
 from smallwheel_ros.onboard.robot_description import (
     DESCRIPTION_TYPE,
     RobotDescriptionError,
+    described_mass,
     fill_silent,
 )
 
@@ -71,7 +72,9 @@ class _Finder:
     def __init__(self, reader: BagReader) -> None:
         self._reader = reader
         self._notes: list[str] = []
-        self._remaps: dict[str, str] = {}
+        self._named: dict[
+            str, Value
+        ] = {}  # parameters of topics that are not called as is expected
         self._ranged: list[str] = []  # wheels with a range sensor
         self._topics: defaultdict[str, list[str]] = defaultdict(list)  # names, by type
         for topic in reader.topics:
@@ -89,11 +92,13 @@ class _Finder:
         else:
             self._notes.append(f"sizes and places of wheels from {urdf}")
         values = self._wheels(joints, description)
+        values |= self._named  # of joint states and the description; the odometry's comes below
         turned = {
             w: str(values.get(f"{w}.joint", f"{w}_joint")) for w in as_names(values["wheels"])
         }
         rims = [joint for joint in turned.values() if joint in joints.names]
         speed = self._odometry(joints, rims)
+        values |= self._named
         if description is not None:
             try:
                 filled = fill_silent(description, values)
@@ -106,18 +111,39 @@ class _Finder:
         if speed is not None:
             self._turn_axes(values, turned, signs_of(joints, speed, rims))
         # What may help, and only people know: whether the wheels make it, how it is mounted.
-        offers = {"velocity_topic": [topic for topic in self._topics[TWIST] if "cmd" not in topic]}
-        if not self._imu(values):
-            offers["imu_topic"] = self._topics[IMU]
+        offers: dict[str, Value] = {}
+        if speeds := [topic for topic in self._topics[TWIST] if "cmd" not in topic]:
+            offers["velocity_topic"] = speeds[0]
+        if not self._imu(values) and self._topics[IMU]:
+            offers["imu_topic"] = self._topics[IMU][0]
+        self._mass(values, description, offers)
         return Rover(
             str(self._reader.path),
             values,
-            self._remaps,
             self._notes,
             described=description is not None,
-            offers={name: topics[0] for name, topics in offers.items() if topics},
+            offers=offers,
             ranged=self._ranged,
+            of_bag=True,
         )
+
+    def _mass(
+        self, values: dict[str, Value], description: str | None, offers: dict[str, Value]
+    ) -> None:
+        """Take the mass of the robot description where loads are shares of it; else it is offered.
+
+        Measured loads are weighed against it, and a mass that is not the one that drives would accuse them.
+        """
+        mass = None if description is None else described_mass(description)
+        if mass is None:
+            return
+        if values.get("load.source") == "static":
+            values["vehicle.mass"] = mass
+            self._notes.append(
+                "vehicle.mass is the sum of the robot description's links: weigh the vehicle as it drives"
+            )
+        else:
+            offers["vehicle.mass"] = mass
 
     def _joint_states(self) -> str | None:
         """The topic of joint states: that of the usual name, the only one, or the most alike."""
@@ -126,11 +152,11 @@ class _Finder:
             return "/joint_states"
         found = only_or_best_match("joint_states", topics)
         if found is not None:
-            self._remaps["joint_states"] = found
+            self._named["joint_states_topic"] = found
             note = f"assumed: {found} is joint_states, the only one like it of its type"
         elif topics:
             names = ", ".join(topics)
-            note = f"which of {names} is joint_states is not clear: say --remap joint_states:=TOPIC"
+            note = f"which of {names} is joint_states is not clear: write the parameter joint_states_topic"
         else:
             note = f"no topic of type {JOINTS}: without joint_states there is no slip and no thrust"
         self._notes.append(note)
@@ -170,7 +196,7 @@ class _Finder:
         if speeds[chosen].by_pose:
             said.append(f"{chosen} has no speed (its twist is 0 throughout)")
         if chosen != "/odom":
-            self._remaps["odom"] = chosen
+            self._named["odom_topic"] = chosen
         if said:
             self._notes.append("; ".join(said))
         return speeds[chosen]
@@ -191,10 +217,10 @@ class _Finder:
             )
 
     def _imu(self, values: dict[str, Value]) -> bool:
-        """Take the imu of a vehicle without load sensors, where gravity is along its z axis."""
+        """Take the imu where gravity is along its z axis."""
         topics = self._topics[IMU]
-        if not topics or values.get("load.source") != "static":
-            return False  # with load sensors it is offered, and people decide
+        if not topics:
+            return False
         found = only_or_best_match("imu", topics) or topics[0]
         way = upright(self._reader, found)
         if not way:
@@ -262,7 +288,7 @@ class _Finder:
         if message is None:
             return None
         if named[0] != "/robot_description":
-            self._remaps["robot_description"] = named[0]
+            self._named["robot_description_topic"] = named[0]
         self._notes.append(f"sizes and places of wheels from {named[0]}")
         return str(message.data)
 

@@ -171,14 +171,14 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
     def state() -> int:
         return int(peer.call(GetState, "get_state", GetState.Request()).current_state.id)
 
-    bad = {"autostart": "false", "front.width": "1"}
+    bad = {"autostart": "false", "front.width": "true", "vehicle.mass": "280"}
     log = tmp_path / "node.log"
     with NodeProcess([one_wheel], log, bad) as node:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
-        # An integer for a double: it stays unconfigured, says why, and can be mended.
+        # A bool for a double: it stays unconfigured, says why, and can be mended.
         assert not change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
-        sentence = "front.width is integer 1, expected a double from 0.001 to 5 m: write 1.0"
+        sentence = "front.width is bool True, expected a double from 0.001 to 5 m"
         name = "mobility_estimator: parameters"
         peer.spin_until(lambda: name in peer.diagnostics, "diagnostics of the parameters")
         assert peer.diagnostics[name].level == b"\x02"
@@ -186,6 +186,10 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         refused = set_parameter("front.width", -0.1)
         assert not refused.successful
         assert "front.width" in refused.reason
+        assert not set_parameter("vehicle.mass", True).successful
+        assert repr(peer.value("vehicle.mass")) == "280.0"  # an integer, where a double is meant
+        assert set_parameter("vehicle.mass", 24).successful
+        assert repr(peer.value("vehicle.mass")) == "24.0"
         assert set_parameter("front.width", 0.12).successful
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE

@@ -81,9 +81,9 @@ def topics_of(settings: NodeSettings) -> list[Topic]:
             for part in parts
         }
         read = _joints(velocities, efforts)
-        found.append(Topic("joint_states", JOINTS, read, tuple(of), of))
+        found.append(Topic(settings.joint_states_topic, JOINTS, read, tuple(of), of))
     if ODOMETRY in streams:
-        found.append(Topic(ODOMETRY, ODOM, _odometry, (ODOMETRY,)))
+        found.append(Topic(settings.odom_topic, ODOM, _odometry, (ODOMETRY,)))
     if VELOCITY in streams:
         found.append(Topic(settings.velocity_topic, TWIST, _velocity, (VELOCITY,)))
     if IMU in streams:
