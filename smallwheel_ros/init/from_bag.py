@@ -39,6 +39,7 @@ from smallwheel_ros.init.rover import (
     wheels_named_by,
     words_of,
 )
+from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
 from smallwheel_ros.onboard.robot_description import (
     DESCRIPTION_TYPE,
     RobotDescriptionError,
@@ -97,6 +98,8 @@ class _Finder:
             w: str(values.get(f"{w}.joint", f"{w}_joint")) for w in as_names(values["wheels"])
         }
         rims = [joint for joint in turned.values() if joint in joints.names]
+        if which := [joint for joint in rims if joint in joints.by_positions]:
+            self._notes.append(f"{topic}: {', '.join(which)}: {BY_POSITIONS}")
         speed = self._odometry(joints, rims)
         values |= self._named
         if description is not None:

@@ -171,7 +171,7 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
     def state() -> int:
         return int(peer.call(GetState, "get_state", GetState.Request()).current_state.id)
 
-    bad = {"autostart": "false", "front.width": "true", "vehicle.mass": "280"}
+    bad = {"autostart": "false", "front.width": "true", "imu_yaw": "1"}
     log = tmp_path / "node.log"
     with NodeProcess([one_wheel], log, bad) as node:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
@@ -186,10 +186,10 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         refused = set_parameter("front.width", -0.1)
         assert not refused.successful
         assert "front.width" in refused.reason
-        assert not set_parameter("vehicle.mass", True).successful
-        assert repr(peer.value("vehicle.mass")) == "280.0"  # an integer, where a double is meant
-        assert set_parameter("vehicle.mass", 24).successful
-        assert repr(peer.value("vehicle.mass")) == "24.0"
+        assert not set_parameter("imu_yaw", True).successful
+        assert repr(peer.value("imu_yaw")) == "1.0"  # an integer, where a double is meant
+        assert set_parameter("imu_yaw", 2).successful
+        assert repr(peer.value("imu_yaw")) == "2.0"
         assert set_parameter("front.width", 0.12).successful
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
@@ -241,9 +241,9 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
     ("text", "words"),
     [
         (
-            ONE_WHEEL.replace("0.25", "0.0").replace("width: 0.1", "width: 1"),
+            ONE_WHEEL.replace("0.25", "0.0").replace("width: 0.1", "width: true"),
             r"cannot be configured: parameter front\.diameter is 0\.0, expected a double from"
-            r" 0\.005 to 5 m; parameter front\.width is integer 1, .*: write 1\.0",
+            r" 0\.005 to 5 m; parameter front\.width is bool True, expected a double",
         ),
         ("/**:\n  ros__parameters:\n    reference_slip: 0.3\n", "parameter wheels is missing"),
         ("/**:\n  ros__parameters: [\n", "mobility_estimator: cannot start: .*rover.yaml"),
