@@ -1,95 +1,69 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states as robots have them: without velocities, with velocities of 0, of two publishers."""
+"""Serialised messages into streams: one by one or together is the same, and what is no message is counted."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rows_of_drives import assert_same
+from topic_messages import Fed, joints, odometry, sinkage, step, wrench
 
-from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.replay.recording import Recording
-from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
+from smallwheel_ros.bags import typestore
+from smallwheel_ros.drive.feed import Message, feed
+from smallwheel_ros.pipeline.intake.decoder import Decoder
+from smallwheel_ros.pipeline.tables import Readings, none_of
 
-JOINTS = "/joint_states"
-Change = Callable[[Any, Any], Iterator[Any]]
-
-
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("drive") / "drive"
-    write_drive_bag(simulate_drive(DriveSettings(seed=5, distance=6.0)), path)
-    return path
+JOINT = {"front.joint": "front_joint"}
 
 
-def _as(message: Any, **changes: Any) -> Any:
-    return type(message)(**{**vars(message), **changes})
+def messages(count: int) -> list[tuple[str, Any]]:
+    """Rolling at 0.3 m/s with a slip of 0.1: of each topic by its last word."""
+    found: list[tuple[str, Any]] = []
+    for i in range(count):
+        stamp = step(i)
+        found += [
+            ("odom", odometry(stamp, 0.006 * i, 0.3)),
+            ("joint_states", joints(stamp, [0.3 / 0.9 / 0.125], [0.0], ["front_joint"])),
+            ("load", wrench(stamp, 60.0)),
+            ("sinkage", sinkage(stamp, 0.012)),
+        ]
+    return found
 
 
-def positions_only(message: Any, turned: Any) -> Iterator[Any]:
-    yield _as(message, position=turned, velocity=np.empty(0))
+def fed(given: list[tuple[str, Any]], size: int) -> tuple[Fed, Readings]:
+    """A pipeline after these messages, in chunks of that many, and its readings."""
+    one = Fed(**JOINT)
+    names = {name.rpartition("/")[2]: name for name in one.topics}
+    decoders = {name: Decoder(typestore(), topic.type) for name, topic in one.topics.items()}
+    recorded: list[Message] = []
+    for word, message in given:
+        raw = message
+        if not isinstance(message, bytes):
+            raw = bytes(typestore().serialize_cdr(message, one.topics[names[word]].type))
+        recorded.append((names[word], raw, 0))
+    for i in range(0, len(recorded), size):
+        feed(one.pipeline, one.topics, decoders, recorded[i : i + size])
+    turns = list(one.turns(last=True))
+    return one, Readings.joined([none_of(Readings), *(turn.readings for turn in turns)])
 
 
-def in_a_turn(message: Any, turned: Any) -> Iterator[Any]:
-    yield _as(message, position=(turned + np.pi) % (2.0 * np.pi) - np.pi, velocity=np.empty(0))
+@pytest.mark.parametrize("size", [7, 1000])
+def test_chunks_change_nothing(size: int) -> None:
+    (_, alone), (_, together) = fed(messages(150), 1), fed(messages(150), size)
+    assert len(alone) > 100
+    assert np.nanmedian(alone.slip) == pytest.approx(0.1, abs=0.01)
+    assert_same(alone, together)
 
 
-def always_0(message: Any, turned: Any) -> Iterator[Any]:
-    yield _as(message, position=turned, velocity=0.0 * message.velocity)
+def test_what_is_no_message_is_counted_and_the_rest_goes_on() -> None:
+    one, rows = fed([*messages(60), ("odom", b"no message"), *messages(150)[240:]], 50)
+    assert len(rows) > 100
+    assert one.counts[("odom", "not_readable")] == 1
 
 
-def and_a_second_one(message: Any, turned: Any) -> Iterator[Any]:
-    yield _as(message, position=turned)
-    later = _as(message.header.stamp, nanosec=message.header.stamp.nanosec + 1000)
-    head = _as(message.header, stamp=later)
-    yield _as(message, header=head, position=0.0 * turned, velocity=np.empty(0))
-
-
-def replayed(bag: Path, rover: Path) -> tuple[Estimates, Pipeline]:
-    settings = settings_from(read_parameters(rover))
-    with BagReader(bag) as reader:
-        pipeline = Pipeline(settings.onboard)
-        recording = Recording(reader, settings, pipeline)
-        found = [turn.estimates for turns in recording.turns() for turn in turns]
-    return Estimates.joined(found), pipeline
-
-
-def rewritten(bag: Path, target: Path, change: Change) -> Path:
-    """The drive with other joint states. turned: integrals of the velocities (rad)."""
-    turned, before = 0.0, None
-    with BagReader(bag) as reader, BagWriter(target) as writer:
-        for topic, kind, time, message in reader.messages():
-            found: Iterator[Any] = iter([message])
-            if topic == JOINTS:
-                stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-                turned = turned + message.velocity * (stamp - (before or stamp))
-                before, found = stamp, change(message, turned)
-            for one in found:
-                writer.write(topic, kind, time, one)
-    return target
-
-
-@pytest.mark.parametrize("change", [positions_only, in_a_turn, always_0, and_a_second_one])
-def test_slip_is_right_whatever_joint_states_lack(
-    change: Change, bag: Path, repository: Path, tmp_path: Path
-) -> None:
-    rover = repository / "config" / "four_wheels.yaml"
-    true, _ = replayed(bag, rover)
-    found, pipeline = replayed(rewritten(bag, tmp_path / "drive", change), rover)
-    late = found.distance > 1.0
-    known = np.isfinite(found.slip[late])
-    assert known.mean() > 0.95 * np.isfinite(true.slip[true.distance > 1.0]).mean()
-    expected = np.median(true.slip[np.isfinite(true.slip) & (true.distance > 1.0)])
-    assert np.median(found.slip[late][known]) == pytest.approx(expected, abs=0.02)
-    reasons = {reason for _, reason in pipeline.problems}
-    if change is and_a_second_one:
-        assert "without_velocity" in reasons
-        assert not any("refused" in text for text in pipeline.findings)
-    else:
-        assert pipeline.problems[("front_left/wheel_speed", "by_positions")] == 1
+def test_joint_states_without_the_joint_are_said() -> None:
+    other = joints(step(0), [1.0], [0.0], ["arm"])
+    one, _ = fed([("joint_states", other)] * 3, 2)
+    assert one.counts[("front/wheel_speed", "no_value")] == 3
