@@ -46,13 +46,17 @@ def feed(
                 if stream in read:
                     parts.setdefault(stream, []).append((stamps, read[stream], order[index]))
                     continue
-                if streams.all[stream].received and topic.joints.get(stream) not in joints:
+                joint = topic.joints.get(stream)
+                if streams.all[stream].received and joint not in joints:
                     continue  # of another publisher: joint states come in parts
                 there = ", ".join(joints) or "no joint"
-                joint = topic.joints.get(stream)
                 text = f"topic {name} has no value of its joint; it has {there}"
                 if joint in joints:
-                    text = f"topic {name} has neither velocity nor position of its joint {joint}"
+                    turns = stream.endswith("wheel_speed")
+                    what = "velocity or position" if turns else "effort"
+                    text = f"topic {name} names joint {joint} without {what}"
+                    again = f"{text}: is there more than one publisher?"
+                    text = again if streams.all[stream].received else text
                 streams.note(stream, "no_value", text, index.size)
     rows: dict[str, tuple[Integers, Array, Integers]] = {}
     for stream, groups_of in parts.items():
@@ -76,7 +80,7 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
         if joint.by_positions and not before:
             pipeline.note(stream, "by_positions", BY_POSITIONS, unused=False)
         if times := joint.left_out - left_out:
-            text = "a message has no velocity of a joint that has had one: of a second publisher?"
-            pipeline.note(stream, "without_velocity", text, times, unused=False)
+            text = "its joint comes without velocity, which it has had: is there more than one publisher?"
+            pipeline.note(stream, "no_value", text, times)
         if found.size:
             rows[stream] = found, speeds[:, None], order[index]

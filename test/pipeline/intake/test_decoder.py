@@ -151,7 +151,7 @@ def test_joint_states_of_wheels_and_of_an_arm_are_both_good(chunk: int) -> None:
     give(["elbow"], 100)
     feed(pipeline, topics, decoders, [("joint_states", _raw(_halved(101), JOINTS), 0)])
     assert set(pipeline.problems.values()) == {1}  # fewer values than names
-    assert {reason for _, reason in pipeline.problems} == {"without_velocity"}
+    assert {reason for _, reason in pipeline.problems} == {"no_value"}
 
 
 def _halved(k: int) -> Any:
