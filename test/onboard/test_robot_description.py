@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot description fills, and what is said of what it cannot."""
+"""What a robot description fills, and what is said of what it cannot; `urdf.py` reads it."""
 
 from __future__ import annotations
 
