@@ -25,6 +25,8 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
+_WEAKEST, _STRONGEST = 8.0, 12.0  # m/s^2: gravity as accelerometers feel it that are not calibrated
+_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
 _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
@@ -162,15 +164,34 @@ def is_of_wheels(share: float | None) -> bool:
     return share is not None and share < _OF_WHEELS
 
 
-def upright(reader: BagReader, topic: str) -> int | None:
-    """Where the z axis of an imu looks: 1 up, -1 down, 0 neither; None where it feels no gravity."""
+def upright(reader: BagReader, topic: str) -> tuple[int, str]:
+    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not to be told; and then why."""
     felt = [m.linear_acceleration for m in _first(reader, topic)]
     table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)
+    if not len(table):
+        return 0, "none of its messages can be read"
     table = table[np.isfinite(table).all(axis=1)]
     if not len(table):
-        return None
+        return 0, f"none of its {len(felt)} accelerations is a number"
+    if not table.any():
+        return 0, "its accelerations are all 0, so it tells no slope"
     mean = table.mean(axis=0)
     strength = float(np.linalg.norm(mean))
-    if not 8.0 < strength < 12.0:  # m/s^2: it is not gravity, or in other units
-        return None
-    return int(np.sign(mean[2])) if abs(mean[2]) > _UPRIGHT * strength else 0
+    if not _WEAKEST < strength < _STRONGEST:
+        return 0, _no_gravity(strength)
+    if abs(mean[2]) > _UPRIGHT * strength:
+        return int(np.sign(mean[2])), ""
+    along = " ".join(f"{number:.1f}" for number in mean)
+    return 0, (
+        f"gravity is not along its z axis, but ({along}) m/s^2: publish it in base_link's axes"
+    )
+
+
+def _no_gravity(strength: float) -> str:
+    """What a mean acceleration is that is not gravity in m/s^2."""
+    for unit, factor in _UNITS.items():
+        if _WEAKEST < strength * factor < _STRONGEST:
+            return f"it feels {strength:.4g} on average, gravity in {unit}? expected 9.81 m/s^2"
+    if strength < _WEAKEST:
+        return f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope"
+    return f"it feels {strength:.4g} m/s^2 on average, expected 9.81"

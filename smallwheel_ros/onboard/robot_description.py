@@ -22,7 +22,7 @@ from smallwheel_ros.onboard.parameters import (
 )
 from smallwheel_ros.onboard.running_gear import (
     PARALLEL,
-    Heading,
+    VehicleHeading,
     axis_of,
     centre_of,
     contradicting,
@@ -142,7 +142,9 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
     return filled
 
 
-def _heading(urdf: Urdf, given: Mapping[str, object], silent: list[str], filled: Filled) -> Heading:
+def _heading(
+    urdf: Urdf, given: Mapping[str, object], silent: list[str], filled: Filled
+) -> VehicleHeading:
     """Which way the vehicle looks in the base frame, of which a note is made where it is not ahead."""
     wheels, base = {}, BASE
     for wheel in wheel_names(given.get("wheels")):
@@ -153,7 +155,7 @@ def _heading(urdf: Urdf, given: Mapping[str, object], silent: list[str], filled:
             wheels.pop(wheel, None)
     wanted = {f"{wheel}.{name}" for wheel in wheels for name in (*_PLACE, "joint_sign")}
     if not wanted & {*silent}:
-        return Heading(0)
+        return VehicleHeading(0)
     heading = heading_of(urdf, wheels, base)
     if heading.quarters:
         filled.lacking.append(f"robot description: {heading.note}")
@@ -182,7 +184,7 @@ def _mounting(urdf: Urdf, wheel: str, given: Mapping[str, object]) -> tuple[Join
     return joint, base if base in urdf.links else urdf.base(joint.child)
 
 
-def _size(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float, float]:
+def _size(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[float, float]:
     """Diameter and width, m."""
     radius, length, pose = urdf.cylinder(joint.child)
     if abs(float(pose[:3, 2] @ joint.axis)) < PARALLEL:
@@ -193,7 +195,7 @@ def _size(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float,
     return 2.0 * radius, length
 
 
-def _place(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float, float]:
+def _place(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[float, float]:
     """Lateral and longitudinal position, m: of the cylinder's middle where the wheel has one."""
     centre = centre_of(urdf, joint, base)
     if heading.quarters is None:
@@ -202,7 +204,7 @@ def _place(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float
     return y, x
 
 
-def _sign(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[int]:
+def _sign(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[int]:
     """The joint's sign: a turn about the left takes the top of the wheel forward."""
     if joint.kind not in TURNING:
         kinds = " or ".join(TURNING)

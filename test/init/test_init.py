@@ -510,3 +510,99 @@ def test_a_mass_that_nobody_wrote_is_refused(tmp_path: Path) -> None:
         ParametersError, match=r"vehicle\.mass is 0\.0, expected a double from 0\.01"
     ):
         settings_from(found_in(taken))
+
+
+# --- Which imu, which topics, which robot
+
+
+@pytest.mark.parametrize(
+    ("up", "words"),
+    [
+        (1.0 / 9.80665, "gravity in g? expected 9.81 m/s^2"),
+        (0.0, "its accelerations are all 0"),
+        (0.01, "gravity has been taken out"),
+        (float("nan"), "none of its 600 accelerations is a number"),
+    ],
+)
+def test_an_imu_is_left_out_for_its_own_reason(up: float, words: str, tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1}, up=up)
+    said = run("init", bag, "-o", tmp_path / "rover.yaml").stdout
+    assert "/imu/data is not used: " in said
+    assert words in said
+    assert "gravity is not along its z axis" not in said
+
+
+def joined(bag: Path, target: Path, *copies: Mapping[str, str]) -> Path:
+    """The messages of a bag several times, under other names; without those that have none."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        for name, kind, time, message in reader.messages():
+            for names in copies:
+                if name in names:
+                    writer.write(names[name], kind, time, message)
+    return target
+
+
+def steering_states(bag: Path, target: Path) -> Path:
+    """A copy with the joints of the corners on a topic of their own, as rovers with two drivers have."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        for i, (name, kind, time, message) in enumerate(reader.messages()):
+            if name == "/joint_states":
+                corners = [f"corner_{wheel}" for wheel in SIGNS]
+                rates, none = np.full(4, 0.3 * np.cos(0.1 * i)), np.empty(0)
+                states = message_type(kind)(message.header, corners, none, rates, none)
+                writer.write("/corner_state", kind, time, states)
+                name = "/drive_state"
+            writer.write(name, kind, time, message)
+    return target
+
+
+def test_of_two_topics_of_joint_states_that_of_the_wheels_is_taken(tmp_path: Path) -> None:
+    bag = steering_states(plain_drive(tmp_path / "drive", {"/odom": 0.1}), tmp_path / "two")
+    said = run("init", bag, "-o", tmp_path / "rover.yaml").stdout
+    assert "/drive_state is joint_states, with the joints of the wheels; /corner_state has" in said
+    assert "front_left.joint: left_front_wheel" in said
+    asked = ("--joint-states", "/corner_state", "-o", tmp_path / "a.yaml")
+    assert "(its joints are corner_left_front," in run("init", bag, *asked, code=2).stderr
+    run("init", bag, "--joint-states", "drive_state", "-o", tmp_path / "b.yaml")
+    assert found(tmp_path / "b.yaml") == found(tmp_path / "rover.yaml")
+    refused = run("init", bag, "--joint-states", "/x", "-o", tmp_path / "a.yaml", code=2).stderr
+    assert "no topic /x of joint states, expected one of /corner_state, /drive_state" in refused
+
+
+def test_of_two_robots_one_has_to_be_named(tmp_path: Path) -> None:
+    topics = ("/joint_states", "/odom", "/imu/data")
+    copies = [{topic: f"/{robot}{topic}" for topic in topics} for robot in ("one", "two")]
+    bag = joined(plain_drive(tmp_path / "drive", {"/odom": 0.1}), tmp_path / "both", *copies)
+    config = tmp_path / "rover.yaml"
+    refused = run("init", bag, "-o", config, code=2).stderr
+    assert (
+        "joint states of 2 robots, /one/joint_states, /two/joint_states: --namespace one" in refused
+    )
+    said = run("init", bag, "--namespace", "two", "-o", config).stdout
+    assert "/two/odom is odom" in said
+    assert "/one/" not in config.read_text()
+    refused = run("init", bag, "--namespace", "three", "-o", tmp_path / "a.yaml", code=2).stderr
+    assert "no topic is in the namespace 'three', expected one of one, two" in refused
+
+
+def test_an_odometry_that_looks_back_is_named_and_turns_no_joint(tmp_path: Path) -> None:
+    """The left axes are mirrored in the drive: a description that has the right ones so is against all."""
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1})
+    text = description("{}_wheel")
+    for ours, theirs in {"front_left": "left_front", "rear_left": "left_rear",
+                         "front_right": "right_front", "rear_right": "right_rear"}.items():  # fmt: skip
+        text = text.replace(f"'{ours}_wheel'", f"'{theirs}_wheel'")
+    head, *joints = text.split("<joint ")
+    joints = [j.replace("0 1 0", "0 -1 0") if "name='right_" in j else j for j in joints]
+    (tmp_path / "rover.urdf").write_text("<joint ".join([head, *joints]))
+    said = run("init", bag, "--urdf", tmp_path / "rover.urdf", "-o", tmp_path / "r.yaml").stdout
+    assert "the odometry looks back" in said
+    values = found_in(filled_in((tmp_path / "r.yaml").read_text()))
+    assert [values[f"{wheel}.joint_sign"] for wheel in PLACES] == [1, -1, 1, -1]
+
+
+def test_a_description_that_cannot_be_used_does_not_stop_a_bag(bag: Path, tmp_path: Path) -> None:
+    other = rewritten(bag, tmp_path / "drive", {}, "<robot name='nothing'/>")
+    said = run("init", other, "-o", tmp_path / "rover.yaml").stdout
+    assert "the robot description is not used: it has no joint" in said
+    assert found_in(filled_in((tmp_path / "rover.yaml").read_text()))["wheels"] == list(PLACES)
