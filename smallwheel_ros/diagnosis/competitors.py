@@ -28,6 +28,7 @@ from smallwheel_ros.fitting.constants import (
     FEWEST_VALUES,
     INSTRUMENT,
     SAME_ORDER,
+    SINKAGE_ZERO,
     WAVERS,
 )
 from smallwheel_ros.fitting.parameters import (
@@ -251,7 +252,8 @@ def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) 
         first, last = p.published
         centre, wide = 0.5 * (first + last), 0.5 * (last - first)
     elif effect.kind == "instrument":
-        centre, wide = p.neutral or 0.0, INSTRUMENT * _size(p.unit, points)
+        wide = SINKAGE_ZERO if p.unit == "m" else INSTRUMENT * _size(p.unit, points)
+        centre = p.neutral or 0.0
     elif p.neutral is None:
         centre, wide = p.start, 0.25 * (high - low)
     else:
@@ -288,8 +290,9 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
             for stage, stands_for in stages.items() if terms > 0 else ():
                 if name == "diameter" and stage in ("stiffness", "sinkage", "shown sinkage"):
                     continue  # m does that
-                # k itself takes up a constant of the stiffness.
-                first = 1 if stage == "stiffness" or span.side else 0
+                # k itself takes up a constant of the stiffness; that of a height is a zero, which competes
+                # as such, under the prior of zeros.
+                first = 1 if stage in ("stiffness", "height") or span.side else 0
                 size = _size(STAGES[stage].unit, points)
                 label = f"unknown:{name}{' < 0' if span.side < 0 else ''}@{stage}"
                 part = curve_part(label, stage, span, first, terms + 1 - first, size)

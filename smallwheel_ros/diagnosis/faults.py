@@ -29,19 +29,27 @@ from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import constants
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
-from smallwheel_ros.fitting.noise import MOST_OUTLIERS, NORMAL, furthest_off, outlier_limit
+from smallwheel_ros.fitting.noise import (
+    MOST_OUTLIERS,
+    NORMAL,
+    Line,
+    furthest_off,
+    outlier_limit,
+)
 from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_values
-from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.fitting.points import Points, runs_of
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.measurements.display import number, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 _FEWEST = 3  # runs of a setting, from which its middle is told from a bad one
 _SHOWN = "shown_sinkage"  # the column in which a point carries what its instrument showed
 _LEAST = 1e-4  # m: a wheel on the ground
+_RISES = 0.2  # exponent of the load that a sinkage has at least: n = 2.9 of a wheel still has 0.3
 _STARTS = (0.0, -1.0, 1.0)  # prior deviations
 
 
@@ -69,7 +77,62 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     """The runs that lie grossly off, the worst of the repeated settings and the worst of the model."""
     if fitter.points.run_count <= 2 * _FEWEST:
         return []
-    return _off_repeats(fitter.points) or _off_model(fitter, fit)
+    return _stuck_runs(fitter.points) or _off_repeats(fitter.points) or _off_model(fitter, fit)
+
+
+def stuck(points: Points) -> str:
+    """That the sinkage does not rise with the load, in words; "" where it does.
+
+    From the lower to the upper third of the loads along curves, else in a line through the table: a sinkage
+    that surely rises by less than the power `_RISES` of the load is shown by a gauge that does not move.
+    """
+    table = points.measurements
+    if "sinkage" not in points.channels:
+        return ""
+    rises = [rise for run in np.unique(points.run) for rise in _rise(points, run)]
+    if not rises:
+        mine = points.of_channel("sinkage") & (points.value > 0)
+        load = points.column("load")[mine]
+        if np.count_nonzero(mine) > 2 * _FEWEST and load.max() >= 2.0 * load.min():
+            line = Line.through(points.value[mine], points.row[mine], points.conditions)
+            power, deviation = line.power_of_load(points.value[mine], points.row[mine], points.conditions)
+            rises = [(float(load.max() / load.min()), power + 2.0 * deviation)]
+    if not rises or float(np.median([power for _, power in rises])) > _RISES:
+        return ""
+    return (
+        f"the sinkage does not rise while the load rises {number(max(w for w, _ in rises), 2)} fold: the gauge "
+        f"does not move, or the ground of {table.source or 'the table'} is rigid"
+    )
+
+
+def _rise(points: Points, run: int) -> list[tuple[float, float]]:
+    """How many times the load rises along a curve, and with which power of it the sinkage does."""
+    table = points.measurements
+    rows = np.flatnonzero((runs_of(table)[1] == run) & np.isfinite(table.channels["sinkage"]))
+    return _rising(table.conditions.load[rows], table.channels["sinkage"][rows])
+
+
+def _rising(load: Array, sinkage: Array) -> list[tuple[float, float]]:
+    low, high = load <= np.quantile(load, 1 / 3), load >= np.quantile(load, 2 / 3)
+    if load.size < 2 * _FEWEST or np.median(load[high]) < 2.0 * np.median(load[low]):
+        return []
+    times = float(np.median(load[high]) / max(float(np.median(load[low])), 1e-9))
+    z = [max(float(np.median(sinkage[part])), 1e-6) for part in (low, high)]
+    return [(times, float(np.log(z[1] / z[0]) / np.log(times)))]
+
+
+def _stuck_runs(points: Points) -> list[BadRun]:
+    """Curves along which the sinkage does not rise with the load, where it does in the others."""
+    found = []
+    if "sinkage" not in points.channels or stuck(points):
+        return []
+    for run in np.unique(points.run):
+        for times, power in _rise(points, run):
+            if power < _RISES:
+                mine = (points.run == run) & points.of_channel("sinkage")
+                against = f"times as deep where the load is {number(times, 2)} times as high: is its gauge stuck?"
+                found.append(_run(points, int(np.flatnonzero(mine)[0]), times**power, against))
+    return found if len(found) <= most_bad(points.run_count) else []
 
 
 def most_bad(runs: int) -> float:
@@ -105,8 +168,8 @@ def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
     s = fitter.covariance(fit, fit.taken_up)
     pulled, inverse = s.solve(fit.away(points.value)), s.solve(np.eye(len(points)))
     off = np.full(len(points), np.nan)
-    for run in np.unique(points.run[~points.swept]):
-        place = np.flatnonzero((points.run == run) & ~points.swept)
+    for run in np.unique(points.run):
+        place = np.flatnonzero(points.run == run)
         covariance = np.linalg.inv(inverse[np.ix_(place, place)])
         off[place] = covariance @ pulled[place] / np.sqrt(np.diag(covariance))
     worst, furthest = -1, 0.0
@@ -114,9 +177,13 @@ def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
         mine = np.flatnonzero(points.of_channel(name) & np.isfinite(off))
         if mine.size <= 2 * _FEWEST:
             continue
-        size = np.abs(off[mine]) / (NORMAL * float(np.median(np.abs(off[mine]))))
-        limit = outlier_limit(mine.size)
-        few = np.count_nonzero(size > limit) <= most_bad(mine.size)
+        # Of a curve one number, since its values are off together.
+        runs, first, code = np.unique(points.run[mine], return_index=True, return_inverse=True)
+        square = np.bincount(code.reshape(-1), off[mine] ** 2) / np.bincount(code.reshape(-1))
+        mine, size = mine[first], np.sqrt(square)
+        size /= NORMAL * float(np.median(size))
+        limit = outlier_limit(runs.size)
+        few = np.count_nonzero(size > limit) <= most_bad(runs.size)
         if few and size.max() > max(limit, furthest):
             worst, furthest = int(mine[np.argmax(size)]), float(size.max())
     return [] if worst < 0 else [_run(points, worst, furthest, "deviations off the best model")]
@@ -207,8 +274,8 @@ def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, Effect
     """One fault under its prior and as it is told, and its evidence; None where it cannot be fitted."""
     (known,) = effect.parameters()
     middle = float(known.neutral or 0.0)
-    wide = constants.SHOWN_SINKAGE if known.unit == "m" else constants.INSTRUMENT
-    plain = part_of(effect, {known.name: Prior(middle, wide, *known.bounds)})
+    wide = constants.SINKAGE_ZERO if known.unit == "m" else constants.INSTRUMENT
+    plain = part_of(effect, {known.name: Prior(middle, wide, *known.bounds, heavy=True)})
     part = replace(plain, build=lambda numbers: _AsShown(with_values(effect, numbers)))
     vector = replace(none.vector, fixed=(), parts=(part,))
     fits = []

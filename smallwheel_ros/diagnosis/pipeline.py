@@ -24,7 +24,7 @@ from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
-from smallwheel_ros.fitting.constants import FEWEST_RUNS
+from smallwheel_ros.fitting.constants import FEWEST_RUNS, TIE
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import base_of
@@ -122,10 +122,30 @@ class Diagnosis(Result, shown="views.diagnosis"):
         """The base with everything that the verdict names, fitted to all runs and channels."""
         return self.fitted(-1) if self.steps else self.problem.result()
 
-    @property
+    @cached_property
     def model(self) -> CalibratedModel:
-        """The model with everything that the verdict names."""
-        return self.fit.model
+        """The model with everything that the verdict names; where that is not all, beside its rivals."""
+        search, decision, fit = self.search, self.decision, self.fit
+        if search is None or decision is None:
+            return fit.model
+        left = None if self.evidence is None else self.evidence.misfit
+        wild = left is not None and bool(left.mixed or left.scatter)
+        unexplained = decision.word == "unknown_effect" or (bool(decision.rivals) and wild)
+        tied = {name for one in fit.measured.tied for name in (one.setting, one.other)}
+        if decision.rivals or unexplained or (tied and decision.word == "adequate"):
+            best, rivals = search.laws(decision.named, tied)
+            unexplained |= best < search.ordered[0].weight - TIE
+            found = [
+                (share, self._written(self.problem.result(model), unexplained))
+                for share, model in rivals
+            ]
+            if len(found) > 1:
+                return self._written(fit, unexplained).beside(found)
+        return self._written(fit, unexplained)
+
+    @staticmethod
+    def _written(fit: FitResult, unexplained: bool) -> CalibratedModel:
+        return replace(fit, measured=replace(fit.measured, unexplained=unexplained)).model
 
     def fitted(self, step: int) -> FitResult:
         """The model of a step fitted to all runs and channels, for people and for model files."""

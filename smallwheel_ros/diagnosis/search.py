@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +30,7 @@ from smallwheel_ros.fitting.constants import (
     EXPECTED_EFFECTS,
     FIRST_REFITS,
     HIDE,
+    MENTIONED,
     MOST_EFFECTS,
     PARENTS,
     REFITS,
@@ -253,6 +254,38 @@ class Search:
         """The base model."""
         return self.models[frozenset()]
 
+    def laws(
+        self, named: Collection[str], tied: Collection[str] = ()
+    ) -> tuple[float, list[tuple[float, Candidate]]]:
+        """Models of the library with what is named, each with its share of their probability, and their best.
+
+        tied: settings that were varied together. What follows one of them is as probable beforehand as that
+        nothing does: the data has no say, and it matters wherever they are not together. Those of under
+        `MENTIONED` are left out.
+        """
+        even = {c.family for c in self.field.competitors
+                if c.kind == "soil" and set(tied) & {*c.drivers[:1]} - {"load"}}  # fmt: skip
+        known = {c.family for m in self.models.values() for c in m.competitors}
+        wanted = set(named) & known
+        for c in self.field.competitors if tied and not wanted else ():
+            if c.family in even:
+                self.made(self.none, c)
+        found = [m for m in self.ordered if wanted <= m.families
+                 and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
+        if not found:
+            return -np.inf, []
+        forms = Counter(c.family for c in self.field.competitors)
+        odds = [
+            sum(-np.log(c.share * forms[c.family]) for c in m.competitors if c.family in even)
+            for m in found
+        ]
+        weights = np.array([m.weight for m in found]) + odds
+        shares = np.exp(weights - weights.max())
+        shares /= shares.sum()
+        kept = [(float(p), m) for p, m in zip(shares, found, strict=True) if p >= MENTIONED]
+        total = sum(p for p, _ in kept)
+        return found[0].weight, [(p / total, m) for p, m in kept]
+
     def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
         """The family alone in its forms that were refitted, the best first, within some nats of it."""
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
@@ -308,7 +341,20 @@ def search(
     for size in range(1, most + 1 if screen.columns else 0):
         if not _extend(found, size):
             break
+        _reduce(found)
     return found
+
+
+def _reduce(found: Search) -> None:
+    """Refit the best models without each of their competitors: what was added last may explain it all.
+
+    At a base that is far off (an exponent that imitates a zero) an effect looks small until another one has
+    let the base go.
+    """
+    best = [m for m in found.ordered if m.weight > found.ordered[0].weight - WINDOW][:PARENTS]
+    for model in best:
+        for competitor in model.competitors if len(model.competitors) > 1 else ():
+            found.made(model, out=competitor)
 
 
 def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:

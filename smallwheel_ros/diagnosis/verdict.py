@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from smallwheel_ros.diagnosis.competitors import TAKEN_OUT
-from smallwheel_ros.diagnosis.faults import BadRun, Witness
+from smallwheel_ros.diagnosis.faults import BadRun, Witness, stuck
 from smallwheel_ros.diagnosis.held_out import HeldOut, Step
 from smallwheel_ros.diagnosis.misfit import Misfit
 from smallwheel_ros.diagnosis.posterior import Posterior, Word
@@ -109,6 +109,7 @@ def decide(evidence: Evidence) -> Verdict:
     mixed, stray, flat, scatter = _of_misfit(evidence.misfit)
     if word not in ("adequate", "missing_effect"):
         stray = []
+    flat = [*([still] if (still := stuck(evidence.problem.points)) else []), *flat]
     reasons = [*mixed, *reasons, *stray, *flat, *scatter]
     if mixed or stray or flat or (word == "adequate" and any(scatter.values())):
         word = "unknown_effect"

@@ -28,7 +28,7 @@ from threadpoolctl import ThreadpoolController
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.fitting.noise import Repeats
-from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.variance import Covariance, Scatter, VarianceModel
 from smallwheel_ros.measurements.columns import FORCES
@@ -37,6 +37,7 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _THREADS = ThreadpoolController()
@@ -229,7 +230,8 @@ class Fitter:
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
     compared. law: what predicts points, the model if not another. working: values are weighed without the
     errors that many of them share, to which a fit would leave what its numbers can describe (`variance`);
-    what those do to the parameters is in the posterior (`result.posterior_covariance`).
+    what those do to the parameters is in the posterior (`result.posterior_covariance`). apart: pull and
+    torque have a say in the strength alone (`blocks`).
     """
 
     points: Points
@@ -237,6 +239,7 @@ class Fitter:
     repeats: Repeats
     law: Callable[[Points], Predictor] = Predictor.of
     working: bool = False
+    apart: bool = True
 
     @cached_property
     def predictor(self) -> Predictor:
@@ -251,15 +254,33 @@ class Fitter:
 
     @cached_property
     def true_variance(self) -> VarianceModel:
-        """The variance as it is believed to be."""
-        return replace(self, working=False).variance if self.working else self.variance
+        """The variance as it is believed to be: what a law is off by, this table tells too."""
+        if not self.working:
+            return self.variance
+        r = self.repeats
+        return VarianceModel(self.points, self.level, r.variance, r.stated, law_known=False)
+
+    def blocks(self, fit: Fit) -> list[tuple[Mask, Mask]]:
+        """Which parameters are fitted to which values, one after the other until all rest.
+
+        Pull and torque would bend k, n and m by what their own law is off by: these, and what acts on them,
+        come from sinkage and resistance alone, and strength from pull and torque given these.
+        """
+        forces = np.isin(self.points.channel, [self.points.channels.index(n) for n in self.points.forces])
+        every = np.ones(fit.theta.size, dtype=bool)
+        if not (self.working and self.apart) or forces.all() or not forces.any():
+            return [(every, np.ones(forces.size, dtype=bool))]
+        strength = ~np.any(fit.slopes[~forces], axis=0)
+        strength |= [p.owner in {s.name for s in fit.vector.soils} and p.field not in SOIL_PARAMETERS
+                     for p in fit.vector.free]  # fmt: skip
+        return [(~strength, ~forces), (strength, forces)]
 
     def true_scatter(self, fit: Fit) -> Scatter:
         """The components of the variance as it is believed to be, that suit the errors of a fit best."""
         if not self.working:
             return fit.scatter
-        away = fit.away(self.points.value)
-        return self.true_variance.fit(away, fit.taken_up, fit.stiffness, fit.scatter)
+        away, true = fit.away(self.points.value), self.true_variance
+        return true.fit(away, fit.taken_up, fit.stiffness, true.suited(fit.scatter))
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""
@@ -305,23 +326,30 @@ class Fitter:
         return now
 
     def _climb(self, now: Fit) -> Fit:
-        """Gauss-Newton steps with Levenberg's damping, inside the bounds."""
-        observed, vector, v = self.points.value, now.vector, self.covariance(now)
+        """Gauss-Newton steps with Levenberg's damping, inside the bounds, in each of the `blocks`."""
+        for mine, seen in self.blocks(now):
+            now = self._climb_with(now, mine, seen)
+        return now
+
+    def _climb_with(self, now: Fit, mine: Mask, seen: Mask) -> Fit:
+        """The same of some of the parameters on some of the values."""
+        observed, vector, v = self.points.value[seen], now.vector, self.covariance(now)
+        v = v if seen.all() else Covariance(v.matrix[np.ix_(seen, seen)])
         low, high = vector.bounds
 
         def objective(fit: Fit) -> float:
-            white = v.whiten(observed - fit.predicted)
+            white = v.whiten(observed - fit.predicted[seen])
             return float(-0.5 * white @ white) + vector.log_prior(fit.theta)
 
         value, damping = objective(now), 1e-3
         for _ in range(_STEPS):
-            white = v.whiten(np.column_stack([now.slopes, observed - now.predicted]))
+            white = v.whiten(np.column_stack([now.slopes[seen], observed - now.predicted[seen]]))
             precision = vector.precision(now.theta)
             normal = white[:, :-1].T @ white[:, :-1] + precision
             pull = white[:, :-1].T @ white[:, -1] - precision @ (now.theta - vector.centre)
             # What a bound holds does not move, and does not hold back the others.
             held = ((now.theta <= low) & (pull < 0)) | ((now.theta >= high) & (pull > 0))
-            free = np.flatnonzero(~held)
+            free = np.flatnonzero(mine & ~held)
             for _ in range(6):
                 damped = normal[np.ix_(free, free)]
                 damped = damped + damping * np.diag(np.diag(damped))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from smallwheel_ros.fitting.constants import CLEAN, FORCE_LUGS, FORCE_WHEEL, OUTLIER, ROW_NOISE
-from smallwheel_ros.fitting.points import Index, Points
+from smallwheel_ros.fitting.points import Index, Points, runs_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -37,6 +37,8 @@ _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
 MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
 NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
 _FEWEST = 3  # rows of a point from which its middle is told from an outlier
+_AROUND = 3  # rows on each side of one along a curve: two spikes in a row are told from it
+_MOST_SPIKES = 0.2  # of the rows of a curve
 
 
 def _columns(conditions: Conditions) -> Array:
@@ -79,6 +81,20 @@ class Line:
         target = np.log(value)[:, None] * weight
         found = np.linalg.lstsq(line * weight, target, rcond=1e-8)[0][:, 0]
         return cls(tuple(soils.tolist()), found[: len(soils)], used, found[len(soils) :])
+
+    def power_of_load(
+        self, value: Array, row: Index, conditions: Conditions
+    ) -> tuple[float, float]:
+        """With which power of the load the values rise, and its deviation; (inf, 0) where that is not known."""
+        if 0 not in self.used:
+            return np.inf, 0.0
+        columns = _columns(conditions)[row][:, self.used]
+        left = np.log(value) - np.log(self.at(conditions)[row])
+        spare = value.size - len(self.own) - self.used.size
+        design = np.column_stack([np.ones(value.size), columns])
+        variance = np.linalg.pinv(design.T @ design) * float(left @ left) / max(spare, 1)
+        place = int(np.flatnonzero(self.used == 0)[0])
+        return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
 
     def at(self, conditions: Conditions) -> Array:
         """The value there, shape (rows,); in a soil that it never met, that of the middle of its own."""
@@ -224,15 +240,25 @@ def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
 def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
     """Group and place of each value that lies grossly off the others of its group, a few at most.
 
-    Deviations from the group's median over their robust deviation, relative to the group's size. Only the
-    worst of a group, since it pulls the others.
+    Deviations from the group's median over what such a group has: absolute^2 + (relative * size)^2, as of
+    `RowNoise`, both robust, absolute from the smaller half of the groups and relative from the larger, since
+    values near zero (a pull) have a deviation of their own. Only the worst of a group, since it pulls the
+    others.
     """
     middles = np.array([np.median(values) for values in groups])
+    off = [np.abs(v - m) for v, m in zip(groups, middles, strict=True)]
+    counted = [np.delete(one, np.argmin(one)) for one in off]
     size = np.maximum(np.abs(middles), 1e-12)
-    size = np.maximum(size, 0.1 * np.median(size))
-    shares = [np.abs(v - m) / s for v, m, s in zip(groups, middles, size, strict=True)]
-    known = np.concatenate([np.delete(share, np.argmin(share)) for share in shares])
-    limit = outlier_limit(known.size) * max(NORMAL * float(np.median(known)), 1e-6)
+    small, large = size <= np.median(size), size >= np.median(size)
+    absolute, relative = (
+        NORMAL * float(np.median(np.concatenate([one / s for one, s, i in zip(counted, scale, use) if i])))
+        for scale, use in ((np.ones(size.size), small), (size, large))
+    )
+    least = 1e-6 * float(np.median(size))
+    shares = [one / max(float(np.hypot(absolute, relative * s)), least)
+              for one, s in zip(off, size, strict=True)]  # fmt: skip
+    known = np.concatenate(counted)
+    limit = outlier_limit(known.size)
     found = [(g, int(np.argmax(s))) for g, s in enumerate(shares) if float(s.max()) > limit]
     return found if len(found) <= max(1.0, MOST_OUTLIERS * len(groups)) else []
 
@@ -248,7 +274,7 @@ def outlier_limit(count: int) -> float:
 
 def outlier_rows(points: Points) -> Index:
     """Rows that lie grossly off the others of their point."""
-    found: list[int] = []
+    found = [*_spikes(points)]
     for name in points.channels:
         measured = points.measurements.channels[name]
         mask = points.of_channel(name) & (points.count >= _FEWEST) & ~points.swept
@@ -257,3 +283,33 @@ def outlier_rows(points: Points) -> Index:
             far = furthest_off([measured[rows] for rows in members])
             found += [int(members[g][i]) for g, i in far]
     return np.unique(np.array(found, dtype=np.intp))
+
+
+def _spikes(points: Points) -> list[int]:
+    """Rows of swept runs that jump off the rows around them, in load or in what was measured.
+
+    Off the running median by `OUTLIER` times the usual, which is the largest of what rows are off it, of the
+    steps around and of a hundredth of what the run spans. Where more than `_MOST_SPIKES` of a run's rows do,
+    it is no spike.
+    """
+    found: list[int] = []
+    table, codes = points.measurements, runs_of(points.measurements)[1]
+    columns = {"load": table.conditions.load, **table.channels}
+    for run in np.unique(points.run[points.swept]):
+        for name in ("load", *points.channels):
+            rows = np.flatnonzero((codes == run) & np.isfinite(columns[name]))
+            values = columns[name][rows]
+            if rows.size < 4 * _AROUND:
+                continue
+            first = np.clip(np.arange(rows.size) - _AROUND, 0, rows.size - 2 * _AROUND - 1)
+            around = values[first[:, None] + np.arange(2 * _AROUND + 1)]
+            off = np.abs(values - np.median(around, axis=1))
+            step = np.median(np.abs(np.diff(around, axis=1)), axis=1)
+            span = float(np.quantile(values, 0.8) - np.quantile(values, 0.2))
+            usual = np.maximum(step, max(NORMAL * float(np.median(off)), 0.01 * span))
+            # At either end the median is that of rows some steps away.
+            beside = np.abs(np.arange(rows.size) - first - _AROUND)
+            far = off > OUTLIER * usual + beside * step
+            if 0 < np.count_nonzero(far) <= _MOST_SPIKES * rows.size:
+                found += rows[far].tolist()
+    return found

@@ -298,7 +298,9 @@ class Problem:
             raise FittingError("one measurement cannot be fitted: measure at least a few loads")
         level = levels_of(points)
         working = points.share_errors and not self.judging
-        return Fitter(points, level, repeats_of(points, level), working=working)
+        # A fault of the shown sinkage that pull and torque told is fitted to them, too.
+        apart = not self.base.told
+        return Fitter(points, level, repeats_of(points, level), working=working, apart=apart)
 
     @cached_property
     def fit(self) -> Fit:

@@ -92,12 +92,21 @@ class Scatter:
 class VarianceModel:
     """The components of one set of points.
 
-    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`. start: the
-    components at their priors' medians.
+    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`. law_known: the
+    errors of the law of pull and torque are those that are given; else they have two factors on these, which
+    the table tells ("law:" within a wheel, "wheel:" between wheels). start: the components at their priors'
+    medians.
     """
 
     def __init__(
-        self, points: Points, level: Array, pure: Array, stated: Array, *, working: bool = False
+        self,
+        points: Points,
+        level: Array,
+        pure: Array,
+        stated: Array,
+        *,
+        working: bool = False,
+        law_known: bool = True,
     ) -> None:
         self.points, self.level = points, level
         self.swept, self.working = bool(points.swept.any()), working
@@ -114,6 +123,8 @@ class VarianceModel:
                 found[f"fit:{name}"] = constants.LACK_OF_FIT, mine * _same(points.setting) * sizes
             if stated[here].any():
                 found[f"declared:{name}"] = 1.0, np.diag(here * stated)
+        if points.forces and not (working or law_known):
+            found |= {name: (1.0, sizes * one) for name, one in _force_law(points).items()}
         both = np.outer(points.swept, points.swept)
         if self.swept:
             curve = both * _same(points.channel)
@@ -127,10 +138,15 @@ class VarianceModel:
         if working:
             self._unit *= np.where(both, np.eye(len(points)), 1.0)
             return
-        if points.forces:
-            self._given += sizes * _force_law(points)
+        if points.forces and law_known:
+            self._given += sizes * sum(_force_law(points).values())
         if self.swept:
             self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
+
+    def of_law(self, log_deviation: Array) -> Array:
+        """The share of V that is the error of the law of pull and torque, shape (values,) * 2."""
+        mine = [i for i, name in enumerate(self.names) if name.startswith(("law:", "wheel:"))]
+        return np.asarray(np.tensordot(np.exp(2.0 * log_deviation[mine]), self._unit[mine], 1))
 
     def suited(self, scatter: Scatter) -> Scatter:
         """The components that these points have, where a scatter of other points knows them.
@@ -231,9 +247,12 @@ class VarianceModel:
         return np.asarray(np.linalg.inv(self._information(s, error, ln, kernels)[1]))
 
 
-def _force_law(points: Points) -> Array:
-    """What the law of pull and torque is off by, of the levels: covariance, shape (values,) * 2."""
-    found = np.zeros((len(points), len(points)))
+def _force_law(points: Points) -> dict[str, Array]:
+    """What the law of pull and torque is off by, of the levels: covariances, shape (values,) * 2.
+
+    By channel, "law:" within a wheel, from slip to slip, and "wheel:", from wheel to wheel.
+    """
+    found = {}
     near = np.exp(-_apart(points.column("slip")) / constants.FORCE_SLIP)
     own = wheel_discrepancy(points.conditions)[points.row]
     names = [n for n in ("diameter", "width", "grouser_height") if n in points.conditions]
@@ -241,7 +260,8 @@ def _force_law(points: Points) -> Array:
     for name in points.forces:
         here = points.of_channel(name)
         mine = np.outer(here, here) * wheel
-        found += mine * (constants.FORCE_LAW**2 * near + np.outer(own, own))
+        found[f"law:{name}"] = mine * constants.FORCE_LAW**2 * near
+        found[f"wheel:{name}"] = mine * np.outer(own, own)
     return found
 
 
@@ -259,6 +279,20 @@ def settings_repeated(points: Points) -> bool:
         return False
     pairs = np.unique(np.column_stack([points.setting, points.run]), axis=0)
     return bool(np.bincount(pairs[:, 0]).max(initial=0) > 1)
+
+
+def curves_repeated(points: Points) -> bool:
+    """Whether several curves were taken with one body in one soil, but for what was changed along them."""
+    if not points.swept.all():
+        return False
+    kept = [c for n, c in points.settings.items() if n != points.order
+            and all(np.ptp(c[points.run == run]) < 1e-9 for run in np.unique(points.run))]  # fmt: skip
+    soil = points.conditions.soil
+    named = [] if soil is None else [np.unique(soil[points.row], return_inverse=True)[1].reshape(-1)]
+    if not kept and not named:
+        return bool(points.run_count > 1)
+    body = _codes([*kept, *(np.asarray(one, dtype=float) for one in named)])
+    return any(np.unique(points.run[body == one]).size > 1 for one in np.unique(body))
 
 
 def _same(codes: Index) -> Array:

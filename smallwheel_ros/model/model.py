@@ -168,12 +168,14 @@ class CalibratedModel(Model):
     names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
     where drawbar pull was measured the soil's strength too (`model_file.SOIL_PARAMETERS`), and
     `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
-    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
+    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people. rivals: models that
+    the data could not tell apart, each with its probability; a prediction is then what they say together.
     """
 
     names: tuple[str, ...]
     covariance: Array
     provenance: Mapping[str, Any]
+    rivals: tuple[tuple[float, CalibratedModel], ...]
 
     def __init__(
         self,
@@ -181,6 +183,7 @@ class CalibratedModel(Model):
         names: tuple[str, ...] = (),
         covariance: Array | None = None,
         provenance: Mapping[str, Any] | None = None,
+        rivals: Sequence[tuple[float, CalibratedModel]] = (),
     ) -> None:
         super().__init__(model.soils, model.geometry, model.effects, model.thrust_form)
         object.__setattr__(self, "names", names)
@@ -188,6 +191,11 @@ class CalibratedModel(Model):
             self, "covariance", np.zeros((0, 0)) if covariance is None else covariance
         )
         object.__setattr__(self, "provenance", provenance or {})
+        object.__setattr__(self, "rivals", tuple(rivals))
+
+    def beside(self, rivals: Sequence[tuple[float, CalibratedModel]]) -> CalibratedModel:
+        """The same, with models that the data could not tell apart."""
+        return CalibratedModel(self.model, self.names, self.covariance, self.provenance, rivals)
 
     @property
     def model(self) -> Model:

@@ -29,9 +29,8 @@ from smallwheel_ros.physics.traction import ThrustForm
 Array = NDArray[np.float64]
 
 VERSION = 1
-_TOP = (
-    "smallwheel_model", "geometry", "thrust_form", "soils", "effects", "covariance", "provenance",
-)  # fmt: skip
+_MODEL = ("geometry", "thrust_form", "soils", "effects", "covariance", "provenance")
+_TOP = ("smallwheel_model", *_MODEL, "rivals")
 # What a covariance names of a soil: the numbers of `fitting.parameters.soil_numbers`.
 SOIL_PARAMETERS = (
     "log_reference_pressure", "n", "m", "cohesion", "friction_angle", "log_shear_displacement",
@@ -93,8 +92,18 @@ def model_rows(model: Model) -> list[dict[str, Any]]:
 def model_document(model: Model) -> dict[str, Any]:
     """The model as plain values."""
     calibrated = as_calibrated(model)
+    document = {"smallwheel_model": VERSION, **_document(calibrated)}
+    if calibrated.rivals:
+        document["rivals"] = [
+            {"probability": float(share), **_document(rival)} for share, rival in calibrated.rivals
+        ]
+    return document
+
+
+def _document(calibrated: CalibratedModel) -> dict[str, Any]:
+    """One model as plain values."""
+    model = calibrated
     document: dict[str, Any] = {
-        "smallwheel_model": VERSION,
         "geometry": model.geometry,
         "thrust_form": model.thrust_form,
         "soils": [
@@ -300,12 +309,22 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     if document["smallwheel_model"] != VERSION:
         raise top.get("smallwheel_model").unlike(f"version {VERSION}")
     top.mapping(*_TOP)
+    rivals = []
+    for entry in _Entry(file, "rivals", document.get("rivals") or []).listing():
+        entry.mapping("probability", *_MODEL)
+        rivals.append((entry.get("probability").number(), _model(entry, registry)))
+    return _model(top, registry).beside(rivals)
+
+
+def _model(top: _Entry, registry: Registry) -> CalibratedModel:
+    """One model of a file, with what it says of its uncertainty."""
+    file, document = top.file, top.value
     entries = top.get("soils").listing()
     if not entries:
         raise top.get("soils").unlike("at least one soil")
     soils = [_soil(entry) for entry in entries]
     _check_once(entries, "soil", [one.name for one in soils])
-    entries = _Entry(file, "effects", document.get("effects") or []).listing()
+    entries = _Entry(file, top.get("effects").key, document.get("effects") or []).listing()
     acting = [_effect(entry, registry) for entry in entries]
     _check_once(entries, "effect", [one.id for one in acting])
     geometry = top.get("geometry", "contact_integral").choice(get_args(Geometry))

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +17,15 @@ from smallwheel_ros.common.results import Result
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
-from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS, soil_from, soil_numbers
-from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
-from smallwheel_ros.measurements.display import listed, words
+from smallwheel_ros.fitting.parameters import (
+    STRENGTH_PARAMETERS,
+    WHEEL_PARAMETERS,
+    soil_from,
+    soil_numbers,
+)
+from smallwheel_ros.measurements.columns import COLUMNS, FORCES, OTHER, SETTINGS, unit_of
+from smallwheel_ros.measurements.display import listed, setting_words, words
+from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
@@ -59,12 +65,16 @@ class UncertainPrediction:
     """A prediction and, by quantity, its standard deviation; arrays of shape (rows,), SI units.
 
     standard_deviation is empty where the model file has no covariance. It holds what follows
-    from the parameters: not the scatter of a single measurement, nor what the model lacks; of pull and torque
-    `prediction` adds what their law is off by.
+    from the parameters: not what the model lacks; of pull and torque `prediction` adds what their law is off
+    by. run_deviation: of one row of one new run beside the prediction, the scatter of runs and rows included;
+    empty where the model does not know it. stiffness: change of each quantity with ln k of the soil.
     """
 
     prediction: Prediction
     standard_deviation: Mapping[str, Array]
+    run_deviation: Mapping[str, Array] = field(default_factory=dict)
+    stiffness: Mapping[str, Array] = field(default_factory=dict)
+    without_strength: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,6 +128,9 @@ class PredictionTable(Result, shown="views.prediction"):
                 deviation = self.result.standard_deviation.get(quantity)
                 if deviation is not None:
                     row[f"{quantity}_std"] = None if sunk else float(deviation[i])
+                one_run = self.result.run_deviation.get(quantity)
+                if one_run is not None:
+                    row[f"{quantity}_run_std"] = None if sunk else float(one_run[i])
             row["status"] = SUNK if sunk else "ok"
             rows.append(row)
         return rows
@@ -130,7 +143,9 @@ def cell(row: Mapping[str, Any], quantity: str) -> str:
         return "-"
     shown = value * factor
     text = f"{shown:#.4g}".rstrip(".") if abs(shown) < 1e5 else f"{shown:.4g}"
-    return text if std is None else f"{text} +- {std * factor:.2g}"
+    text = text if std is None else f"{text} +- {std * factor:.2g}"
+    one_run = row.get(f"{quantity}_run_std")
+    return text if one_run is None else f"{text} ({one_run * factor:.2g})"
 
 
 def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
@@ -152,6 +167,7 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
         tuple(calibrated.names[i] for i in rows),
         calibrated.covariance[np.ix_(rows, rows)],
         calibrated.provenance,
+        [(share, on_one_soil(rival, name, source)) for share, rival in calibrated.rivals],
     )
 
 
@@ -267,24 +283,86 @@ def predict_with_uncertainty(
             slopes[q][i] = (getattr(ends[0], q) - getattr(ends[1], q)) / width
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     deviations = {q: np.sqrt(np.sum((root.T @ slopes[q]) ** 2, axis=0)) for q in wanted}
-    return UncertainPrediction(prediction, deviations)
+    fields = [name.rpartition(".")[2] for name in calibrated.names]
+    stiff = np.array([f == "log_reference_pressure" for f in fields])
+    others = np.array([f not in STRENGTH_PARAMETERS | WHEEL_PARAMETERS for f in fields])
+    known = calibrated.covariance[np.ix_(others, others)]
+    partly = {
+        q: np.sqrt(np.maximum(np.einsum("in,ij,jn->n", s[others], known, s[others]), 0.0))
+        for q, s in slopes.items()
+    }
+    change = {q: s[stiff].sum(axis=0) for q, s in slopes.items()}
+    return UncertainPrediction(
+        prediction, deviations, stiffness=change, without_strength=partly
+    )
 
 
 def _with_law_error(
-    result: UncertainPrediction, conditions: Conditions, sinkage_known: bool
+    result: UncertainPrediction, conditions: Conditions, measured: Measured, sinkage_known: bool
 ) -> UncertainPrediction:
-    """The deviations with what the law of pull and torque is itself off by, of a wheel not measured before.
+    """The deviations with what the law of pull and torque is itself off by.
 
-    sinkage_known: whether the model says how well its law of sinkage is known; else only forces of the
-    balance have a deviation, at the sinkage as it is predicted.
+    Of a wheel that was measured, at slips that were, what the fit is known to be off by there, strength
+    included; else what the strength is off by and what the law is, as the table or, where pull or torque
+    was not measured, many rigs say. sinkage_known: whether the model says how well its law of sinkage is
+    known; else only forces of the balance have a deviation, at the sinkage as it is predicted.
     """
-    share = np.hypot(FORCE_LAW, wheel_discrepancy(conditions))
-    found = dict(result.standard_deviation)
+    usual = np.hypot(FORCE_LAW, wheel_discrepancy(conditions))
+    found, here = dict(result.standard_deviation), measured.has_wheel(conditions)
     for name in ("thrust", "drawbar_pull", "torque"):
-        found[name] = np.hypot(found[name], share * of_load(conditions, name))
+        # Thrust is pull and the resistance that goes with it.
+        law = measured.forces.get("drawbar_pull" if name == "thrust" else name)
+        size = of_load(conditions, name)
+        share = usual if law is None else float(np.hypot(law.law, law.wheel))
+        found[name] = np.hypot(found[name], share * size)
+        if law is not None and name != "thrust":
+            # The strength was fitted at the sinkage as it is predicted: at these loads its errors are in it.
+            of_soil = np.where(measured.beyond("load", conditions), result.without_strength[name], 0.0)
+            known = np.hypot(of_soil, law.known * size)
+            found[name] = np.where(here, np.minimum(known, found[name]), found[name])
     if not sinkage_known:
         found = {name: found[name] for name in ("thrust", "drawbar_pull", "torque")}
     return replace(result, standard_deviation=found)
+
+
+def _of_one_run(
+    result: UncertainPrediction, conditions: Conditions, measured: Measured
+) -> UncertainPrediction:
+    """With the deviation of a row of a new run: its soil is firmer, its instrument was tared, rows differ.
+
+    Where no law describes the data, what runs differ by counts as an error of the law, too.
+    """
+    laws, found = dict(result.standard_deviation), {}
+    for name, scatter in measured.runs.items():
+        value, known = getattr(result.prediction, name), laws.get(name)
+        if value is None or known is None:
+            continue
+        level = of_load(conditions, name) if name in FORCES else np.abs(value)
+        soil = measured.stiffness * result.stiffness.get(name, np.zeros(len(conditions)))
+        found[name] = np.sqrt(known**2 + soil**2 + scatter.variance(level))
+        if measured.unexplained:
+            of_runs = replace(scatter, absolute=0.0, relative=0.0).variance(level)
+            laws[name] = np.sqrt(known**2 + soil**2 + of_runs)
+    return replace(result, standard_deviation=laws, run_deviation=found)
+
+
+def _together(results: Sequence[tuple[float, UncertainPrediction]]) -> UncertainPrediction:
+    """What several models say together, each with its probability: the mixture's mean and deviation."""
+    shares = np.array([share for share, _ in results])
+    shares = (shares / shares.sum())[:, None]
+    best = max(results, key=lambda one: one[0])[1]
+    means, deviations = {}, {"standard_deviation": {}, "run_deviation": {}}
+    for name in (q for q in QUANTITIES if getattr(best.prediction, q) is not None):
+        said = np.array([getattr(one.prediction, name) for _, one in results])
+        means[name] = np.sum(shares * said, axis=0)
+        apart = np.sum(shares * (said - means[name]) ** 2, axis=0)
+        for kind, found in deviations.items():
+            each = [getattr(one, kind).get(name) for _, one in results]
+            if all(one is not None for one in each):
+                found[name] = np.sqrt(np.sum(shares * np.array(each) ** 2, axis=0) + apart)
+    sunk = np.sum(shares * [one.prediction.immobilised for _, one in results], axis=0) > 0.5
+    prediction = replace(best.prediction, **means, immobilised=sunk)
+    return replace(best, prediction=prediction, **deviations)
 
 
 def _refuse_absurd(name: str, values: Array) -> None:
@@ -328,15 +406,62 @@ def _without_number(
     return np.asarray(~finite.all(axis=0))
 
 
+def _beyond_measured(measured: Measured, conditions: Conditions) -> tuple[str, ...]:
+    """Which settings are beyond those measured, or off those that were varied together."""
+    found, beyond, outside = [], [], np.zeros(len(conditions), dtype=bool)
+    for name, ends in measured.ranges.items():
+        rows = measured.beyond(name, conditions)
+        outside |= rows
+        if rows.any():
+            beyond.append(f"{words(name)} {setting_words(name, ends)}")
+    if beyond:
+        some = "" if outside.all() else f" in {int(outside.sum())} of {outside.size} rows"
+        found.append(f"extrapolated{some}: measured was {', '.join(beyond)}; the deviations hold "
+                     "if the law holds there, too")  # fmt: skip
+    for one in measured.tied:
+        if one.other in conditions and one.setting in conditions:
+            off = one.off(conditions)
+            if off.any():
+                some = "" if off.all() else f" in {int(off.sum())} of {off.size} rows"
+                found.append(
+                    f"{words(one.other)} and {words(one.setting)} were varied together: what is off that "
+                    f"line{some} was never measured, and no deviation covers it"
+                )
+    return tuple(found)
+
+
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with deviations in which the law's own error is, and what was not measured, in words."""
+    """A prediction with deviations in which the law's own error is, and what was not measured, in words.
+
+    Of a model with rivals it is what they say together.
+    """
+    if calibrated.rivals:
+        said = [(share, predict_conditions(rival, conditions)) for share, rival in calibrated.rivals]
+        names = [f"{' and '.join(e.id for e in rival.effects) or 'none of these'} ({share:.2f})"
+                 for share, rival in calibrated.rivals]  # fmt: skip
+        note = (
+            f"the data could not tell {len(names)} models apart: {', '.join(names)}; the number is their mean, "
+            "by their probability, and its deviation includes what they differ by"
+        ).replace("_", " ")
+        notes = tuple(dict.fromkeys(n for _, (_, more) in said for n in more))
+        return _together([(share, result) for share, (result, _) in said]), (note, *notes)
+    measured, notes = Measured.of(calibrated.provenance), tuple[str, ...]()
     if "slip" not in conditions:
-        return predict_with_uncertainty(calibrated, conditions), ()
-    known, notes = with_usual_strength(calibrated)
-    result = predict_with_uncertainty(known, conditions)
-    return _with_law_error(result, conditions, bool(calibrated.names)), notes
+        result = predict_with_uncertainty(calibrated, conditions)
+    else:
+        known, notes = with_usual_strength(calibrated)
+        result = predict_with_uncertainty(known, conditions)
+        result = _with_law_error(result, conditions, measured, bool(calibrated.names))
+    result = _of_one_run(result, conditions, measured)
+    if measured.unexplained:
+        notes = (
+            "no law of the library described the data this was fitted to: what runs differ by is part of the "
+            "deviation",
+            *notes,
+        )
+    return result, (*_beyond_measured(measured, conditions), *notes)
 
 
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:

@@ -44,7 +44,11 @@ def text(table: PredictionTable) -> str:
         ]
         for row in rows
     ]
-    return "\n\n".join([text_table(header, body), *(f"note: {note}" for note in table.notes)])
+    said = [
+        "+- is the deviation of the law, in brackets that of one row of a new run"
+    ] if table.result.run_deviation else []  # fmt: skip
+    said += [f"note: {note}" for note in table.notes]
+    return "\n\n".join([text_table(header, body), *said])
 
 
 def panels(table: PredictionTable) -> list[Panel]:
