@@ -124,9 +124,7 @@ def document_of(
         "unknown": list(verdict.unknown),
         "tied": [{"settings": [one.setting, one.other]} for one in tied_settings(problem.points)],
         "closest": list(verdict.closest),
-        "channels": _channels(
-            problem, base, floors, _findings(verdict, points, floors)
-        ),
+        "channels": _channels(problem, base, floors, _findings(verdict, points, floors)),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,
             "probability_of_none": found.probabilities[found.none.key],
@@ -181,7 +179,9 @@ def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> 
             said[name] = (
                 f"{shown_value(name, before[name])} -> {shown_value(name, last)} with what is named"
             )
-        elif verdict.word in ("adequate", "missing_effect") or last <= _AS_GOOD * floors.get(name, 0.0):
+        elif verdict.word in ("adequate", "missing_effect") or last <= _AS_GOOD * floors.get(
+            name, 0.0
+        ):
             said[name] = "nothing missing" + (" besides" if verdict.named else "")
         else:
             said[name] = f"not explained, off by {shown_value(name, last)} on held-out runs"

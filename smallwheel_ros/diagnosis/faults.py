@@ -32,7 +32,7 @@ from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
 from smallwheel_ros.fitting.noise import (
     MOST_OUTLIERS,
     NORMAL,
-    Line,
+    NoiseLine,
     furthest_off,
     outlier_limit,
 )
@@ -94,8 +94,10 @@ def stuck(points: Points) -> str:
         mine = points.of_channel("sinkage") & (points.value > 0)
         load = points.column("load")[mine]
         if np.count_nonzero(mine) > 2 * _FEWEST and load.max() >= 2.0 * load.min():
-            line = Line.through(points.value[mine], points.row[mine], points.conditions)
-            power, deviation = line.power_of_load(points.value[mine], points.row[mine], points.conditions)
+            line = NoiseLine.through(points.value[mine], points.row[mine], points.conditions)
+            power, deviation = line.power_of_load(
+                points.value[mine], points.row[mine], points.conditions
+            )
             rises = [(float(load.max() / load.min()), power + 2.0 * deviation)]
     if not rises or float(np.median([power for _, power in rises])) > _RISES:
         return ""

@@ -266,7 +266,9 @@ class Fitter:
         Pull and torque would bend k, n and m by what their own law is off by: these, and what acts on them,
         come from sinkage and resistance alone, and strength from pull and torque given these.
         """
-        forces = np.isin(self.points.channel, [self.points.channels.index(n) for n in self.points.forces])
+        forces = np.isin(
+            self.points.channel, [self.points.channels.index(n) for n in self.points.forces]
+        )
         every = np.ones(fit.theta.size, dtype=bool)
         if not (self.working and self.apart) or forces.all() or not forces.any():
             return [(every, np.ones(forces.size, dtype=bool))]

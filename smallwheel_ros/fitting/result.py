@@ -301,7 +301,9 @@ def _force_laws(fitter: Fitter, fit: Fit, scatter: Scatter) -> dict[str, ForceLa
     spread = np.diag(
         model.uncertainty(fit.away(points.value), fit.taken_up, fit.stiffness, scatter)
     )
-    surely = dict(zip(scatter.names, np.exp(spread), strict=True))  # its mean square, not its middle
+    surely = dict(
+        zip(scatter.names, np.exp(spread), strict=True)
+    )  # its mean square, not its middle
     for name in points.forces:
         here = points.of_channel(name)
         law_off, wheel_off = (deviations[f"{kind}:{name}"] * float(surely[f"{kind}:{name}"])
@@ -321,7 +323,10 @@ def tied_settings(points: Points) -> tuple[Tied, ...]:
                if n in ("load", *SETTINGS) and np.isfinite(c).all()}  # fmt: skip
     found = []
     for (a, x), (b, y) in itertools.combinations(columns.items(), 2):
-        if np.unique(np.round(x, 9)).size < _FEWEST_LEVELS or np.corrcoef(x, y)[0, 1] ** 2 < TOGETHER:
+        if (
+            np.unique(np.round(x, 9)).size < _FEWEST_LEVELS
+            or np.corrcoef(x, y)[0, 1] ** 2 < TOGETHER
+        ):
             continue
         slope, at = np.polyfit(x, y, 1)
         left = float(np.std(y - at - slope * x, ddof=2))
@@ -434,7 +439,10 @@ def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
         plates = not points.conditions.rolling.any()
         column = "load" if number == "n" else "diameter"
         values = points.column(column)
-        span, wide = float(values.max() / values.min()), _WIDE_LOADS if number == "n" else _WIDE_SIZES
+        span, wide = (
+            float(values.max() / values.min()),
+            _WIDE_LOADS if number == "n" else _WIDE_SIZES,
+        )
         if number == "n" and points.swept.any():
             return limit  # a curve has all loads
         if span >= 0.95 * wide:
@@ -443,7 +451,9 @@ def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
                 ", and so would resistance")  # fmt: skip
             return f"{what} span {brief(span)} to 1 already; {limit}{more}"
         if number == "n":
-            also = "" if "resistance" in points.channels or plates else ", or measure resistance too"
+            also = (
+                "" if "resistance" in points.channels or plates else ", or measure resistance too"
+            )
             return f"measure over a wider range of loads (4 to 1; here {brief(span)} to 1){also}"
         body = "plate" if plates else "wheel"
         here = "" if span < 1.02 else f"; here {brief(span)} to 1"
@@ -460,7 +470,9 @@ def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
     return said
 
 
-def _parameter(fit: Fit, covariance: Array, j: int, points: Points, scatter: Scatter) -> FittedParameter:
+def _parameter(
+    fit: Fit, covariance: Array, j: int, points: Points, scatter: Scatter
+) -> FittedParameter:
     free, of_soil = fit.vector.free[j], j < fit.vector.base_size
     # Before any data at all, also where this fit began from a known soil.
     before = (SOIL_PARAMETERS | _STRENGTH)[free.field][1] if of_soil else free.prior

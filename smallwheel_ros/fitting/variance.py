@@ -288,7 +288,9 @@ def curves_repeated(points: Points) -> bool:
     kept = [c for n, c in points.settings.items() if n != points.order
             and all(np.ptp(c[points.run == run]) < 1e-9 for run in np.unique(points.run))]  # fmt: skip
     soil = points.conditions.soil
-    named = [] if soil is None else [np.unique(soil[points.row], return_inverse=True)[1].reshape(-1)]
+    named = (
+        [] if soil is None else [np.unique(soil[points.row], return_inverse=True)[1].reshape(-1)]
+    )
     if not kept and not named:
         return bool(points.run_count > 1)
     body = _codes([*kept, *(np.asarray(one, dtype=float) for one in named)])

@@ -93,7 +93,10 @@ class Measured:
         try:
             found = dict(provenance.get(KEY) or {})
             return cls(
-                {str(n): (float(a), float(b)) for n, (a, b) in dict(found.get("ranges", {})).items()},
+                {
+                    str(n): (float(a), float(b))
+                    for n, (a, b) in dict(found.get("ranges", {})).items()
+                },
                 tuple((float(d), float(b), float(h)) for d, b, h in found.get("wheels", ())),
                 float(found.get("stiffness", 0.0)),
                 {str(n): RunScatter(**v) for n, v in dict(found.get("runs", {})).items()},

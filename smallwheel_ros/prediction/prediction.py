@@ -292,9 +292,7 @@ def predict_with_uncertainty(
         for q, s in slopes.items()
     }
     change = {q: s[stiff].sum(axis=0) for q, s in slopes.items()}
-    return UncertainPrediction(
-        prediction, deviations, stiffness=change, without_strength=partly
-    )
+    return UncertainPrediction(prediction, deviations, stiffness=change, without_strength=partly)
 
 
 def _with_law_error(
@@ -317,7 +315,9 @@ def _with_law_error(
         found[name] = np.hypot(found[name], share * size)
         if law is not None and name != "thrust":
             # The strength was fitted at the sinkage as it is predicted: at these loads its errors are in it.
-            of_soil = np.where(measured.beyond("load", conditions), result.without_strength[name], 0.0)
+            of_soil = np.where(
+                measured.beyond("load", conditions), result.without_strength[name], 0.0
+            )
             known = np.hypot(of_soil, law.known * size)
             found[name] = np.where(here, np.minimum(known, found[name]), found[name])
     if not sinkage_known:
@@ -438,7 +438,9 @@ def predict_conditions(
     Of a model with rivals it is what they say together.
     """
     if calibrated.rivals:
-        said = [(share, predict_conditions(rival, conditions)) for share, rival in calibrated.rivals]
+        said = [
+            (share, predict_conditions(rival, conditions)) for share, rival in calibrated.rivals
+        ]
         names = [f"{' and '.join(e.id for e in rival.effects) or 'none of these'} ({share:.2f})"
                  for share, rival in calibrated.rivals]  # fmt: skip
         note = (
