@@ -14,8 +14,8 @@
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
 
 S: the soil's deviation of ln k from place to place; A: variance of what is shown that load has no part in;
-both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and (1 + a)/(1 - a)
-of one among its neighbours, which are alike by a.
+both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and
+(1 + a)/(1 - a) of one among its neighbours, which are alike by a.
 
 The filters differ in the deviations of passes and zeros: as told ("wide"), or a tenth ("tight"). Their
 weights are products of likelihoods to the power of 1/2; the mean is that of both, the covariance always the
