@@ -87,7 +87,7 @@ def _far_off(problem: "Problem") -> list[str]:
     """One sentence for each run that `diagnose` would leave out as a slip of the pen."""
     import numpy as np
 
-    from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, most_bad
+    from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad
     from smallwheel_ros.measurements.display import number, words
 
     left, table = problem.judged, problem.points.measurements

@@ -52,8 +52,8 @@ def _diagnosed(result: Any, asked: Options) -> None:
         said = f"nothing was named, so nothing was added{gone}"
         if result.steps and (count := len(result.model.rivals)):
             said += (
-                f"; the file has the {count} models that this data cannot tell apart, and `predict` says what "
-                "they say together"
+                f"; the file has the {count} models that this data cannot tell apart, and `predict` gives "
+                "their mixture"
             )
         click.echo(said, err=True)
         asked["model_file"] = asked["model_file"] if result.steps else None

@@ -26,15 +26,15 @@ from smallwheel_ros.fitting.constants import (
     ANSWERS,
     EXPECTED_EFFECTS,
     FEWEST_VALUES,
-    INSTRUMENT,
     SAME_ORDER,
-    SINKAGE_ZERO,
+    STUDENT,
     WAVERS,
 )
 from smallwheel_ros.fitting.parameters import (
     EffectPart,
     ParameterVector,
     Prior,
+    instrument_prior,
     part_of,
     with_values,
 )
@@ -252,13 +252,12 @@ def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) 
         first, last = p.published
         centre, wide = 0.5 * (first + last), 0.5 * (last - first)
     elif effect.kind == "instrument":
-        wide = SINKAGE_ZERO if p.unit == "m" else INSTRUMENT * _size(p.unit, points)
-        centre = p.neutral or 0.0
+        return instrument_prior(p, _size(p.unit, points))
     elif p.neutral is None:
         centre, wide = p.start, 0.25 * (high - low)
     else:
         centre, wide = p.neutral, 2.0 * abs(p.start - p.neutral) or 0.1 * (high - low)
-    return Prior(centre, wide, low, high, heavy=True)
+    return Prior(centre, wide, low, high, STUDENT)
 
 
 def _size(unit: str, points: Points) -> float:

@@ -23,13 +23,10 @@ from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM, TIE
 from smallwheel_ros.fitting.fit import Fit
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
+from smallwheel_ros.fitting.measured import tied_settings
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.result import (
-    expected_error,
-    off_by,
-    posterior_covariance,
-    tied_settings,
-)
+from smallwheel_ros.fitting.posterior import posterior_covariance
+from smallwheel_ros.fitting.result import expected_error, off_by
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
 from smallwheel_ros.measurements.settings import repeatability
 from smallwheel_ros.measurements.table import Measurements

@@ -13,8 +13,9 @@ import numpy as np
 from smallwheel_ros.arguments import AnyModel, Ids, Levels, OwnEffects, unheard
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
+from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, fault_told, most_bad
+from smallwheel_ros.diagnosis.faults import fault_told
 from smallwheel_ros.diagnosis.held_out import Step, held_out
 from smallwheel_ros.diagnosis.misfit import misfit_of
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
@@ -139,7 +140,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
                 for share, model in rivals
             ]
             if len(found) > 1:
-                return self._written(fit, unexplained).beside(found)
+                return self._written(fit, unexplained).changed(rivals=tuple(found))
         return self._written(fit, unexplained)
 
     @staticmethod

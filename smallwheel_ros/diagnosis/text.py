@@ -46,8 +46,8 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
     for one in document.get("tied", []):
         a, b = map(words, one["settings"])
         lines.append(
-            f"{b.capitalize()} was varied together with {a}: an effect of the one cannot be told from one of the "
-            "other, and away from the line on which they were measured nothing is known."
+            f"{b.capitalize()} was varied together with {a}: an effect of the one cannot be told from one "
+            "of the other, and off the line on which they were measured nothing is known."
         )
     findings = {n: c.get("finding") for n, c in document["channels"].items()}
     lines += [f"{words(n).capitalize()}: {said}." for n, said in findings.items() if said]

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smallwheel_ros.diagnosis.bad_runs import BadRun, stuck
 from smallwheel_ros.diagnosis.competitors import TAKEN_OUT
-from smallwheel_ros.diagnosis.faults import BadRun, Witness, stuck
+from smallwheel_ros.diagnosis.faults import Witness
 from smallwheel_ros.diagnosis.held_out import HeldOut, Step
 from smallwheel_ros.diagnosis.misfit import Misfit
 from smallwheel_ros.diagnosis.posterior import Posterior, Word

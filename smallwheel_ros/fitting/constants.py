@@ -42,9 +42,6 @@ FORCE_SLIP = 0.3
 # strength of an instrument effect, of the reading - a calibration that was not made anew is off by
 #   a few per cent
 INSTRUMENT = 0.05
-# zero of a shown sinkage, in m - a zero is taken to 1 or 2 mm on loose soil, or on the wheel's own rut:
-#   Student's t leaves room for its own sinkage of a centimetre
-SINKAGE_ZERO = 0.003
 # repeatability before any repeats, of the level - counts as one repeat; a few repeats outweigh it
 ROW_NOISE = 0.02
 

@@ -230,7 +230,7 @@ class Fitter:
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
     compared. law: what predicts points, the model if not another. working: values are weighed without the
     errors that many of them share, to which a fit would leave what its numbers can describe (`variance`);
-    what those do to the parameters is in the posterior (`result.posterior_covariance`). apart: pull and
+    what those do to the parameters is in the posterior (`posterior.posterior_covariance`). apart: pull and
     torque have a say in the strength alone (`blocks`).
     """
 
@@ -239,7 +239,7 @@ class Fitter:
     repeats: Repeats
     law: Callable[[Points], Predictor] = Predictor.of
     working: bool = False
-    apart: bool = True
+    apart: bool = False
 
     @cached_property
     def predictor(self) -> Predictor:
@@ -264,18 +264,27 @@ class Fitter:
         """Which parameters are fitted to which values, one after the other until all rest.
 
         Pull and torque would bend k, n and m by what their own law is off by: these, and what acts on them,
-        come from sinkage and resistance alone, and strength from pull and torque given these.
+        come from sinkage and resistance alone, and strength from pull and torque given these (the cut of
+        modular Bayesian models, Plummer 2015).
         """
-        forces = np.isin(
-            self.points.channel, [self.points.channels.index(n) for n in self.points.forces]
-        )
-        every = np.ones(fit.theta.size, dtype=bool)
-        if not (self.working and self.apart) or forces.all() or not forces.any():
-            return [(every, np.ones(forces.size, dtype=bool))]
+        points = self.points
+        forces = np.isin(points.channel, [points.channels.index(name) for name in points.forces])
+        if not self.apart or forces.all() or not forces.any():
+            return [(np.ones(fit.theta.size, dtype=bool), np.ones(forces.size, dtype=bool))]
         strength = ~np.any(fit.slopes[~forces], axis=0)
-        strength |= [p.owner in {s.name for s in fit.vector.soils} and p.field not in SOIL_PARAMETERS
-                     for p in fit.vector.free]  # fmt: skip
+        of_soils = fit.vector.of_soils
+        strength[: len(of_soils)] |= [p.field not in SOIL_PARAMETERS for p in of_soils]
         return [(~strength, ~forces), (strength, forces)]
+
+    def weights(self, fit: Fit) -> Array:
+        """G: what each value counts for each parameter, shape (values, parameters).
+
+        A fit rests where G' (y - f) = P (theta - centre).
+        """
+        found, v = np.zeros_like(fit.slopes), self.covariance(fit)
+        for mine, seen in self.blocks(fit):
+            found[np.ix_(seen, mine)] = v.of(seen).solve(fit.slopes[np.ix_(seen, mine)])
+        return found
 
     def true_scatter(self, fit: Fit) -> Scatter:
         """The components of the variance as it is believed to be, that suit the errors of a fit best."""
@@ -330,13 +339,12 @@ class Fitter:
     def _climb(self, now: Fit) -> Fit:
         """Gauss-Newton steps with Levenberg's damping, inside the bounds, in each of the `blocks`."""
         for mine, seen in self.blocks(now):
-            now = self._climb_with(now, mine, seen)
+            now = self._climb_of(now, mine, seen)
         return now
 
-    def _climb_with(self, now: Fit, mine: Mask, seen: Mask) -> Fit:
-        """The same of some of the parameters on some of the values."""
-        observed, vector, v = self.points.value[seen], now.vector, self.covariance(now)
-        v = v if seen.all() else Covariance(v.matrix[np.ix_(seen, seen)])
+    def _climb_of(self, now: Fit, mine: Mask, seen: Mask) -> Fit:
+        """The same of some of the parameters, on some of the values."""
+        observed, vector, v = self.points.value[seen], now.vector, self.covariance(now).of(seen)
         low, high = vector.bounds
 
         def objective(fit: Fit) -> float:

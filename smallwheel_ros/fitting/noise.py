@@ -15,7 +15,7 @@ Where the table states deviations, these are taken times one factor, which repea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -39,6 +39,7 @@ NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
 _FEWEST = 3  # rows of a point from which its middle is told from an outlier
 _AROUND = 3  # rows on each side of one along a curve: two spikes in a row are told from it
 _MOST_SPIKES = 0.2  # of the rows of a curve
+_OF_SPAN = 0.01  # of what a curve spans: no gauge resolves less
 
 
 def _columns(conditions: Conditions) -> Array:
@@ -85,7 +86,7 @@ class NoiseLine:
     def power_of_load(
         self, value: Array, row: Index, conditions: Conditions
     ) -> tuple[float, float]:
-        """With which power of the load the values rise, and its deviation; (inf, 0) where that is not known."""
+        """The power of the load with which the values rise, and its deviation; (inf, 0) where not known."""
         if 0 not in self.used:
             return np.inf, 0.0
         columns = _columns(conditions)[row][:, self.used]
@@ -240,28 +241,32 @@ def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
 def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
     """Group and place of each value that lies grossly off the others of its group, a few at most.
 
-    Deviations from the group's median over what such a group has: absolute^2 + (relative * size)^2, as of
-    `RowNoise`, both robust, absolute from the smaller half of the groups and relative from the larger, since
-    values near zero (a pull) have a deviation of their own. Only the worst of a group, since it pulls the
-    others.
+    Deviations from the group's median over what a value of its size deviates by, absolute^2 +
+    (relative * size)^2 as of `RowNoise`: values near zero (a pull) have a deviation of their own. Only the
+    worst of a group, since it pulls the others.
     """
     middles = np.array([np.median(values) for values in groups])
-    off = [np.abs(v - m) for v, m in zip(groups, middles, strict=True)]
-    counted = [np.delete(one, np.argmin(one)) for one in off]
+    off = [np.abs(values - middle) for values, middle in zip(groups, middles, strict=True)]
     size = np.maximum(np.abs(middles), 1e-12)
-    small, large = size <= np.median(size), size >= np.median(size)
-    absolute, relative = (
-        NORMAL
-        * float(np.median(np.concatenate([one / s for one, s, i in zip(counted, scale, use) if i])))
-        for scale, use in ((np.ones(size.size), small), (size, large))
-    )
-    least = 1e-6 * float(np.median(size))
-    shares = [one / max(float(np.hypot(absolute, relative * s)), least)
-              for one, s in zip(off, size, strict=True)]  # fmt: skip
-    known = np.concatenate(counted)
-    limit = outlier_limit(known.size)
+    # The value in the middle is off by nothing, and says nothing.
+    counted = [np.delete(one, np.argmin(one)) for one in off]
+    usual = _usual_deviation(counted, size)
+    shares = [one / deviation for one, deviation in zip(off, usual, strict=True)]
+    limit = outlier_limit(sum(one.size for one in counted))
     found = [(g, int(np.argmax(s))) for g, s in enumerate(shares) if float(s.max()) > limit]
     return found if len(found) <= max(1.0, MOST_OUTLIERS * len(groups)) else []
+
+
+def _usual_deviation(off: list[Array], size: Array) -> Array:
+    """What values of each group deviate by, robustly, shape (groups,).
+
+    The absolute part is that of the smaller half of the groups, the relative part that of the larger.
+    """
+    middle = np.median(size)
+    small = np.concatenate([one for one, s in zip(off, size, strict=True) if s <= middle])
+    large = np.concatenate([one / s for one, s in zip(off, size, strict=True) if s >= middle])
+    absolute, relative = NORMAL * float(np.median(small)), NORMAL * float(np.median(large))
+    return np.asarray(np.maximum(np.hypot(absolute, relative * size), 1e-6 * middle))
 
 
 def outlier_limit(count: int) -> float:
@@ -274,8 +279,8 @@ def outlier_limit(count: int) -> float:
 
 
 def outlier_rows(points: Points) -> Index:
-    """Rows that lie grossly off the others of their point."""
-    found = [*_spikes(points)]
+    """Rows that lie grossly off the others of their point, or off their neighbours along a curve."""
+    found = [row for rows in _curves(points) for row in spikes(rows)]
     for name in points.channels:
         measured = points.measurements.channels[name]
         mask = points.of_channel(name) & (points.count >= _FEWEST) & ~points.swept
@@ -286,31 +291,32 @@ def outlier_rows(points: Points) -> Index:
     return np.unique(np.array(found, dtype=np.intp))
 
 
-def _spikes(points: Points) -> list[int]:
-    """Rows of swept runs that jump off the rows around them, in load or in what was measured.
-
-    Off the running median by `OUTLIER` times the usual, which is the largest of what rows are off it, of the
-    steps around and of a hundredth of what the run spans. Where more than `_MOST_SPIKES` of a run's rows do,
-    it is no spike.
-    """
-    found: list[int] = []
+def _curves(points: Points) -> Iterator[tuple[Index, Array]]:
+    """Rows of each swept run and what was read there, load or channel by channel, in order."""
     table, codes = points.measurements, runs_of(points.measurements)[1]
-    columns = {"load": table.conditions.load, **table.channels}
     for run in np.unique(points.run[points.swept]):
-        for name in ("load", *points.channels):
-            rows = np.flatnonzero((codes == run) & np.isfinite(columns[name]))
-            values = columns[name][rows]
-            if rows.size < 4 * _AROUND:
-                continue
-            first = np.clip(np.arange(rows.size) - _AROUND, 0, rows.size - 2 * _AROUND - 1)
-            around = values[first[:, None] + np.arange(2 * _AROUND + 1)]
-            off = np.abs(values - np.median(around, axis=1))
-            step = np.median(np.abs(np.diff(around, axis=1)), axis=1)
-            span = float(np.quantile(values, 0.8) - np.quantile(values, 0.2))
-            usual = np.maximum(step, max(NORMAL * float(np.median(off)), 0.01 * span))
-            # At either end the median is that of rows some steps away.
-            beside = np.abs(np.arange(rows.size) - first - _AROUND)
-            far = off > OUTLIER * usual + beside * step
-            if 0 < np.count_nonzero(far) <= _MOST_SPIKES * rows.size:
-                found += rows[far].tolist()
-    return found
+        for values in (table.conditions.load, *(table.channels[n] for n in points.channels)):
+            rows = np.flatnonzero((codes == run) & np.isfinite(values))
+            yield rows, values[rows]
+
+
+def spikes(curve: tuple[Index, Array]) -> Index:
+    """Rows that jump off the rows around them, by `OUTLIER` times what is usual along that curve.
+
+    Off the running median. Usual is the largest of what rows are off it, of the steps around a row, and of a
+    hundredth of what the curve spans. Where more than `_MOST_SPIKES` of the rows are off they are no spikes.
+    """
+    rows, values = curve
+    if rows.size < 4 * _AROUND:
+        return rows[:0]
+    first = np.clip(np.arange(rows.size) - _AROUND, 0, rows.size - 2 * _AROUND - 1)
+    around = values[first[:, None] + np.arange(2 * _AROUND + 1)]
+    off = np.abs(values - np.median(around, axis=1))
+    step = np.median(np.abs(np.diff(around, axis=1)), axis=1)
+    span = float(np.quantile(values, 0.8) - np.quantile(values, 0.2))
+    usual = np.maximum(step, max(NORMAL * float(np.median(off)), _OF_SPAN * span))
+    # Near either end the median is that of rows some steps away.
+    away = np.abs(np.arange(rows.size) - first - _AROUND)
+    far = off > OUTLIER * usual + away * step
+    few = np.count_nonzero(far) <= _MOST_SPIKES * rows.size
+    return rows[far] if few else rows[:0]

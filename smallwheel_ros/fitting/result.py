@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import datetime
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.results import Result, Writer
-from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD, TOGETHER
-from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, one_thread
+from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD
+from smallwheel_ros.fitting.fit import Fit, Fitter, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
+from smallwheel_ros.fitting.measured import measured_of
 from smallwheel_ros.fitting.named import (
     FittedParameter,
     Status,
@@ -30,17 +30,12 @@ from smallwheel_ros.fitting.parameters import (
     WHEEL_PARAMETERS,
 )
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.variance import (
-    Covariance,
-    Scatter,
-    curves_repeated,
-    settings_repeated,
-)
-from smallwheel_ros.measurements.columns import SETTINGS
-from smallwheel_ros.measurements.display import brief, listed, percent, shown_value, words
-from smallwheel_ros.measurements.settings import setting_columns
+from smallwheel_ros.fitting.posterior import posterior_covariance
+from smallwheel_ros.fitting.remedies import remedy_of
+from smallwheel_ros.fitting.variance import Scatter, curves_repeated, settings_repeated
+from smallwheel_ros.measurements.display import listed, percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.model.measured import KEY, ForceLaw, Measured, RunScatter, Tied
+from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
@@ -54,27 +49,9 @@ Array = NDArray[np.float64]
 
 _FURTHEST = 0.95  # |slip| up to which the law is held to be so good: a locked wheel is another case
 _FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong where it was measured
-_SIZES = ("load", "diameter", "width")
-_FEWEST_LEVELS = 3  # of a setting, from which it is told whether another follows it
 _ALIKE = 0.98  # correlation from which two numbers are reported as tied
 
 _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
-_WIDE_LOADS, _WIDE_SIZES = 4.0, 1.5  # ranges from which n and m are known but for scatter
-_REMEDIES = {
-    "log_reference_pressure": "measure sinkage at a few loads",
-    "friction_angle": "measure drawbar pull at slip over 0.5",
-    "log_shear_displacement": "measure drawbar pull at slips from 0.05 to 0.3",
-    "cohesion": "measure drawbar pull at high slip under a light and a heavy load",
-    "rolling_share": "measure drawbar pull or torque at slips from -0.1 to 0.1",
-    "pressure_peak": "measure drawbar pull and torque at slips over 0.4",
-    "rim_friction": "measure the same wheel with lugs, or braked, beside the bare rim driven",
-}
-# Slips at which a number shows in pull and torque: from, to, and how many runs there are enough to say more.
-_SHOWS_AT = {
-    "friction_angle": (0.5, 1.0), "log_shear_displacement": (0.05, 0.3), "cohesion": (0.5, 1.0),
-    "rolling_share": (-0.1, 0.1), "pressure_peak": (0.4, 1.0),
-}  # fmt: skip
-_ENOUGH_RUNS = 3
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,7 +95,6 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         if self.held_out:
             provenance["held_out_rmse"] = {name: float(v) for name, v in self.held_out.items()}
         provenance["run_scatter"] = {name: float(v) for name, v in self.run_scatter.items()}
-        provenance[KEY] = self.measured.plain()
         # A strength that the fit pushed against its bound has no deviation: that is not known, not zero.
         keep = [
             i
@@ -126,7 +102,8 @@ class FitResult(WithParameters, Result, shown="views.fit"):
             if name.rsplit(".", 1)[1] not in _STRENGTH or self.covariance[i, i] > 0.0
         ]
         names = tuple(self.names[i] for i in keep)
-        return CalibratedModel(self.bare, names, self.covariance[np.ix_(keep, keep)], provenance)
+        covariance = self.covariance[np.ix_(keep, keep)]
+        return CalibratedModel(self.bare, names, covariance, provenance, self.measured)
 
     def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
         """The model with one more effect, to be fitted or predicted with."""
@@ -199,154 +176,6 @@ class FitResult(WithParameters, Result, shown="views.fit"):
     def predict(self, conditions: Conditions) -> Prediction:
         """What the fitted model says of other conditions."""
         return predict(self.bare, conditions)
-
-
-def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
-    """Covariance of theta with the components' own uncertainty in it. scatter: `Fitter.true_scatter`.
-
-    C(phi) = (J' V(phi)^-1 J + P)^-1 is averaged over ln phi ~ N(found, its covariance) by the point
-    found and the 2 q points found +- sqrt(3) times the columns of its root (the unscented rule of Julier and
-    Uhlmann 1997, kappa = 3 - q: a component that does not matter changes nothing): few runs do not know
-    their scatter well, and the deviations say so. A parameter at its
-    bound has zero rows and columns. A fit that weighs values by G (V_0^-1 J where it works with V_0, by
-    `Fitter.blocks`) rests where G' (y - f) = P (theta - centre), and with H = G' J + P has
-    C = H^-1 (G' V G + P) H^-T.
-    """
-    model, stiff = fitter.true_variance, fit.stiffness
-    free = np.flatnonzero(~fit.at_bound)
-    slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
-    away = fit.away(fitter.points.value)
-    root = np.linalg.cholesky(model.uncertainty(away, fit.taken_up, stiff, scatter))
-    weighted = _weighted(fitter, fit)[:, free] if fitter.working else None
-
-    def under(column: Array) -> Array:
-        true = model.covariance(
-            replace(scatter, log_deviation=scatter.log_deviation + column), stiff
-        )
-        if weighted is None:
-            one = inverse(slopes.T @ true.solve(slopes) + precision)
-        else:
-            back = _inverse(weighted.T @ slopes + precision)
-            one = back @ (weighted.T @ true.matrix @ weighted + precision) @ back.T
-            # Nothing is less known after the data than before, whatever the weights were.
-            least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(one)))
-            one = one * np.outer(least, least)
-        return one
-
-    middle = under(np.zeros(len(root)))
-    total = middle + sum(
-        (under(column) + under(-column) - 2.0 * middle) / 6.0 for column in np.sqrt(3.0) * root.T
-    )
-    full = np.zeros((fit.theta.size, fit.theta.size))
-    full[np.ix_(free, free)] = total
-    return full
-
-
-def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
-    """What a prediction needs to know of the points. scatter: `Fitter.true_scatter`."""
-    points, deviations = fitter.points, scatter.deviations
-    rows = np.unique(points.row)
-    there = points.conditions.take(rows)
-    rolling = there.rolling
-    names = [n for n in setting_columns(points.measurements) if n in there or n in _SIZES]
-    ranges = {}
-    for name in names:
-        values = there[name] if name == "load" or name == "diameter" else there[name][rolling]
-        if values.size:
-            ranges[name] = float(values.min()), float(values.max())
-    lugs = there["grouser_height"] if "grouser_height" in there else np.zeros(len(there))
-    wheels = np.column_stack([there.diameter, there.width, lugs])[rolling]
-    runs = {}
-    for name in points.channels:
-        noise, mine = fitter.repeats.channels[name], points.of_channel(name)
-        zero = deviations.get(f"zero:{name}", 0.0) * float(np.median(fitter.level[mine]))
-        factor = deviations.get(f"declared:{name}", 1.0)
-        own = np.hypot(deviations[f"own:{name}"], deviations.get(f"fit:{name}", 0.0))
-        runs[name] = RunScatter(float(own), zero, factor * noise.absolute, noise.relative)
-    return Measured(
-        ranges,
-        tuple(tuple(map(float, one)) for one in np.unique(np.round(wheels, 6), axis=0)),
-        deviations["tau"],
-        runs,
-        _force_laws(fitter, fit, scatter),
-        tied_settings(points),
-    )
-
-
-def _force_laws(fitter: Fitter, fit: Fit, scatter: Scatter) -> dict[str, ForceLaw]:
-    """What the law of pull and torque is off by, as a prior and this table say together.
-
-    Where it was measured the pull itself, t = f + d with d the error of the law, is known from all rows: with
-    S = J P^-1 J' + V_d and V = V_d + the scatter of runs and rows it is t0 + S (S + V - V_d)^-1 (y - t0) for
-    the priors' t0, with covariance S - S (S + V - V_d)^-1 S. What is predicted is off by the difference.
-    """
-    points, model = fitter.points, fitter.true_variance
-    if not points.forces or not fitter.working:
-        return {}
-    mine, seen = fitter.blocks(fit)[-1]
-    slopes, level = fit.slopes[np.ix_(seen, mine)], fitter.level[seen]
-    precision = fit.vector.precision(fit.theta)[np.ix_(mine, mine)]
-    prior = slopes @ np.linalg.inv(precision) @ slopes.T
-    left = (points.value - fit.predicted)[seen]
-    away = left + slopes @ (fit.theta - fit.vector.centre)[mine]
-    total = model.covariance(scatter, fit.stiffness).matrix[np.ix_(seen, seen)]
-    law = model.of_law(scatter.log_deviation)[np.ix_(seen, seen)]
-    pull = prior + law
-    known = Covariance(prior + total)
-    off = pull @ known.solve(away) - (away - left)
-    white = known.whiten(pull)
-    share = (off**2 + np.diag(pull) - np.sum(white**2, axis=0)) / level**2
-    found, deviations = {}, scatter.deviations
-    own = wheel_discrepancy(points.conditions)[points.row]
-    spread = np.diag(
-        model.uncertainty(fit.away(points.value), fit.taken_up, fit.stiffness, scatter)
-    )
-    surely = dict(
-        zip(scatter.names, np.exp(spread), strict=True)
-    )  # its mean square, not its middle
-    for name in points.forces:
-        here = points.of_channel(name)
-        law_off, wheel_off = (deviations[f"{kind}:{name}"] * float(surely[f"{kind}:{name}"])
-                              for kind in ("law", "wheel"))  # fmt: skip
-        found[name] = ForceLaw(
-            float(np.sqrt(np.mean(share[here[seen]]))),
-            law_off * FORCE_LAW,
-            wheel_off * float(np.median(own[here])),
-        )
-    return found
-
-
-def tied_settings(points: Points) -> tuple[Tied, ...]:
-    """Settings that were varied together: one predicts `TOGETHER` of the other's variance."""
-    rows = np.unique(points.row, return_index=True)[1]
-    columns = {n: c[rows] for n, c in points.varied.items()
-               if n in ("load", *SETTINGS) and np.isfinite(c).all()}  # fmt: skip
-    found = []
-    for (a, x), (b, y) in itertools.combinations(columns.items(), 2):
-        if (
-            np.unique(np.round(x, 9)).size < _FEWEST_LEVELS
-            or np.corrcoef(x, y)[0, 1] ** 2 < TOGETHER
-        ):
-            continue
-        slope, at = np.polyfit(x, y, 1)
-        left = float(np.std(y - at - slope * x, ddof=2))
-        found.append(Tied(a, b, float(at), float(slope), max(left, 0.01 * float(np.ptp(y)))))
-    return tuple(found)
-
-
-def _weighted(fitter: Fitter, fit: Fit) -> Array:
-    """G: what each value counts for each parameter, shape (values, parameters)."""
-    found, v = np.zeros_like(fit.slopes), fitter.covariance(fit).matrix
-    for mine, seen in fitter.blocks(fit):
-        weights = Covariance(v[np.ix_(seen, seen)]).solve(fit.slopes[np.ix_(seen, mine)])
-        found[np.ix_(seen, mine)] = weights
-    return found
-
-
-def _inverse(matrix: Array) -> Array:
-    """Inverse of a matrix that is not symmetric, scaled as by `inverse`."""
-    size = np.sqrt(np.diag(matrix))
-    return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))
 
 
 def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
@@ -427,47 +256,6 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         measured=measured_of(fitter, fit, scatter),
     )
     return replace(found, notes=tuple(_notes(found, points, unusual(fitter, scatter))))
-
-
-def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
-    """What measurement would determine a number of the soil, or what limits it where that was measured."""
-    limit = (
-        f"runs differ by {percent(scatter.deviations['tau'])} of k: more runs at both ends, or repeats, "
-        "would tell more"
-    )
-    if number in ("n", "m"):
-        plates = not points.conditions.rolling.any()
-        column = "load" if number == "n" else "diameter"
-        values = points.column(column)
-        span, wide = (
-            float(values.max() / values.min()),
-            _WIDE_LOADS if number == "n" else _WIDE_SIZES,
-        )
-        if number == "n" and points.swept.any():
-            return limit  # a curve has all loads
-        if span >= 0.95 * wide:
-            what = {"load": "loads", "diameter": "plates" if plates else "wheels"}[column]
-            more = "" if number == "m" or "resistance" in points.channels or plates else (
-                ", and so would resistance")  # fmt: skip
-            return f"{what} span {brief(span)} to 1 already; {limit}{more}"
-        if number == "n":
-            also = (
-                "" if "resistance" in points.channels or plates else ", or measure resistance too"
-            )
-            return f"measure over a wider range of loads (4 to 1; here {brief(span)} to 1){also}"
-        body = "plate" if plates else "wheel"
-        here = "" if span < 1.02 else f"; here {brief(span)} to 1"
-        return f"measure with a {'second' if span < 1.02 else 'larger or smaller'} {body} diameter (1.5 to 1{here})"
-    said = _REMEDIES[number]
-    if number in _SHOWS_AT and points.forces:
-        low, high = _SHOWS_AT[number]
-        there = np.isin(points.channel, [points.channels.index(n) for n in points.forces])
-        there &= (points.column("slip") >= low) & (points.column("slip") <= high)
-        load = points.column("load")[there]
-        wide = number != "cohesion" or (load.size and load.max() >= _WIDE_LOADS * load.min())
-        if np.unique(points.run[there]).size >= _ENOUGH_RUNS and wide:
-            return f"{said}: {np.unique(points.run[there]).size} runs were, and more of them would tell more"
-    return said
 
 
 def _parameter(

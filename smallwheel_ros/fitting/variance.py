@@ -66,6 +66,10 @@ class Covariance:
         self.root = np.linalg.cholesky(matrix)
         self.log_root = float(np.log(np.diag(self.root)).sum())
 
+    def of(self, kept: NDArray[np.bool_]) -> Covariance:
+        """The covariance of some of the values; itself where all are kept."""
+        return self if kept.all() else Covariance(self.matrix[np.ix_(kept, kept)])
+
     def whiten(self, columns: Array) -> Array:
         """L^-1 columns: their scalar products are those under S^-1, shape as given, (values, ...)."""
         return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model was fitted to, as far as a prediction needs it: kept in the provenance of a model file.
+"""What a model was fitted to, as far as a prediction needs it: `measured` of a model file.
 
 Where the settings were, so that a prediction can say that it extrapolates; what one run and one row are off
 by, for the deviation of a new measurement; and what the law of pull and torque was seen to be off by.
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 _ROOM = 0.05  # of what was measured, of a range and off a line: what a setting is good to
 _SAME = 0.01  # of a size: one wheel
 _OFF_LINE = 4.0  # deviations off the line that two settings lay on
-KEY = "measured"
 
 
 @dataclass(frozen=True)
@@ -36,10 +35,13 @@ class RunScatter:
     absolute: float = 0.0
     relative: float = 0.0
 
-    def variance(self, level: Array) -> Array:
-        """Of values of that size."""
-        relative = self.run**2 + self.relative**2
-        return np.asarray(relative * level**2 + self.zero**2 + self.absolute**2)
+    def of_run(self, level: Array) -> Array:
+        """Variance of a run, of values of that size, shape as given."""
+        return np.asarray((self.run * level) ** 2 + self.zero**2)
+
+    def of_row(self, level: Array) -> Array:
+        """Variance of a row of a run, of values of that size, shape as given."""
+        return np.asarray((self.relative * level) ** 2 + self.absolute**2)
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,11 @@ class ForceLaw:
     known: float
     law: float
     wheel: float
+
+    @property
+    def elsewhere(self) -> float:
+        """Of a wheel that was not measured."""
+        return float(np.hypot(self.law, self.wheel))
 
 
 @dataclass(frozen=True)
@@ -87,26 +94,6 @@ class Measured:
     tied: tuple[Tied, ...] = ()
     unexplained: bool = False
 
-    @classmethod
-    def of(cls, provenance: Mapping[str, Any]) -> Measured:
-        """As a model file has it; empty where it has none, or one that is damaged."""
-        try:
-            found = dict(provenance.get(KEY) or {})
-            return cls(
-                {
-                    str(n): (float(a), float(b))
-                    for n, (a, b) in dict(found.get("ranges", {})).items()
-                },
-                tuple((float(d), float(b), float(h)) for d, b, h in found.get("wheels", ())),
-                float(found.get("stiffness", 0.0)),
-                {str(n): RunScatter(**v) for n, v in dict(found.get("runs", {})).items()},
-                {str(n): ForceLaw(**v) for n, v in dict(found.get("forces", {})).items()},
-                tuple(Tied(**one) for one in found.get("tied", ())),
-                bool(found.get("unexplained", False)),
-            )
-        except (TypeError, ValueError):
-            return cls()
-
     def plain(self) -> dict[str, Any]:
         """As a model file keeps it."""
         return {
@@ -121,7 +108,7 @@ class Measured:
 
     def has_wheel(self, conditions: Conditions) -> NDArray[np.bool_]:
         """Rows of a wheel that was measured, at slips that were."""
-        lugs = conditions["grouser_height"] if "grouser_height" in conditions else 0.0
+        lugs = conditions.covariates.get("grouser_height", 0.0)
         size = np.column_stack(np.broadcast_arrays(conditions.diameter, conditions.width, lugs))
         room = _SAME * conditions.diameter
         found = np.zeros(len(conditions), dtype=bool)

@@ -9,6 +9,7 @@ one never runs code, so an effect that is not installed must be given beforehand
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,6 +22,7 @@ from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_ya
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.model.derived import derived_numbers
+from smallwheel_ros.model.measured import ForceLaw, Measured, RunScatter, Tied
 from smallwheel_ros.model.model import CalibratedModel as CalibratedModel
 from smallwheel_ros.model.model import Geometry, Model
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
@@ -29,7 +31,7 @@ from smallwheel_ros.physics.traction import ThrustForm
 Array = NDArray[np.float64]
 
 VERSION = 1
-_MODEL = ("geometry", "thrust_form", "soils", "effects", "covariance", "provenance")
+_MODEL = ("geometry", "thrust_form", "soils", "effects", "covariance", "measured", "provenance")
 _TOP = ("smallwheel_model", *_MODEL, "rivals")
 # What a covariance names of a soil: the numbers of `fitting.parameters.soil_numbers`.
 SOIL_PARAMETERS = (
@@ -117,6 +119,8 @@ def _document(calibrated: CalibratedModel) -> dict[str, Any]:
             "names": list(calibrated.names),
             "matrix": [[float(v) for v in row] for row in calibrated.covariance],
         }
+    if calibrated.measured != Measured():
+        document["measured"] = calibrated.measured.plain()
     if calibrated.provenance:
         document["provenance"] = dict(calibrated.provenance)
     return document
@@ -190,9 +194,14 @@ class _Entry:
             return float(value)
         raise self.unlike("a finite number")
 
-    def choice(self, choices: Sequence[str]) -> Any:
+    def text(self) -> str:
+        if not isinstance(self.value, str):
+            raise self.unlike("a text")
+        return self.value
+
+    def choice(self, choices: Sequence[str | bool]) -> Any:
         if self.value not in choices:
-            raise self.unlike("one of " + ", ".join(choices))
+            raise self.unlike("one of " + ", ".join(map(str, choices)))
         return self.value
 
 
@@ -312,8 +321,11 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     rivals = []
     for entry in _Entry(file, "rivals", document.get("rivals") or []).listing():
         entry.mapping("probability", *_MODEL)
-        rivals.append((entry.get("probability").number(), _model(entry, registry)))
-    return _model(top, registry).beside(rivals)
+        share = entry.get("probability")
+        if not 0.0 < share.number() <= 1.0:
+            raise share.unlike("a probability, over 0 and up to 1")
+        rivals.append((share.number(), _model(entry, registry)))
+    return _model(top, registry).changed(rivals=tuple(rivals))
 
 
 def _model(top: _Entry, registry: Registry) -> CalibratedModel:
@@ -334,4 +346,41 @@ def _model(top: _Entry, registry: Registry) -> CalibratedModel:
     if not isinstance(provenance, dict):
         raise top.get("provenance").unlike("a mapping of keys and values")
     model = Model(soils, geometry, acting, thrust_form)
-    return CalibratedModel(model, names, covariance, provenance)
+    return CalibratedModel(model, names, covariance, provenance, _measured(top.get("measured")))
+
+
+def _measured(entry: _Entry) -> Measured:
+    """What was measured; nothing where the file does not say, as of one written before 0.4."""
+    if entry.value is None:
+        return Measured()
+    entry.mapping(*(one.name for one in fields(Measured)))
+
+    def each(name: str) -> dict[str, _Entry]:
+        part = _Entry(entry.file, f"{entry.key}.{name}", entry.value.get(name) or {})
+        return {key: part.get(key) for key in (part.mapping(*part.value) if part.value else ())}
+
+    def listed(name: str) -> list[_Entry]:
+        return _Entry(entry.file, f"{entry.key}.{name}", entry.value.get(name) or []).listing()
+
+    def numbers(one: _Entry, count: int) -> list[float]:
+        found = [value.number() for value in one.listing()]
+        if len(found) != count:
+            raise one.unlike(f"{count} numbers")
+        return found
+
+    def group(one: _Entry, kind: type[Any]) -> Any:
+        names = [f.name for f in fields(kind)]
+        one.mapping(*names)
+        return kind(*(one.get(n).text() if f.type == "str" else one.get(n).number()
+                      for n, f in zip(names, fields(kind), strict=True)))  # fmt: skip
+
+    ranges = {name: tuple(numbers(one, 2)) for name, one in each("ranges").items()}
+    return Measured(
+        ranges,  # type: ignore[arg-type]  # pairs
+        tuple(tuple(numbers(one, 3)) for one in listed("wheels")),  # type: ignore[misc]  # of three
+        entry.get("stiffness", 0.0).number(),
+        {name: group(one, RunScatter) for name, one in each("runs").items()},
+        {name: group(one, ForceLaw) for name, one in each("forces").items()},
+        tuple(group(one, Tied) for one in listed("tied")),
+        entry.get("unexplained", False).choice((False, True)),
+    )

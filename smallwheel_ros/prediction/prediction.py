@@ -1,35 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One wheel, or a grid of settings, on one soil, with deviations: behind `smallwheel predict`."""
+"""One wheel, or a grid of settings, on one soil, with deviations: what `smallwheel predict` gives."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.fitting.constants import FORCE_LAW
-from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
-from smallwheel_ros.fitting.parameters import (
-    STRENGTH_PARAMETERS,
-    WHEEL_PARAMETERS,
-    soil_from,
-    soil_numbers,
-)
-from smallwheel_ros.measurements.columns import COLUMNS, FORCES, OTHER, SETTINGS, unit_of
-from smallwheel_ros.measurements.display import listed, setting_words, words
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
+from smallwheel_ros.measurements.display import effect_words, listed, setting_words, words
 from smallwheel_ros.model.measured import Measured
-from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
+from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
+from smallwheel_ros.prediction.uncertainty import (
+    QUANTITIES,
+    UncertainPrediction,
+    predict_of,
+    with_usual_strength,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +33,6 @@ Array = NDArray[np.float64]
 # SI units of the settings; any other column is in SI whatever its unit.
 UNITS = {name: unit_of(name) for name in ("load", "diameter", "width", *SETTINGS)}
 _MOST = 200_000
-_STEP = 1e-4  # of a standard deviation: far from rounding, close enough to be a slope
 SUNK = "immobilised: sunk to the axle"
 
 
@@ -47,7 +40,7 @@ class PredictionError(SmallwheelError):
     """Settings that cannot be predicted."""
 
 
-# What a prediction gives, in the order in which it is shown: title, factor on SI units.
+# How each of `QUANTITIES` is shown: title, factor on SI units.
 SHOWN = {
     "sinkage": ("sinkage [mm]", 1e3),
     "compaction_resistance": ("compaction resistance [N]", 1.0),
@@ -57,24 +50,6 @@ SHOWN = {
     "drawbar_pull": ("drawbar pull [N]", 1.0),
     "torque": ("torque [N m]", 1.0),
 }
-QUANTITIES = tuple(SHOWN)
-
-
-@dataclass(frozen=True)
-class UncertainPrediction:
-    """A prediction and, by quantity, its standard deviation; arrays of shape (rows,), SI units.
-
-    standard_deviation is empty where the model file has no covariance. It holds what follows
-    from the parameters: not what the model lacks; of pull and torque `prediction` adds what their law is off
-    by. run_deviation: of one row of one new run beside the prediction, the scatter of runs and rows included;
-    empty where the model does not know it. stiffness: change of each quantity with ln k of the soil.
-    """
-
-    prediction: Prediction
-    standard_deviation: Mapping[str, Array]
-    run_deviation: Mapping[str, Array] = field(default_factory=dict)
-    stiffness: Mapping[str, Array] = field(default_factory=dict)
-    without_strength: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -162,207 +137,12 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
     kept = model.soils[names.index(name)] if name is not None else model.soils[0]
     others = tuple(f"{other}." for other in names if other != kept.name)
     rows = [i for i, known in enumerate(calibrated.names) if not known.startswith(others)]
-    return CalibratedModel(
-        replace(model, soils=(kept,)),
-        tuple(calibrated.names[i] for i in rows),
-        calibrated.covariance[np.ix_(rows, rows)],
-        calibrated.provenance,
-        [(share, on_one_soil(rival, name, source)) for share, rival in calibrated.rivals],
+    return calibrated.changed(
+        model=replace(model, soils=(kept,)),
+        names=tuple(calibrated.names[i] for i in rows),
+        covariance=calibrated.covariance[np.ix_(rows, rows)],
+        rivals=[(share, on_one_soil(rival, name, source)) for share, rival in calibrated.rivals],
     )
-
-
-# Of the parameters of a wheel on a soil, in words.
-_WHEEL_WORDS = {
-    "rolling_share": "share of rolling in the shear",
-    "rim_friction": "bare rim's friction over the soil's",
-    "pressure_peak": "peak of the pressure at slip 1, of the arc",
-}
-
-
-def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[float, str]]:
-    """What pull and torque rest on that the model's covariance does not have.
-
-    By parameter, named as in a covariance: its deviation there, and words with value and deviation.
-    """
-    usual = usual_strength(soil)
-    c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
-    relative = kappa.standard_deviation / kappa.value
-    # Deviation in a covariance; words, value in SI, factor on both and unit for people.
-    known = {
-        "cohesion": (c.standard_deviation, "cohesion", c.value, 1.0, " Pa"),
-        "friction_angle": (
-            phi.standard_deviation, "friction angle", phi.value, 180.0 / math.pi, " deg",
-        ),
-        "log_shear_displacement": (relative, "shear displacement", 1.0, 1e3 * kappa.value, " mm"),
-    }  # fmt: skip
-    for name, (_, prior) in WHEEL_PARAMETERS.items():
-        known[name] = (prior.deviation, _WHEEL_WORDS[name], getattr(soil, name), 1.0, "")
-    return {
-        name: (
-            deviation,
-            f"{words} ({factor * value:.4g} +- {float(f'{factor * deviation:.2g}'):g}{unit})",
-        )
-        for name, (deviation, words, value, factor, unit) in known.items()
-        if f"{soil.name}.{name}" not in names
-    }
-
-
-def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
-    """The model with a covariance of the strength too, and a note of what of it was not measured.
-
-    A fit without pull and torque leaves the strength where it was: pull would look as if that were known
-    exactly. What the covariance lacks gets the deviations among soils of one kind (`usual_strength`), as
-    in the estimator, and among rigs (`WHEEL_PARAMETERS`).
-    """
-    names, covariance, notes = calibrated.names, calibrated.covariance, []
-    for soil in calibrated.model.soils:
-        assumed = _assumed_strength(soil, calibrated.names)
-        if not assumed:
-            continue
-        unmeasured = listed([text for _, text in assumed.values()])
-        notes.append(
-            f"no measurement determines {unmeasured}: thrust, pull and torque "
-            "rest on usual values, with the deviations among soils of one kind and among rigs"
-        )
-        names += tuple(f"{soil.name}.{name}" for name in assumed)
-        covariance = block_diag(covariance, np.diag([d**2 for d, _ in assumed.values()]))
-    return CalibratedModel(calibrated.model, names, covariance, calibrated.provenance), tuple(notes)
-
-
-def with_parameter(model: Model, name: str, change: float) -> Model:
-    """The model with one parameter, named as in a model file, changed by an amount.
-
-    Raises ModelError where the model has no such parameter.
-    """
-    owner, _, parameter = name.rpartition(".")
-    for i, soil in enumerate(model.soils):
-        if soil.name == owner:
-            numbers = soil_numbers(soil)
-            if parameter not in numbers:
-                raise ModelError(f"the covariance names '{name}': no parameter of a soil")
-            changed = soil_from(soil, {parameter: numbers[parameter] + change})
-            return replace(model, soils=(*model.soils[:i], changed, *model.soils[i + 1 :]))
-    for i, effect in enumerate(model.effects):
-        values = dict(effect.values())
-        if effect.id == owner and parameter in values:
-            other = replace(effect, **{parameter: values[parameter] + change})
-            return replace(model, effects=(*model.effects[:i], other, *model.effects[i + 1 :]))
-    raise ModelError(f"the covariance names '{name}', which is no parameter of the model")
-
-
-def predict_with_uncertainty(
-    calibrated: CalibratedModel, conditions: Conditions
-) -> UncertainPrediction:
-    """Predict, with standard deviations to first order: J C J', J by differences.
-
-    Where a parameter stands at the edge of its domain the difference is one-sided.
-    """
-    prediction = predict(calibrated.model, conditions)
-    if not calibrated.names:
-        return UncertainPrediction(prediction, {})
-    wanted = [q for q in QUANTITIES if getattr(prediction, q) is not None]
-    # The square root of the covariance turns the propagation into a sum of squares over directions.
-    values, vectors = np.linalg.eigh(calibrated.covariance)
-    spread = np.sqrt(np.maximum(np.diag(calibrated.covariance), 0.0))
-    slopes = {q: np.zeros((len(calibrated.names), len(conditions))) for q in wanted}
-    for i, name in enumerate(calibrated.names):
-        step = _STEP * spread[i]
-        if step == 0.0:
-            continue
-        ends: list[Prediction] = []
-        width = 0.0
-        for sign in (1.0, -1.0):
-            try:
-                changed = with_parameter(calibrated.model, name, sign * step)
-            except (SoilError, EffectError):
-                ends.append(prediction)
-                continue
-            ends.append(predict(changed, conditions))
-            width += step
-        for q in wanted if width else ():
-            slopes[q][i] = (getattr(ends[0], q) - getattr(ends[1], q)) / width
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    deviations = {q: np.sqrt(np.sum((root.T @ slopes[q]) ** 2, axis=0)) for q in wanted}
-    fields = [name.rpartition(".")[2] for name in calibrated.names]
-    stiff = np.array([f == "log_reference_pressure" for f in fields])
-    others = np.array([f not in STRENGTH_PARAMETERS | WHEEL_PARAMETERS for f in fields])
-    known = calibrated.covariance[np.ix_(others, others)]
-    partly = {
-        q: np.sqrt(np.maximum(np.einsum("in,ij,jn->n", s[others], known, s[others]), 0.0))
-        for q, s in slopes.items()
-    }
-    change = {q: s[stiff].sum(axis=0) for q, s in slopes.items()}
-    return UncertainPrediction(prediction, deviations, stiffness=change, without_strength=partly)
-
-
-def _with_law_error(
-    result: UncertainPrediction, conditions: Conditions, measured: Measured, sinkage_known: bool
-) -> UncertainPrediction:
-    """The deviations with what the law of pull and torque is itself off by.
-
-    Of a wheel that was measured, at slips that were, what the fit is known to be off by there, strength
-    included; else what the strength is off by and what the law is, as the table or, where pull or torque
-    was not measured, many rigs say. sinkage_known: whether the model says how well its law of sinkage is
-    known; else only forces of the balance have a deviation, at the sinkage as it is predicted.
-    """
-    usual = np.hypot(FORCE_LAW, wheel_discrepancy(conditions))
-    found, here = dict(result.standard_deviation), measured.has_wheel(conditions)
-    for name in ("thrust", "drawbar_pull", "torque"):
-        # Thrust is pull and the resistance that goes with it.
-        law = measured.forces.get("drawbar_pull" if name == "thrust" else name)
-        size = of_load(conditions, name)
-        share = usual if law is None else float(np.hypot(law.law, law.wheel))
-        found[name] = np.hypot(found[name], share * size)
-        if law is not None and name != "thrust":
-            # The strength was fitted at the sinkage as it is predicted: at these loads its errors are in it.
-            of_soil = np.where(
-                measured.beyond("load", conditions), result.without_strength[name], 0.0
-            )
-            known = np.hypot(of_soil, law.known * size)
-            found[name] = np.where(here, np.minimum(known, found[name]), found[name])
-    if not sinkage_known:
-        found = {name: found[name] for name in ("thrust", "drawbar_pull", "torque")}
-    return replace(result, standard_deviation=found)
-
-
-def _of_one_run(
-    result: UncertainPrediction, conditions: Conditions, measured: Measured
-) -> UncertainPrediction:
-    """With the deviation of a row of a new run: its soil is firmer, its instrument was tared, rows differ.
-
-    Where no law describes the data, what runs differ by counts as an error of the law, too.
-    """
-    laws, found = dict(result.standard_deviation), {}
-    for name, scatter in measured.runs.items():
-        value, known = getattr(result.prediction, name), laws.get(name)
-        if value is None or known is None:
-            continue
-        level = of_load(conditions, name) if name in FORCES else np.abs(value)
-        soil = measured.stiffness * result.stiffness.get(name, np.zeros(len(conditions)))
-        found[name] = np.sqrt(known**2 + soil**2 + scatter.variance(level))
-        if measured.unexplained:
-            of_runs = replace(scatter, absolute=0.0, relative=0.0).variance(level)
-            laws[name] = np.sqrt(known**2 + soil**2 + of_runs)
-    return replace(result, standard_deviation=laws, run_deviation=found)
-
-
-def _together(results: Sequence[tuple[float, UncertainPrediction]]) -> UncertainPrediction:
-    """What several models say together, each with its probability: the mixture's mean and deviation."""
-    shares = np.array([share for share, _ in results])
-    shares = (shares / shares.sum())[:, None]
-    best = max(results, key=lambda one: one[0])[1]
-    means, deviations = {}, {"standard_deviation": {}, "run_deviation": {}}
-    for name in (q for q in QUANTITIES if getattr(best.prediction, q) is not None):
-        said = np.array([getattr(one.prediction, name) for _, one in results])
-        means[name] = np.sum(shares * said, axis=0)
-        apart = np.sum(shares * (said - means[name]) ** 2, axis=0)
-        for kind, found in deviations.items():
-            each = [getattr(one, kind).get(name) for _, one in results]
-            if all(one is not None for one in each):
-                found[name] = np.sqrt(np.sum(shares * np.array(each) ** 2, axis=0) + apart)
-    sunk = np.sum(shares * [one.prediction.immobilised for _, one in results], axis=0) > 0.5
-    prediction = replace(best.prediction, **means, immobilised=sunk)
-    return replace(best, prediction=prediction, **deviations)
 
 
 def _refuse_absurd(name: str, values: Array) -> None:
@@ -406,7 +186,13 @@ def _without_number(
     return np.asarray(~finite.all(axis=0))
 
 
-def _beyond_measured(measured: Measured, conditions: Conditions) -> tuple[str, ...]:
+_UNEXPLAINED = (
+    "no law of the library described the data that this was fitted to: what runs differ by is part of the "
+    "deviation"
+)
+
+
+def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
     """Which settings are beyond those measured, or off those that were varied together."""
     found, beyond, outside = [], [], np.zeros(len(conditions), dtype=bool)
     for name, ends in measured.ranges.items():
@@ -427,43 +213,33 @@ def _beyond_measured(measured: Measured, conditions: Conditions) -> tuple[str, .
                     f"{words(one.other)} and {words(one.setting)} were varied together: what is off that "
                     f"line{some} was never measured, and no deviation covers it"
                 )
-    return tuple(found)
+    return found
 
 
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with deviations in which the law's own error is, and what was not measured, in words.
+    """A prediction with its deviations, and in words what it rests on that was not measured."""
+    notes = [_rivals_words(calibrated)] if calibrated.rivals else []
+    for one in [rival for _, rival in calibrated.rivals] or [calibrated]:
+        if one.measured.unexplained:
+            notes.append(_UNEXPLAINED)
+        notes += _beyond_measured(one.measured, conditions)
+        if "slip" in conditions:
+            notes += with_usual_strength(one)[1]
+    return predict_of(calibrated, conditions), tuple(dict.fromkeys(notes))
 
-    Of a model with rivals it is what they say together.
-    """
-    if calibrated.rivals:
-        said = [
-            (share, predict_conditions(rival, conditions)) for share, rival in calibrated.rivals
-        ]
-        names = [f"{' and '.join(e.id for e in rival.effects) or 'none of these'} ({share:.2f})"
-                 for share, rival in calibrated.rivals]  # fmt: skip
-        note = (
-            f"the data could not tell {len(names)} models apart: {', '.join(names)}; the number is their mean, "
-            "by their probability, and its deviation includes what they differ by"
-        ).replace("_", " ")
-        notes = tuple(dict.fromkeys(n for _, (_, more) in said for n in more))
-        return _together([(share, result) for share, (result, _) in said]), (note, *notes)
-    measured, notes = Measured.of(calibrated.provenance), tuple[str, ...]()
-    if "slip" not in conditions:
-        result = predict_with_uncertainty(calibrated, conditions)
-    else:
-        known, notes = with_usual_strength(calibrated)
-        result = predict_with_uncertainty(known, conditions)
-        result = _with_law_error(result, conditions, measured, bool(calibrated.names))
-    result = _of_one_run(result, conditions, measured)
-    if measured.unexplained:
-        notes = (
-            "no law of the library described the data this was fitted to: what runs differ by is part of the "
-            "deviation",
-            *notes,
-        )
-    return result, (*_beyond_measured(measured, conditions), *notes)
+
+def _rivals_words(calibrated: CalibratedModel) -> str:
+    """That the numbers are a mixture, and of which models."""
+    named = [
+        f"{listed([effect_words(e.id) for e in rival.effects]) or 'no effect'} ({share:.2f})"
+        for share, rival in calibrated.rivals
+    ]
+    return (
+        f"the data could not tell {len(named)} models apart: {', '.join(named)}. The number is their mean by "
+        "probability, and its deviation includes what they differ by"
+    )
 
 
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:

@@ -13,7 +13,7 @@ from smallwheel_ros.model.model import Model, ModelError, predict
 from smallwheel_ros.model.model_file import CalibratedModel
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.prediction.prediction import (
+from smallwheel_ros.prediction.uncertainty import (
     QUANTITIES,
     predict_with_uncertainty,
     with_parameter,
