@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, Texts, unit_of
 from smallwheel_ros.measurements.display import effect_words, listed, setting_words, words
+from smallwheel_ros.measurements.settings import varies
+from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.model.model_file import CalibratedModel
@@ -54,15 +56,18 @@ SHOWN = {
 
 @dataclass(frozen=True, repr=False)
 class PredictionTable(Result, shown="views.prediction"):
-    """Settings by name and what the model says of each combination; arrays of shape (rows,), SI.
+    """Settings by name and what the model says of each row; arrays of shape (rows,), SI.
 
-    notes: what the numbers rest on that was not measured.
+    notes: what the numbers rest on that was not measured. names: texts of the rows of a table, its run and
+    soil. measured: what such a table has measured, by `measured_sinkage`, `measured_sinkage_std` and so on.
     """
 
     settings: Mapping[str, Array]
     varied: tuple[str, ...]
     result: UncertainPrediction
     notes: tuple[str, ...] = ()
+    names: Mapping[str, Texts] = field(default_factory=dict)
+    measured: Mapping[str, Array] = field(default_factory=dict)
 
     def headline(self) -> str:
         """The quantities of one setting, or how many settings there are."""
@@ -89,12 +94,14 @@ class PredictionTable(Result, shown="views.prediction"):
         return self._drawn(ax, quantity)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One mapping a row; None where the wheel is sunk."""
+        """One mapping a row; None where the wheel is sunk, and where nothing was measured."""
         prediction = self.result.prediction
         rows = []
         for i in range(prediction.sinkage.size):
             sunk = bool(prediction.immobilised[i])
-            row: dict[str, Any] = {name: float(v[i]) for name, v in self.settings.items()}
+            row: dict[str, Any] = {name: str(v[i]) for name, v in self.names.items()}
+            row |= {name: float(v[i]) for name, v in self.settings.items()}
+            row |= {n: float(v[i]) if np.isfinite(v[i]) else None for n, v in self.measured.items()}
             for quantity in QUANTITIES:
                 values = getattr(prediction, quantity)
                 if values is None:
@@ -267,3 +274,32 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
         _refuse_no_number(calibrated.model, conditions, columns, result)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
     return PredictionTable(columns, varied, result, notes + calibrated.model.cautions(conditions))
+
+
+def predict_rows(calibrated: CalibratedModel, table: Measurements) -> PredictionTable:
+    """Predict each row of a table, in its order.
+
+    Raises PredictionError for more than 200,000 rows, and as `predict_table` does.
+    """
+    if len(table) > _MOST:
+        raise PredictionError(
+            f"{table.source or 'data'}: {len(table)} rows, at most {_MOST}: predict it in parts"
+        )
+    given = table.conditions
+    conditions = given if len(calibrated.soils) > 1 else replace(given, soil=None)
+    columns = {n: given[n] for n in ("load", "diameter", "width", *given.covariates)}
+    with np.errstate(all="ignore"):  # what is no number is refused below, by name
+        result, notes = predict_conditions(calibrated, conditions)
+        _refuse_no_number(calibrated.model, conditions, columns, result)
+    names = {"run": table.run} if table.runs_given else {}
+    names |= {} if given.soil is None else {"soil": given.soil}
+    measured = {f"measured_{name}": values for name, values in table.channels.items()}
+    measured |= {f"measured_{name}_std": values for name, values in table.declared_std.items()}
+    return PredictionTable(
+        columns,
+        tuple(name for name, values in columns.items() if varies(values)),
+        result,
+        (*table.understood, *table.warnings, *notes, *calibrated.model.cautions(conditions)),
+        names,
+        measured,
+    )
