@@ -150,8 +150,8 @@ class ModelFile(Target):
 
     def make_seeds(self) -> list[bytes]:
         from smallwheel_ros.effects.slip import Exponential
-        from smallwheel_ros.model.model import Model
-        from smallwheel_ros.model.model_file import CalibratedModel, parameter_names, write_model
+        from smallwheel_ros.model.model import CalibratedModel, Model
+        from smallwheel_ros.model.model_file import parameter_names, write_model
 
         model = Model(soil("dry_sand")) + Exponential()
         names = parameter_names(model.soils, model.effects)

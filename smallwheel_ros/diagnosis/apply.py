@@ -31,7 +31,7 @@ from smallwheel_ros.measurements.table import Measurements
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from smallwheel_ros.model.model_file import CalibratedModel
+    from smallwheel_ros.model.model import CalibratedModel
 
 
 @dataclass(frozen=True, repr=False)

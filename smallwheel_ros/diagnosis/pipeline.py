@@ -36,7 +36,7 @@ from smallwheel_ros.model.given import ids_of, model_of, registry_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from smallwheel_ros.model.model_file import CalibratedModel
+    from smallwheel_ros.model.model import CalibratedModel
 
 Progress = Callable[[str], object]
 

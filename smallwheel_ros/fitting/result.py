@@ -36,8 +36,7 @@ from smallwheel_ros.fitting.variance import Scatter, curves_repeated, settings_r
 from smallwheel_ros.measurements.display import listed, percent, shown_value, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.measured import Measured
-from smallwheel_ros.model.model import Model, Prediction, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
 if TYPE_CHECKING:

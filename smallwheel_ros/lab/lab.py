@@ -36,7 +36,7 @@ from smallwheel_ros.lab.strength import (
 )
 from smallwheel_ros.measurements.display import sentence
 from smallwheel_ros.measurements.table import Measurements, ShearTests
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel
 
 _NO_MODEL = (
     "shear tests tell cohesion, friction angle and shear modulus, and a model needs k and n too: give "

@@ -17,8 +17,7 @@ from smallwheel_ros.measurements.display import effect_words, listed, setting_wo
 from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.measured import Measured
-from smallwheel_ros.model.model import Model, Prediction, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.prediction.uncertainty import (
     QUANTITIES,

@@ -32,8 +32,7 @@ from smallwheel_ros.fitting.parameters import (
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.display import listed
 from smallwheel_ros.model.measured import Measured
-from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
 
