@@ -125,27 +125,25 @@ class Diagnosis(Result, shown="views.diagnosis"):
     @cached_property
     def model(self) -> CalibratedModel:
         """The model with everything that the verdict names; where that is not all, beside its rivals."""
-        search, decision, fit = self.search, self.decision, self.fit
-        if search is None or decision is None:
-            return fit.model
-        left = None if self.evidence is None else self.evidence.misfit
-        wild = left is not None and bool(left.mixed or left.scatter)
-        unexplained = decision.word == "unknown_effect" or (bool(decision.rivals) and wild)
-        tied = {name for one in fit.measured.tied for name in (one.setting, one.other)}
-        if decision.rivals or unexplained or (tied and decision.word == "adequate"):
-            best, rivals = search.laws(decision.named, tied)
-            unexplained |= best < search.ordered[0].weight - TIE
-            found = [
-                (share, self._written(self.problem.result(model), unexplained))
-                for share, model in rivals
-            ]
-            if len(found) > 1:
-                return self._written(fit, unexplained).changed(rivals=tuple(found))
-        return self._written(fit, unexplained)
+        evidence, decision = self.evidence, self.decision
+        if evidence is None or decision is None:
+            return self.fit.model
+        tied = {name for one in self.fit.measured.tied for name in (one.setting, one.other)}
+        unknown = decision.word == "unknown_effect"
+        if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
+            return self.fit.model
+        found, left = evidence.found, evidence.misfit
+        models = found.mixture(decision.named, decision.rivals, tied)
+        # A curve without a name that does better, several soils or wild scatter: no law describes the data.
+        best = max((m.weight for _, m in models), default=-np.inf)
+        unknown |= best < found.ordered[0].weight - TIE
+        unknown |= bool(decision.rivals) and bool(left.mixed or left.scatter)
 
-    @staticmethod
-    def _written(fit: FitResult, unexplained: bool) -> CalibratedModel:
-        return replace(fit, measured=replace(fit.measured, unexplained=unexplained)).model
+        def written(fit: FitResult) -> CalibratedModel:
+            return replace(fit, measured=replace(fit.measured, unexplained=unknown)).model
+
+        rivals = [(share, written(self.problem.result(model))) for share, model in models]
+        return written(self.fit).changed(rivals=tuple(rivals) if len(rivals) > 1 else ())
 
     def fitted(self, step: int) -> FitResult:
         """The model of a step fitted to all runs and channels, for people and for model files."""

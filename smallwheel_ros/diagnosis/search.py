@@ -254,37 +254,36 @@ class Search:
         """The base model."""
         return self.models[frozenset()]
 
-    def laws(
-        self, named: Collection[str], tied: Collection[str] = ()
-    ) -> tuple[float, list[tuple[float, Candidate]]]:
-        """Models of the library with what is named, each with its share of their probability, and their best.
+    def mixture(
+        self, named: Collection[str], rivals: Collection[str], tied: Collection[str] = ()
+    ) -> list[tuple[float, Candidate]]:
+        """Models of the library with what is named, each with its share of their probability, the best first.
 
-        tied: settings that were varied together. What follows one of them is as probable beforehand as that
-        nothing does: the data has no say, and it matters wherever they are not together. Those of under
-        `MENTIONED` are left out.
+        Those of under `MENTIONED` are left out, but for the best with each rival. tied: settings that were
+        varied together. What follows one of them is as probable beforehand as that nothing does: the data has
+        no say, and it matters wherever they are not together.
         """
         even = {c.family for c in self.field.competitors
-                if c.kind == "soil" and set(tied) & {*c.drivers[:1]} - {"load"}}  # fmt: skip
-        known = {c.family for m in self.models.values() for c in m.competitors}
-        wanted = set(named) & known
+                if c.kind == "soil" and {*tied} & {*c.drivers[:1]} - {"load"}}  # fmt: skip
+        wanted = {*named} & {c.family for m in self.models.values() for c in m.competitors}
         for c in self.field.competitors if tied and not wanted else ():
             if c.family in even:
                 self.made(self.none, c)
-        found = [m for m in self.ordered if wanted <= m.families
-                 and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
-        if not found:
-            return -np.inf, []
+        models = [m for m in self.ordered if wanted <= m.families
+                  and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
+        if not models:
+            return []
         forms = Counter(c.family for c in self.field.competitors)
-        odds = [
-            sum(-np.log(c.share * forms[c.family]) for c in m.competitors if c.family in even)
-            for m in found
-        ]
-        weights = np.array([m.weight for m in found]) + odds
+        odds = [sum(-np.log(c.share * forms[c.family]) for c in m.competitors if c.family in even)
+                for m in models]  # fmt: skip
+        weights = np.array([m.weight for m in models]) + odds
         shares = np.exp(weights - weights.max())
         shares /= shares.sum()
-        kept = [(float(p), m) for p, m in zip(shares, found, strict=True) if p >= MENTIONED]
+        best = {next((m.key for m in models if name in m.families), None) for name in rivals}
+        kept = [(float(p), m) for p, m in zip(shares, models, strict=True)
+                if p >= MENTIONED or m.key in best]  # fmt: skip
         total = sum(p for p, _ in kept)
-        return found[0].weight, [(p / total, m) for p, m in kept]
+        return [(p / total, m) for p, m in kept]
 
     def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
         """The family alone in its forms that were refitted, the best first, within some nats of it."""

@@ -98,7 +98,7 @@ def decide(evidence: Evidence) -> Verdict:
     """Turn the evidence into a verdict."""
     said, held, told = evidence.posterior, evidence.held_out, evidence.told
     word, named, closest = said.word, held.named, said.closest
-    rivals = tuple(dict.fromkeys([*itertools.chain(*held.useless), *said.rivals]))
+    rivals = tuple(dict.fromkeys([*itertools.chain(*held.useless), *said.rivals, *held.besides]))
     reasons = [*said.ties]
     if said.unknown:
         reasons.append(_unexplained(evidence.found, said.unknown))

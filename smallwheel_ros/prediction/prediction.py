@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -216,8 +217,8 @@ def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
             if off.any():
                 some = "" if off.all() else f" in {int(off.sum())} of {off.size} rows"
                 found.append(
-                    f"{words(one.other)} and {words(one.setting)} were varied together: what is off that "
-                    f"line{some} was never measured, and no deviation covers it"
+                    f"{words(one.other)} and {words(one.setting)} were varied together: off that line{some} "
+                    "nothing was measured, and the number rests on laws that this data could not test"
                 )
     return found
 
@@ -238,9 +239,11 @@ def predict_conditions(
 
 def _rivals_words(calibrated: CalibratedModel) -> str:
     """That the numbers are a mixture, and of which models."""
+    shares: dict[str, float] = defaultdict(float)  # forms of one effect are one to a reader
+    for share, rival in calibrated.rivals:
+        shares[listed([effect_words(e.id) for e in rival.effects]) or "no effect"] += share
     named = [
-        f"{listed([effect_words(e.id) for e in rival.effects]) or 'no effect'} ({share:.2f})"
-        for share, rival in calibrated.rivals
+        f"{name} ({share:.2f})" for name, share in sorted(shares.items(), key=lambda item: -item[1])
     ]
     return (
         f"the data could not tell {len(named)} models apart: {', '.join(named)}. The number is their mean by "
