@@ -98,6 +98,9 @@ class OnboardSettings:
         Hz, estimates of each wheel at most; 0: one for each measured sinkage.
     soil_told
         Whether the user has said which soil it is; else it is any.
+    model_note
+        What to know of the model file, in words: rivals of which it runs with the mean, and wheels that were
+        not measured; empty: nothing.
     twist
         How the twist of the rims is told; None: it is not.
     """
@@ -120,6 +123,7 @@ class OnboardSettings:
     gravity_height: float = 0.0
     mobility_rate: float = 10.0
     soil_told: bool = True
+    model_note: str = ""
     twist: TwistSettings | None = None
 
     @property

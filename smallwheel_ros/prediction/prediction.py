@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -14,10 +13,11 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, Texts, unit_of
-from smallwheel_ros.measurements.display import effect_words, listed, setting_words, words
+from smallwheel_ros.measurements.display import setting_words, words
 from smallwheel_ros.measurements.settings import varies
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.measured import Measured
+from smallwheel_ros.model.mixture import rivals_text
 from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.prediction.uncertainty import (
@@ -227,7 +227,12 @@ def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
     """A prediction with its deviations, and in words what it rests on that was not measured."""
-    notes = [_rivals_words(calibrated)] if calibrated.rivals else []
+    notes = []
+    if calibrated.rivals:
+        notes.append(
+            f"the data could not tell these models apart: {rivals_text(calibrated)}. The number is their "
+            "mean by probability, and its deviation includes what they differ by"
+        )
     for one in [rival for _, rival in calibrated.rivals] or [calibrated]:
         if one.measured.unexplained:
             notes.append(_UNEXPLAINED)
@@ -235,20 +240,6 @@ def predict_conditions(
         if "slip" in conditions:
             notes += with_usual_strength(one)[1]
     return predict_of(calibrated, conditions), tuple(dict.fromkeys(notes))
-
-
-def _rivals_words(calibrated: CalibratedModel) -> str:
-    """That the numbers are a mixture, and of which models."""
-    shares: dict[str, float] = defaultdict(float)  # forms of one effect are one to a reader
-    for share, rival in calibrated.rivals:
-        shares[listed([effect_words(e.id) for e in rival.effects]) or "no effect"] += share
-    named = [
-        f"{name} ({share:.2f})" for name, share in sorted(shares.items(), key=lambda item: -item[1])
-    ]
-    return (
-        f"the data could not tell {len(named)} models apart: {', '.join(named)}. The number is their mean by "
-        "probability, and its deviation includes what they differ by"
-    )
 
 
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:

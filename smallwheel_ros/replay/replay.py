@@ -102,10 +102,9 @@ class _Drive:
             self._notes.append(
                 "soil.file is the node's, and not read: give --soil-file to go on from it"
             )
-        if self._settings.onboard.unknown_positions:
-            self._notes.append(self._settings.onboard.unknown_positions)
-        self.start = reader.start_time  # log time
         onboard = self._settings.onboard
+        self._notes += filter(None, [onboard.unknown_positions, onboard.model_note])
+        self.start = reader.start_time  # log time
         self.wheels = [wheel.name for wheel in onboard.wheels]
         self._pipeline = Pipeline(onboard)
         cost_map = CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))

@@ -109,7 +109,8 @@ class Session:
         self._pipeline = Pipeline(settings.onboard)
         self._soil_file = SoilFile(settings.soil_file)
         restored = self._soil_file.restore(self._pipeline)
-        said = self._soil_file.problem, settings.onboard.unknown_positions
+        onboard = settings.onboard
+        said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note
         self.warnings = [*self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
         self._timer: Timer | None = None

@@ -176,4 +176,4 @@ def test_beyond_the_ranges_and_off_a_line_there_is_a_note() -> None:
 def test_rivals_are_named_with_their_probabilities() -> None:
     parts = ((0.6, fitted()), (0.4, fitted() + effect("slip_sinkage", a=1.0)))
     notes = predict_conditions(fitted().changed(rivals=parts), AT)[1]
-    assert "could not tell 2 models apart: no effect (0.60), slip sinkage (0.40)" in notes[0]
+    assert "could not tell these models apart: no effect (0.60), slip sinkage (0.40)" in notes[0]
