@@ -30,7 +30,7 @@ from smallwheel_ros.fitting.noise import (
 )
 from smallwheel_ros.fitting.points import Points, runs_of
 from smallwheel_ros.measurements.display import number, words
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 Index = NDArray[np.intp]
 

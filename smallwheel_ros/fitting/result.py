@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
@@ -34,7 +34,7 @@ from smallwheel_ros.fitting.posterior import posterior_covariance
 from smallwheel_ros.fitting.remedies import remedy_of
 from smallwheel_ros.fitting.variance import Scatter, curves_repeated, settings_repeated
 from smallwheel_ros.measurements.display import listed, percent, shown_value, words
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, Texts, unit_of
 from smallwheel_ros.measurements.display import setting_words, words
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import varies
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.mixture import rivals_text
 from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict

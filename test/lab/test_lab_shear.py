@@ -25,7 +25,7 @@ from smallwheel_ros.lab.strength import (
     strength_of,
     with_strength,
 )
-from smallwheel_ros.measurements.table import ShearTests
+from smallwheel_ros.measurements.measurements import ShearTests
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions

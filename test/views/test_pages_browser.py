@@ -18,7 +18,7 @@ from smallwheel_ros.api.compare import compare
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.measurements.display import shown_value
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.views import report
 

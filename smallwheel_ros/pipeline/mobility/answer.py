@@ -20,9 +20,9 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import Loads
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import is_determined
 from smallwheel_ros.pipeline.tables import (
     SECOND,
