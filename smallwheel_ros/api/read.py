@@ -80,8 +80,8 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
 
 def conditions_of(data: Any, **how: Any) -> "Measurements":
     """A table of settings to predict: none of its rows need have measured anything. how: as in `read`."""
-    from smallwheel_ros.measurements.measurements import Measurements
     from smallwheel_ros.measurements.from_file import read_conditions
+    from smallwheel_ros.measurements.measurements import Measurements
 
     if isinstance(data, Measurements):
         return data

@@ -286,12 +286,58 @@ class Fitter:
             found[np.ix_(seen, mine)] = v.of(seen).solve(fit.slopes[np.ix_(seen, mine)])
         return found
 
+    @cached_property
+    def _apart(self) -> tuple[Fitter, Mask] | None:
+        """A fitter of all but pull and torque, and the mask of its values, where they are kept apart."""
+        points = self.points
+        kept = [name for name in points.channels if name not in points.forces]
+        if not self.apart or not kept or len(kept) == len(points.channels):
+            return None
+        mask = np.isin(points.channel, [points.channels.index(name) for name in kept])
+        part = self.of_values(mask)
+        return replace(part, points=part.points.only(kept), apart=False), mask
+
+    def _components(self, model: VarianceModel, fit: Fit, alone: VarianceModel | None) -> Scatter:
+        """The components that suit the errors of a fit best.
+
+        alone: of the values but pull and torque, whose law is not to be heard in how firm the soil of a run
+        was: what these values have components for, they know best alone.
+        """
+        away, start = fit.away(self.points.value), model.suited(fit.scatter)
+        if alone is None or self._apart is None:
+            return model.fit(away, fit.taken_up, fit.stiffness, start)
+        mine = self._apart[1]
+        first = alone.fit(away[mine], fit.taken_up[mine], fit.stiffness[mine], alone.suited(start))
+        return model.fit(
+            away, fit.taken_up, fit.stiffness, start.with_those_of(first), held=first.names
+        )
+
     def true_scatter(self, fit: Fit) -> Scatter:
         """The components of the variance as it is believed to be, that suit the errors of a fit best."""
         if not self.working:
             return fit.scatter
-        away, true = fit.away(self.points.value), self.true_variance
-        return true.fit(away, fit.taken_up, fit.stiffness, true.suited(fit.scatter))
+        alone = None if self._apart is None else self._apart[0].true_variance
+        return self._components(self.true_variance, fit, alone)
+
+    def scatter_covariance(self, fit: Fit, scatter: Scatter) -> Array:
+        """How well the components are known: covariance of their ln, shape (components,) * 2.
+
+        scatter: `true_scatter`.
+        """
+        model, given = (
+            self.true_variance,
+            (fit.away(self.points.value), fit.taken_up, fit.stiffness),
+        )
+        if self._apart is None:
+            return model.uncertainty(*given, scatter)
+        part, mine = self._apart
+        alone = part.true_variance
+        found = model.uncertainty(*given, scatter, held=alone.names)
+        places = [scatter.names.index(name) for name in alone.names]
+        away, taken_up, stiffness = (one[mine] for one in given)
+        own = alone.uncertainty(away, taken_up, stiffness, alone.suited(scatter))
+        found[np.ix_(places, places)] = own
+        return found
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""
@@ -327,9 +373,8 @@ class Fitter:
         for _ in range(max(turns, 1)):
             now = self._climb(now)
             if turns > 0:
-                away = now.away(self.points.value)
-                found = self.variance.fit(away, now.taken_up, now.stiffness, now.scatter)
-                now = replace(now, scatter=found)
+                alone = None if self._apart is None else self._apart[0].variance
+                now = replace(now, scatter=self._components(self.variance, now, alone))
             now = self._with_evidence(now)
             if abs(now.evidence - last) < _RESTS:
                 break

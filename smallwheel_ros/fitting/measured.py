@@ -73,12 +73,12 @@ def _run_scatter(fitter: Fitter, scatter: Scatter, channel: str) -> RunScatter:
 
 def _force_laws(fitter: Fitter, fit: Fit, scatter: Scatter) -> dict[str, ForceLaw]:
     """What the law of pull and torque is off by, as its prior and this table say together."""
-    points, model = fitter.points, fitter.true_variance
+    points = fitter.points
     if not points.forces or not fitter.working:
         return {}
-    information = model.uncertainty(fit.away(points.value), fit.taken_up, fit.stiffness, scatter)
-    # ln phi is known to this variance: the mean of phi^2 is exp(2 variance) of its middle's.
-    mean = dict(zip(scatter.names, np.exp(np.diag(information)), strict=True))
+    # ln phi is known to this variance: the mean of phi^2 is exp(2 variance) times the middle's.
+    variances = np.diag(fitter.scatter_covariance(fit, scatter))
+    mean = dict(zip(scatter.names, np.exp(variances), strict=True))
     own = wheel_discrepancy(points.conditions)[points.row]
     known = over_scatter(
         fitter, fit, scatter, lambda there: _off_where_measured(fitter, fit, there)

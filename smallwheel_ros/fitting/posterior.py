@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from smallwheel_ros.fitting.constants import DETERMINED
 from smallwheel_ros.fitting.fit import Array, Fit, Fitter, inverse
 from smallwheel_ros.fitting.variance import Scatter
 
@@ -43,10 +44,8 @@ def over_scatter(
     rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component that does not
     matter changes nothing. scatter: `Fitter.true_scatter`.
     """
-    away = fit.away(fitter.points.value)
-    known = fitter.true_variance.uncertainty(away, fit.taken_up, fit.stiffness, scatter)
     total = middle = of(scatter)
-    for column in _NODE * np.linalg.cholesky(known).T:
+    for column in _NODE * np.linalg.cholesky(fitter.scatter_covariance(fit, scatter)).T:
         ends = (
             of(replace(scatter, log_deviation=scatter.log_deviation + sign * column))
             for sign in (1.0, -1.0)
@@ -77,10 +76,9 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
-    """Whether n is no less known where pull and torque have a say in it than from the others alone.
+    """Whether sinkage and resistance leave n open, and it is no less known where pull and torque have a say.
 
-    So it is under one load, which leaves n open to sinkage and resistance: n then has the shape of pull over
-    slip, too. fit: of the fitter that keeps them apart.
+    So it is under one load: n then has the shape of pull over slip. fit: of the fitter that keeps them apart.
     """
     exponents = [j for j, p in enumerate(fit.vector.of_soils) if p.field == "n"]
     variance = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness).matrix
@@ -89,4 +87,6 @@ def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
         np.sqrt(np.diag(sandwich(fit.slopes, one.weights(fit), variance, precision))[exponents])
         for one in (fitter, replace(fitter, apart=False))
     )
-    return bool(np.all(together <= _NO_LESS * apart))
+    before = np.diag(precision)[exponents] ** -0.5
+    is_open = apart > DETERMINED * before
+    return bool(np.all(is_open & (together <= _NO_LESS * apart)))

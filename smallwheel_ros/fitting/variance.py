@@ -38,7 +38,7 @@ Zeger 1986): rows as shallow as the error of the zero then weigh little.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +86,12 @@ class Scatter:
     names: tuple[str, ...]
     log_deviation: Array
     log_length: float
+
+    def with_those_of(self, other: Scatter) -> Scatter:
+        """The same with the components that another has in their place."""
+        known = dict(zip(other.names, other.log_deviation, strict=True))
+        values = [known.get(n, v) for n, v in zip(self.names, self.log_deviation, strict=True)]
+        return Scatter(self.names, np.array(values), other.log_length)
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -192,17 +198,33 @@ class VarianceModel:
         away = (log_deviation - self.log_median) / constants.SPREAD
         return -0.5 * float(away @ away)
 
-    def fit(self, error: Array, spread: Array, stiffness: Array, start: Scatter) -> Scatter:
-        """The components that suit the errors best. spread: U, what parameters can take up."""
-        tried = []
-        for length in _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]:
+    def fit(
+        self,
+        error: Array,
+        spread: Array,
+        stiffness: Array,
+        start: Scatter,
+        held: Collection[str] = (),
+    ) -> Scatter:
+        """The components that suit the errors best. spread: U, what parameters can take up.
+
+        held: names of those that stay as they are at the start.
+        """
+        tried, lengths = [], _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]
+        if "along" in held:
+            lengths = np.array([start.log_length])
+        for length in lengths:
             kernels = self.kernels(stiffness, float(length))
-            value, ln = self._climb(error, spread, kernels, start.log_deviation)
+            free = self._free(held)
+            value, ln = self._climb(error, spread, kernels, start.log_deviation, free)
             tried.append((value, Scatter(self.names, ln, float(length))))
         return max(tried, key=lambda one: one[0])[1]
 
+    def _free(self, held: Collection[str]) -> Index:
+        return np.array([i for i, name in enumerate(self.names) if name not in held], dtype=np.intp)
+
     def _climb(
-        self, error: Array, spread: Array, kernels: Array, start: Array
+        self, error: Array, spread: Array, kernels: Array, start: Array, free: Index
     ) -> tuple[float, Array]:
         def objective(ln: Array) -> tuple[float, Covariance | None]:
             try:
@@ -220,8 +242,9 @@ class VarianceModel:
             rise, information = self._information(s, error, ln, kernels)
             gradient = rise - 0.5 * sizes * np.tensordot(kernels, inverse, 2)
             gradient -= (ln - self.log_median) / constants.SPREAD**2
-            step = np.linalg.solve(information, gradient)
-            step, share = np.clip(step, -1.5, 1.5), 1.0
+            step, share = np.zeros_like(ln), 1.0
+            towards = np.linalg.solve(information[np.ix_(free, free)], gradient[free])
+            step[free] = np.clip(towards, -1.5, 1.5)
             while (tried := objective(ln + share * step))[0] <= value:
                 share *= 0.4
                 if share <= 0.03:
@@ -244,11 +267,21 @@ class VarianceModel:
         prior = np.eye(len(self.names)) / constants.SPREAD**2
         return 0.5 * pulled @ moved, np.asarray(0.5 * white.T @ white + prior)
 
-    def uncertainty(self, error: Array, spread: Array, stiffness: Array, scatter: Scatter) -> Array:
-        """Covariance of ln phi (average information and prior), shape (components,) * 2."""
+    def uncertainty(
+        self,
+        error: Array,
+        spread: Array,
+        stiffness: Array,
+        scatter: Scatter,
+        held: Collection[str] = (),
+    ) -> Array:
+        """Covariance of ln phi by average information and prior, (components,) * 2; 0 of what is held."""
         ln, kernels = scatter.log_deviation, self.kernels(stiffness, scatter.log_length)
-        s = self.total(ln, kernels, spread)
-        return np.asarray(np.linalg.inv(self._information(s, error, ln, kernels)[1]))
+        s, free = self.total(ln, kernels, spread), self._free(held)
+        information = self._information(s, error, ln, kernels)[1]
+        found = np.zeros_like(information)
+        found[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
+        return found
 
 
 def _force_law(points: Points) -> dict[str, Array]:

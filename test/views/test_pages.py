@@ -236,7 +236,7 @@ def test_the_diagnosis_tells_errors_limits_and_what_to_measure() -> None:
 def test_numbers_are_those_of_the_document() -> None:
     """No p under 1 / (replicates + 1) is claimed, and nothing is minus zero."""
     text = Parsed(whole_report(DOCUMENT)).text
-    assert "p = 0.005." in text
+    assert "p at most 0.005." in text
     assert "under 1e" not in text
     assert "-0 %" not in text
     assert "0 %" in table_row(text, "multipass")
