@@ -286,7 +286,8 @@ def _right(line: Line) -> int:
     world = _of(line)
     if world.open or world.tied:
         return int(not _wrong(line))
-    return int(set(line["named"]) == world.right and (world.right or line["verdict"] == "adequate"))
+    nothing = bool(world.right) or line["verdict"] == "adequate"
+    return int(set(line["named"]) == world.right and nothing)
 
 
 _DECIDED, _UNDECIDED = ("missing_effect", "adequate"), ("indistinguishable", "unknown_effect")
