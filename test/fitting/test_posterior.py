@@ -58,6 +58,9 @@ def test_n_and_sinkage_are_known_as_well_with_pull_and_torque(
     ]
     (first, *more) = [(fit["n"].std, sw.predict(fit.model, **at).rows()[0]["sinkage_std"])
                       for fit in fits]  # fmt: skip
-    for n_std, sinkage_std in more:  # components of the scatter are sought to 0.01 nats, 6 % of a deviation
+    for (
+        n_std,
+        sinkage_std,
+    ) in more:  # components of the scatter are sought to 0.01 nats, 6 % of a deviation
         assert n_std <= 1.08 * first[0]
         assert sinkage_std <= 1.08 * first[1]
