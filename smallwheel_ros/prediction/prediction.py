@@ -94,14 +94,14 @@ class PredictionTable(Result, shown="views.prediction"):
         return self._drawn(ax, quantity)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One mapping a row; None where the wheel is sunk, and where nothing was measured."""
+        """One mapping a row; None where the wheel is sunk, and where a table has a blank."""
         prediction = self.result.prediction
         rows = []
         for i in range(prediction.sinkage.size):
             sunk = bool(prediction.immobilised[i])
             row: dict[str, Any] = {name: str(v[i]) for name, v in self.names.items()}
-            row |= {name: float(v[i]) for name, v in self.settings.items()}
-            row |= {n: float(v[i]) if np.isfinite(v[i]) else None for n, v in self.measured.items()}
+            numbers = {**self.settings, **self.measured}
+            row |= {n: float(v[i]) if np.isfinite(v[i]) else None for n, v in numbers.items()}
             for quantity in QUANTITIES:
                 values = getattr(prediction, quantity)
                 if values is None:

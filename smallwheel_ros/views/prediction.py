@@ -41,7 +41,7 @@ def text(table: PredictionTable) -> str:
     body = [
         [
             *(row[name] for name in table.names),
-            *(f"{row[name]:g}" for name in table.settings),
+            *("-" if row[name] is None else f"{row[name]:g}" for name in table.settings),
             *(cell(row, q) for q in shown),
             "sunk to the axle" if row["status"] == SUNK else "ok",
         ]
