@@ -209,7 +209,8 @@ def test_a_foreign_tool_reads_the_estimates_by_their_own_definitions(usual):
 
     folder, table = usual
     with AnyReader([folder / "bag"]) as reader:
-        connection = next(c for c in reader.connections if c.topic in MOBILITY)
+        own = f"/mobility_estimator/{table['wheel'].iloc[0]}/mobility"
+        connection = next(c for c in reader.connections if c.topic == own)
         _, _, data = next(iter(reader.messages([connection])))
         first = reader.deserialize(data, connection.msgtype)
         soil = next(c for c in reader.connections if c.topic == SOIL)
