@@ -141,3 +141,7 @@ class NodeSettings(Parameters):
     """The parameters, and what the estimate rests on besides the measurements."""
 
     onboard: OnboardSettings
+
+    def frame_of(self, wheel: str) -> str:
+        """Frame of a wheel's messages."""
+        return self.inputs[wheel].frame or wheel

@@ -33,13 +33,15 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 SUMMARY, ESTIMATES, MEASUREMENTS, BAG = "replay.json", "estimates", "measurements.csv", "bag"
-TWISTS = "twists"
+TWISTS, VEHICLE_TABLE = "twists", "vehicle"
 FILES = {
     "estimates_csv": f"{ESTIMATES}.csv",
     "estimates_parquet": f"{ESTIMATES}.parquet",
     "measurements": MEASUREMENTS,
     "twists_csv": f"{TWISTS}.csv",
     "twists_parquet": f"{TWISTS}.parquet",
+    "vehicle_csv": f"{VEHICLE_TABLE}.csv",
+    "vehicle_parquet": f"{VEHICLE_TABLE}.parquet",
     "bag": BAG,
     "report": "report.html",
     "cost_map": "cost_map.yaml",
