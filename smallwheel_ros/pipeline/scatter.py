@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 
@@ -34,6 +35,12 @@ class Scatter:
         self._moment: Array = np.zeros(2)
         self._newest = np.zeros(wheels)  # normalised innovations
         self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
+
+    def copy(self) -> Scatter:
+        """It as it is now."""
+        own = copy(self)
+        own._newest = self._newest.copy()
+        return own
 
     @property
     def places(self) -> tuple[float, float]:
