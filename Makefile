@@ -16,7 +16,7 @@ unexport PYTHONHOME PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help env env-lint env-docs lock test test-slow coverage fuzz lint demo benchmark docs images clean
+.PHONY: help env env-lint env-docs lock test test-slow coverage fuzz lint demo rates docs images clean
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
@@ -25,7 +25,7 @@ help:
 	@echo 'make fuzz        hostile inputs: 10^5 of them, MINUTES=2 for each way in'
 	@echo 'make coverage    the fast tests once more, and which lines they did not reach'
 	@echo 'make lint        ruff and mypy'
-	@echo 'make benchmark   rates over worlds, real drives (DRIVES=FOLDERS), and speed against peers; both pages'
+	@echo 'make rates       rates over worlds, real drives (DRIVES=FOLDERS), and speed against peers; both pages'
 	@echo 'make docs        the documentation as a site, docs/_build/html'
 	@echo 'make images      drawings and pictures of docs/images anew (some: make images IMAGES="learnt.png")'
 	@echo 'make env         only make the environment $(VENV) (the others do it when needed)'
@@ -78,12 +78,12 @@ demo: env
 # docs/rates.md says which. What each part takes is said before it starts.
 DRIVES ?= examples/data
 SPEED := speed node twist
-benchmark: env
-	@echo 'rates:'; $(RUN) -m benchmarks.rates --list
+rates: env
+	@echo 'rates:'; $(RUN) -m rates --list
 	@echo 'real drives: 1 min each; speed against peers: $(SPEED), 10 min'
-	@$(RUN) -m benchmarks.real_drives $(DRIVES) --page docs/real_robots.md
-	-@$(RUN) -m benchmarks.rates
-	@set -e; for name in $(SPEED); do echo "== $$name"; $(RUN) -m benchmarks.$$name; done
+	@$(RUN) -m rates.real_drives $(DRIVES) --page docs/real_robots.md
+	-@$(RUN) -m rates
+	@set -e; for name in $(SPEED); do echo "== $$name"; $(RUN) -m rates.$$name; done
 
 # A warning is an error. The pages need no network to be made or read.
 docs: env-docs

@@ -23,9 +23,9 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import Grid, grid_from
+from smallwheel_ros.drive.ground_map import GroundMapper
+from smallwheel_ros.drive.messages import margin_before_driving
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.answers import margin_before_driving
-from smallwheel_ros.pipeline.ground_map import GroundMapper
 from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test"))
 
 from topic_messages import Fed, imu, joints, odometry, sinkage, step, wrench
 
-from smallwheel_ros.pipeline.answers import mobility_columns, soil_fields
+from smallwheel_ros.drive.messages import mobility_columns, soil_fields
 from smallwheel_ros.pipeline.pipeline import Turn
 
 _STEPS = 24

@@ -21,7 +21,7 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.saved_state import read_state
+from smallwheel_ros.pipeline.soil.saved_state import read_state
 
 SAND = soil("dry_sand")
 VEHICLE = OnboardSettings((Wheel("w", 0.25, 0.1),), SoilPrior.from_soil(SAND), usual_strength(SAND))

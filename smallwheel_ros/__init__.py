@@ -23,18 +23,18 @@ from smallwheel_ros.common.version import __version__
 
 if TYPE_CHECKING:
     from smallwheel_ros import effects
+    from smallwheel_ros.api.add import add
+    from smallwheel_ros.api.compare import compare
+    from smallwheel_ros.api.diagnose import diagnose
+    from smallwheel_ros.api.fit import fit
+    from smallwheel_ros.api.learn import learn
+    from smallwheel_ros.api.predict import predict
+    from smallwheel_ros.api.read import read
+    from smallwheel_ros.api.replay import replay
     from smallwheel_ros.common.errors import SmallwheelError as Error
-    from smallwheel_ros.compare.compare import compare
-    from smallwheel_ros.diagnosis.add import add
-    from smallwheel_ros.diagnosis.diagnose import diagnose
-    from smallwheel_ros.lab.fit_tests import fit
-    from smallwheel_ros.learn.learn import learn
-    from smallwheel_ros.measurements.read import read
     from smallwheel_ros.measurements.table import Measurements
     from smallwheel_ros.model.model import Model
     from smallwheel_ros.physics.soil import Soil, soil
-    from smallwheel_ros.prediction.predict import predict
-    from smallwheel_ros.replay.one_bag import replay
 
 # The generated message modules are installed in site-packages. When Python is started in the
 # checkout, the source folder would hide them; joining the two lets both be imported.
@@ -42,14 +42,14 @@ __path__ = extend_path(__path__, __name__)
 
 # name: (module, attribute; "" for the module itself)
 _PUBLIC = {
-    "read": ("smallwheel_ros.measurements.read", "read"),
-    "fit": ("smallwheel_ros.lab.fit_tests", "fit"),
-    "compare": ("smallwheel_ros.compare.compare", "compare"),
-    "diagnose": ("smallwheel_ros.diagnosis.diagnose", "diagnose"),
-    "learn": ("smallwheel_ros.learn.learn", "learn"),
-    "add": ("smallwheel_ros.diagnosis.add", "add"),
-    "predict": ("smallwheel_ros.prediction.predict", "predict"),
-    "replay": ("smallwheel_ros.replay.one_bag", "replay"),
+    "read": ("smallwheel_ros.api.read", "read"),
+    "fit": ("smallwheel_ros.api.fit", "fit"),
+    "compare": ("smallwheel_ros.api.compare", "compare"),
+    "diagnose": ("smallwheel_ros.api.diagnose", "diagnose"),
+    "learn": ("smallwheel_ros.api.learn", "learn"),
+    "add": ("smallwheel_ros.api.add", "add"),
+    "predict": ("smallwheel_ros.api.predict", "predict"),
+    "replay": ("smallwheel_ros.api.replay", "replay"),
     "effects": ("smallwheel_ros.effects", ""),
     "soil": ("smallwheel_ros.physics.soil", "soil"),
     "Soil": ("smallwheel_ros.physics.soil", "Soil"),

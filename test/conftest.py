@@ -28,7 +28,13 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # For helpers that several tests share: `from node_peer import Peer`. Those of a room's own tests stand in
 # its folder.
-sys.path[:0] = [str(folder) for folder in (ROOT / "test", *sorted((ROOT / "test").glob("*/")))]
+sys.path[:0] = [
+    str(folder)
+    for folder in (
+        ROOT / "test",
+        *sorted(p for p in (ROOT / "test").rglob("*/") if p.name != "__pycache__"),
+    )
+]
 
 # Never a window, whatever the machine has.
 os.environ.setdefault("MPLBACKEND", "Agg")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives of the benchmarks' worlds as the stages of the pipeline get them: tables of readings."""
+"""Drives of the worlds of `rates` as the stages of the pipeline get them: tables of readings."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-from benchmarks.drive_trial import turns_of, with_faults
-from benchmarks.drive_worlds import WORLDS, WorldDrive, make_drive
+from rates.drive_trial import turns_of, with_faults
+from rates.drive_worlds import WORLDS, WorldDrive, make_drive
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Readings, unknown

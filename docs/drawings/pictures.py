@@ -27,7 +27,7 @@ def run(*command: str | Path) -> None:
 
 def draw_learnt(target: Path, folder: Path) -> None:
     """The law of the tutorial in docs/learn.md."""
-    from benchmarks.learn_worlds import table
+    from rates.learn_worlds import table
 
     path = folder / "tanh_slip.csv"
     table("tanh_slip", 1, 0, runs=32).to_csv(path, index=False)
@@ -41,18 +41,18 @@ def draw_rig(target: Path, folder: Path) -> None:
 
 def draw_cost_detour(target: Path, folder: Path) -> None:
     """A path past where a robot got stuck."""
-    run("-m", "benchmarks.cost_detours", target)
+    run("-m", "rates.cost_detours", target)
 
 
 def draw_odometry(target: Path, folder: Path) -> None:
     """Errors of wheel odometry after 30 s without fixes."""
-    run("-m", "benchmarks.twist", "--figure", target)
+    run("-m", "rates.twist", "--figure", target)
 
 
 def draw_real_drive(target: Path, folder: Path) -> None:
     """Slip of a real drive with its truth; of recorded data beside the repository."""
     data = ROOT.parent / "shared" / "data" / "real_drives"
-    run("-m", "benchmarks.real_drives", data, "--picture", "warthog_sand1", target)
+    run("-m", "rates.real_drives", data, "--picture", "warthog_sand1", target)
 
 
 def draw_demo(target: Path, folder: Path) -> None:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.benchmark.own import LawError, OwnLaw
-from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem

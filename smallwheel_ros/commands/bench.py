@@ -7,7 +7,12 @@ from typing import Any
 
 import click
 
-from smallwheel_ros.benchmark.benchmark import benchmark as laws_on_data
+from smallwheel_ros.api.add import add as add_effect
+from smallwheel_ros.api.benchmark import benchmark as laws_on_data
+from smallwheel_ros.api.compare import compare as compare_models
+from smallwheel_ros.api.diagnose import diagnose as diagnose_data
+from smallwheel_ros.api.fit import fit as fit_tests
+from smallwheel_ros.api.learn import learn as learn_law
 from smallwheel_ros.commands.command import CommandError, command, options_of, taken, with_table
 from smallwheel_ros.commands.outputs import (
     HTML,
@@ -20,11 +25,6 @@ from smallwheel_ros.commands.outputs import (
     progress_bar,
 )
 from smallwheel_ros.common.console import tell
-from smallwheel_ros.compare.compare import compare as compare_models
-from smallwheel_ros.diagnosis.add import add as add_effect
-from smallwheel_ros.diagnosis.diagnose import diagnose as diagnose_data
-from smallwheel_ros.lab.fit_tests import fit as fit_tests
-from smallwheel_ros.learn.learn import learn as learn_law
 
 _FITTING: Options = {"what": "fitting", "unit": "fit"}
 _DIAGNOSING: Options = {"what": "diagnosing", "total": 5}  # steps that a diagnosis tells of

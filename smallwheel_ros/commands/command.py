@@ -16,10 +16,10 @@ from typing import Any, Literal, get_args, get_origin
 
 import click
 
+from smallwheel_ros.api.read import read, read_test
 from smallwheel_ros.arguments import Kind, understand
 from smallwheel_ros.commands.outputs import PATH, Finish, check_outputs, finish, progress_bar
 from smallwheel_ros.common.errors import ArgumentError, SmallwheelError
-from smallwheel_ros.measurements.read import read, read_test
 from smallwheel_ros.measurements.typed import limits_of
 
 Function = Callable[..., Any]

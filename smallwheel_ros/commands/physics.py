@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from smallwheel_ros.api.predict import predict as predict_wheel
 from smallwheel_ros.commands.command import command, options_of
 from smallwheel_ros.commands.outputs import JSON, PATH, Options, finish
 from smallwheel_ros.common.console import tell
 from smallwheel_ros.common.files import check_targets
-from smallwheel_ros.prediction.predict import predict as predict_wheel
 
 # `--help` of a command needs none of what the command computes and draws with.
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from smallwheel_ros.api.replay import replay as replay_drive
 from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.commands.command import options_of
@@ -25,7 +26,6 @@ from smallwheel_ros.replay.many import (
     replay_all,
     specs_of,
 )
-from smallwheel_ros.replay.one_bag import replay as replay_drive
 from smallwheel_ros.replay.replay import replay as replay_bag
 from smallwheel_ros.replay.report import save_page
 from smallwheel_ros.replay.result import SCHEMA, SUMMARY, files_in

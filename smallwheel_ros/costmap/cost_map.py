@@ -63,7 +63,7 @@ _PRIOR_PLACES = 2.0
 # Standard deviation of the margin between places of one class, until they tell. The friction angle of one
 # sand differs from place to place by 5 to 15 % (Cherubini and Orr 1999); with 9 %, tan(phi) of 32 degrees
 # differs by 0.07. Of that a wheel at the reference slip 0.4 mobilises 0.65 (Janosi and Hanamoto, 0.1 m of
-# contact, K 15 mm). In the worlds of benchmarks/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any
+# contact, K 15 mm). In the worlds of rates/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any
 # kind.
 CLASS_SCATTER = 0.05
 _STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
@@ -266,7 +266,8 @@ class CostMap:
 
         slope: of the ground there, a tangent; terrain classes are learnt without it.
         margin: None where nothing is known there. stuck: it was seen not to move on there, whatever the
-        margin is: sunk to its axle, or spinning on the spot. risk: that it gets stuck, by the warning; 0: none.
+        margin is: sunk to its axle, or spinning on the spot. risk: that it gets stuck, by the warning;
+        0: none.
         What is expected costs 99 at most: it drives there.
         """
         self._enter(frame)
@@ -290,9 +291,7 @@ class CostMap:
             self._ground.skip(wheel.name)
             return
         across = self.outline.across(pose, wheel)
-        self.changed |= self._ground.cross(
-            wheel.name, across, travel, min(cost, _PASSABLE), mark
-        )
+        self.changed |= self._ground.cross(wheel.name, across, travel, min(cost, _PASSABLE), mark)
         if not stuck and margin is None:
             return
         classes = self.class_grid
@@ -387,7 +386,7 @@ class CostMap:
             self._track[cell] = self._track.get(cell, True) and not stuck
 
     def _leave_way_home(self, grid: Grid) -> None:
-        """Where base_link itself has been it can be again: the way it came is no obstacle, as dear as may be."""
+        """Where base_link itself has been it can be again: its own track is no obstacle, only dear."""
         free = [cell for cell, was_free in self._track.items() if was_free]
         if grid.frame != self.frame or not free:
             return

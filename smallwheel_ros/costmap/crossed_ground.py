@@ -4,9 +4,9 @@
 At each axle it covers a strip over its whole width. Of the wheels that pass a cell in one crossing the
 worst counts, of several crossings the newest.
 
-Marks lie over that: `HIGHEST` where it was stuck, less where a warning held. As soon as the axle is a vehicle's
-length further on, it has got through: its marks are taken back, over the whole width. Else they stay until
-a wheel itself has rolled over the cell: what is between wheels tells nothing against it.
+Marks lie over that: `HIGHEST` where it was stuck, less where a warning held. As soon as the axle is a
+vehicle's length further on, it has got through: its marks are taken back, over the whole width. Else they
+stay until a wheel itself has rolled over the cell: what is between wheels tells nothing against it.
 """
 
 from __future__ import annotations

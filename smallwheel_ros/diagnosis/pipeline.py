@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smallwheel_ros.arguments import AnyModel, Data, Ids, Levels, OwnEffects, unheard
+from smallwheel_ros.arguments import AnyModel, Ids, Levels, OwnEffects, unheard
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.competitors import field_of
@@ -28,7 +28,6 @@ from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import base_of
-from smallwheel_ros.measurements.read import read
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.typed import limits_of
 from smallwheel_ros.model.given import ids_of, model_of, registry_of
@@ -58,7 +57,7 @@ class Start:
 
 
 def start_of(
-    data: Data,
+    measurements: Measurements,
     model: AnyModel | None = None,
     effects: OwnEffects | None = None,
     without: Ids = (),
@@ -66,7 +65,7 @@ def start_of(
     seed: int = 0,
 ) -> Start:
     """The start that users describe, as `diagnose.diagnose` has it. model: also a `Base`."""
-    measurements, known = read(data), registry_of(effects)
+    known = registry_of(effects)
     base = Base() if model is None else model
     if not isinstance(base, Base):
         base = base_of(model_of(base, known), measurements)

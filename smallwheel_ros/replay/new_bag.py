@@ -15,7 +15,7 @@ from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.onboard.settings import TwistSettings
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
-from smallwheel_ros.pipeline.twist import Twists, messages
+from smallwheel_ros.pipeline.twist.twist import Twists, messages
 
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 SOIL = "smallwheel_ros/msg/SoilEstimate"

@@ -11,10 +11,10 @@ import numpy as np
 
 from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.drive.feed import Message, feed
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
-from smallwheel_ros.pipeline.bag import Decoder, frame_of
-from smallwheel_ros.pipeline.feed import Message, feed
-from smallwheel_ros.pipeline.inputs import Fields, Rows, Topic, topics_of
+from smallwheel_ros.pipeline.intake.decoder import Decoder, frame_of
+from smallwheel_ros.pipeline.intake.inputs import Fields, Rows, Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND, Integers
 from smallwheel_ros.replay.spec import resolved

@@ -15,14 +15,14 @@ from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
 from smallwheel_ros.costmap.grid import write_map
+from smallwheel_ros.drive.events import DriveEvents
+from smallwheel_ros.drive.ground_map import GroundMapper
+from smallwheel_ros.drive.messages import margin_before_driving, mobility_columns, soil_fields
+from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.pipeline.answers import margin_before_driving, mobility_columns, soil_fields
-from smallwheel_ros.pipeline.events import DriveEvents
-from smallwheel_ros.pipeline.ground_map import GroundMapper
-from smallwheel_ros.pipeline.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.inputs import topics_of
+from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.soil_file import SoilFile
+from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.recording import Recording

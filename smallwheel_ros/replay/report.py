@@ -357,7 +357,9 @@ def _events(summary: dict[str, Any]) -> list[Block]:
     for event in summary["events"]:
         place = "" if event["place"] is None else "({:.1f}, {:.1f})".format(*event["place"])
         again = f" ({event['times']} times; this is the first)" if event["times"] > 1 else ""
-        rows.append([f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"] + again])
+        rows.append(
+            [f"{event['time']:.1f}", f"{event['travel']:.1f}", place, event["text"] + again]
+        )
     if not rows:
         text = "No change of the soil, no wheel that digs in, no missing effect, no jump of time."
         return [Text(text)]

@@ -18,10 +18,10 @@ from smallwheel_ros.bags import Key
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.results import Result
 from smallwheel_ros.common.tables import plain
+from smallwheel_ros.drive.events import DriveEvents
+from smallwheel_ros.drive.messages import soil_fields
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.answers import soil_fields
-from smallwheel_ros.pipeline.events import DriveEvents
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec

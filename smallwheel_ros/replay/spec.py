@@ -32,7 +32,7 @@ from smallwheel_ros.onboard.robot_description import (
     silent_parameters,
 )
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.pipeline.inputs import Topic
+from smallwheel_ros.pipeline.intake.inputs import Topic
 
 _HASHED = 1 << 20  # bytes
 _CONFIG = "rover.yaml"

@@ -26,12 +26,12 @@ import pandas as pd
 
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.drive.messages import VALID, Status
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.answers import VALID, Status
-from smallwheel_ros.pipeline.identifiability import SoilEstimate
+from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers, Readings
-from smallwheel_ros.pipeline.twist import Twists
+from smallwheel_ros.pipeline.twist.twist import Twists
 from smallwheel_ros.replay.new_bag import MOBILITY, SOIL
 from smallwheel_ros.replay.spec import ReplayError
 

@@ -12,10 +12,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.pipeline.answers import Status, status_texts, vehicle_margin
+from smallwheel_ros.drive.messages import Status, status_texts, vehicle_margin
+from smallwheel_ros.drive.statements import statements
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.statements import statements
-from smallwheel_ros.pipeline.strength_words import StrengthEstimate
+from smallwheel_ros.pipeline.strength.words import StrengthEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.outputs import CostPublisher
 

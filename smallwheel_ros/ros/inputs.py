@@ -17,13 +17,13 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from smallwheel_ros.bags.types import typestore
+from smallwheel_ros.drive.feed import Message, feed
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.bag import Decoder, frame_of
-from smallwheel_ros.pipeline.feed import Message, feed
-from smallwheel_ros.pipeline.inputs import Topic, topics_of
+from smallwheel_ros.pipeline.intake.decoder import Decoder, frame_of
+from smallwheel_ros.pipeline.intake.inputs import Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.problems import Problem
+from smallwheel_ros.pipeline.refused import Problem
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class

@@ -25,22 +25,22 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
-from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
-from smallwheel_ros.onboard.settings import NodeSettings, TwistSettings
-from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.pipeline.align import MAXIMUM_GAP
-from smallwheel_ros.pipeline.answers import (
+from smallwheel_ros.drive.ground_map import GroundMapper
+from smallwheel_ros.drive.messages import (
     Status,
     margin_before_driving,
     mobility_columns,
     soil_fields,
 )
-from smallwheel_ros.pipeline.ground_map import GroundMapper
-from smallwheel_ros.pipeline.identifiability import SoilEstimate as Soil
-from smallwheel_ros.pipeline.inputs import angles_of
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
+from smallwheel_ros.onboard.settings import NodeSettings, TwistSettings
+from smallwheel_ros.physics.wheel import Quantity, Wheel
+from smallwheel_ros.pipeline.intake.inputs import angles_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
+from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
-from smallwheel_ros.pipeline.twist import Twists, messages
+from smallwheel_ros.pipeline.twist.twist import Twists, messages
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {

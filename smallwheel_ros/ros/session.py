@@ -19,13 +19,13 @@ from rclpy.timer import Timer
 
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
+from smallwheel_ros.drive.soil_file import SoilFile
+from smallwheel_ros.drive.statements import Kind, Statement, alarms
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
-from smallwheel_ros.pipeline.inputs import topics_of
+from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.soil_file import SoilFile
-from smallwheel_ros.pipeline.statements import Kind, Statement, alarms
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from lab_truth import plate_rows, write
 from scipy.stats import ttest_rel
 
-from smallwheel_ros.benchmark.benchmark import benchmark
+from smallwheel_ros.api.benchmark import benchmark
 from smallwheel_ros.benchmark.laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, WONG_REECE
 from smallwheel_ros.benchmark.table import Difference, Errors, difference
 from smallwheel_ros.cli import main

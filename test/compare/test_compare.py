@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from smallwheel_ros import fit
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.compare.comparison import Comparison, comparison_of
 from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.shown import comparison_document
-from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of, in_sample

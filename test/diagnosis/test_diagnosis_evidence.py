@@ -13,10 +13,10 @@ import pytest
 from fitted import fit_model
 from plain_rig import PlainRig, PlainSoil, rolled, table
 
-from benchmarks.rates_diagnosis import WORLDS
-from smallwheel_ros.diagnosis.add import add
+from rates.diagnosis import WORLDS
+from smallwheel_ros.api.add import add
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.held_out import _evidence_alone
 from smallwheel_ros.effects.base import Array, Effect, EffectError, parameter
 from smallwheel_ros.effects.registry import default_registry, effect

@@ -15,12 +15,12 @@ from plain_rig import PlainRig, rolled
 from threadpoolctl import threadpool_info
 
 import smallwheel_ros as sw
-from benchmarks import _world_labs as swept
-from benchmarks import _world_misfits as misfits
-from benchmarks._world_labs import rig_table
-from benchmarks.learn_worlds import table as without_a_law
-from smallwheel_ros.compare.compare import compare
-from smallwheel_ros.diagnosis.diagnose import diagnose
+from rates import _world_labs as swept
+from rates import _world_misfits as misfits
+from rates._world_labs import rig_table
+from rates.learn_worlds import table as without_a_law
+from smallwheel_ros.api.compare import compare
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.faults import bad_runs
 from smallwheel_ros.diagnosis.misfit import at_an_end, lack_of_fit
 from smallwheel_ros.diagnosis.pipeline import Diagnosis

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an answer counts as in `benchmarks/rates.py diagnosis`, and (slow) rates that it must keep."""
+"""What an answer counts as in `rates/run.py diagnosis`, and (slow) rates that it must keep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.rates_diagnosis import WORLDS, fresh_errors, marks, read, same_answer, trial
+from rates.diagnosis import WORLDS, fresh_errors, marks, read, same_answer, trial
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig

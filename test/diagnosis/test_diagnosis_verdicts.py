@@ -16,8 +16,8 @@ import pandas as pd
 import pytest
 from plain_rig import PlainRig, rolled, table
 
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.diagnose import diagnose
 from smallwheel_ros.diagnosis.misfit import Plateau
 from smallwheel_ros.diagnosis.next_measurement import Runs, propose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis

@@ -22,10 +22,10 @@ from matplotlib.axes import Axes
 
 import smallwheel_ros as sw
 from docs.function_table import PAGE, with_table
+from smallwheel_ros.api.compare import compare
 from smallwheel_ros.cli import main
 from smallwheel_ros.commands.command import described
 from smallwheel_ros.common.results import Result
-from smallwheel_ros.compare.compare import compare
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.pipeline import Diagnosis

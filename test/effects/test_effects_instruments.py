@@ -16,9 +16,9 @@ from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.contact import on_soil
-from smallwheel_ros.pipeline.law import sinkage_of
-from smallwheel_ros.pipeline.local_law import LocalLaws
+from smallwheel_ros.pipeline.soil.local_law import LocalLaws
+from smallwheel_ros.pipeline.soil.model import sinkage_of
+from smallwheel_ros.pipeline.strength.contact import on_soil
 
 SAND = soil("dry_sand")
 INSTRUMENTS = {

@@ -100,7 +100,11 @@ def test_the_page_shows_the_way_of_a_message_as_it_is() -> None:
 
 def test_a_message_is_an_append_and_a_turn_one_page() -> None:
     append, turn = trace()
-    files = {"pipeline/streams.py", "pipeline/stream.py", "pipeline/plausible.py"}
+    files = {
+        "pipeline/intake/streams.py",
+        "pipeline/intake/buffer.py",
+        "pipeline/intake/plausible.py",
+    }
     assert {file for file, _ in append} == files
     assert len(append) <= MOST_FUNCTIONS
     assert len(turn) <= MOST_STAGES

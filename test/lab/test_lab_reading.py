@@ -12,9 +12,9 @@ from click.testing import CliRunner
 from lab_truth import plate_rows, shear, write
 
 from smallwheel_ros import cli
-from smallwheel_ros.lab.fit_tests import fit
+from smallwheel_ros.api.fit import fit
+from smallwheel_ros.api.read import read_test
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.read import read_test
 from smallwheel_ros.measurements.table import Measurements, ShearTests
 from smallwheel_ros.measurements.wheels import read_measurements, read_tests
 from smallwheel_ros.model.model_file import read_model

@@ -16,7 +16,8 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.learn_worlds import table
+from rates.learn_worlds import table
+from smallwheel_ros.api.learn import learn
 from smallwheel_ros.cli import main
 from smallwheel_ros.effects.drafted import Drafted, continued
 from smallwheel_ros.effects.registry import load_effects
@@ -33,7 +34,6 @@ from smallwheel_ros.learn.grammar import (
     terms_of,
 )
 from smallwheel_ros.learn.law import PLACES, Law
-from smallwheel_ros.learn.learn import learn
 from smallwheel_ros.learn.learning import LearnError, Learnt
 from smallwheel_ros.learn.search import Grid, Search
 from smallwheel_ros.learn.verdict import SURE, chance

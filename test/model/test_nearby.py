@@ -11,7 +11,7 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.model.nearby import neighbours, slopes
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.law import sinkage_of
+from smallwheel_ros.pipeline.soil.model import sinkage_of
 
 RNG = np.random.default_rng(5)
 ROWS = 50

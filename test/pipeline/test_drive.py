@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rows_of_drives import SECOND, START, Row, give, rover_of, rows_of, run
 
+from smallwheel_ros.drive.messages import Status
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.pipeline.answers import Status
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates, Readings
 from smallwheel_ros.simulate import Drive, DriveSettings, simulate_drive

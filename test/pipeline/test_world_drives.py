@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One drive through some of the benchmarks' worlds, the whole pipeline; `benchmarks/rates.py` counts all."""
+"""One drive through some worlds of `rates`, the whole pipeline; `rates/run.py` counts all."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from benchmarks.drive_trial import trial
-from benchmarks.drive_worlds import WORLDS
-from benchmarks.rates_drives import SOON, held
+from rates.drive_trial import trial
+from rates.drive_worlds import WORLDS
+from rates.drives import SOON, held
 
 # Where the model has no part for what goes on, bands may be narrower than the errors.
 LEAST = {"rough 3 mm": 0.8, "zero +5 mm": 0.8}

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.rates_pull import DESIGNS, FORCES, OF, TRUTHS, rows_of, sand_of, table, trial
-from smallwheel_ros.diagnosis.diagnose import diagnose
+from rates.pull import DESIGNS, FORCES, OF, TRUTHS, rows_of, sand_of, table, trial
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.measurements.display import words
 from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.views.blocks import Table

@@ -19,7 +19,7 @@ import pytest
 from bag_kinds import beginning
 from click.testing import CliRunner
 
-from benchmarks.speed import again_and_again
+from rates.speed import again_and_again
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map

@@ -21,8 +21,8 @@ from click.testing import CliRunner
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.cli import main
+from smallwheel_ros.drive.messages import status_texts
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.answers import status_texts
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros import NodeProcess

@@ -202,9 +202,9 @@ def test_no_saved_soil_stops_the_start(
     one_wheel: Path, tmp_path: Path, content: str | None
 ) -> None:
     """What the node does then is in test_node_saved_soil.py."""
+    from smallwheel_ros.drive.soil_file import SoilFile
     from smallwheel_ros.onboard.parameters import read_parameters, settings_from
     from smallwheel_ros.pipeline.pipeline import Pipeline
-    from smallwheel_ros.pipeline.soil_file import SoilFile
 
     file = tmp_path / "soil.json"
     if content is None:

@@ -20,7 +20,7 @@ from node_peer import ONE_WHEEL, Peer
 from smallwheel_ros.cli import main
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.pipeline.inputs import topics_of
+from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 
 NAMES = st.from_regex(r"[a-z_]{1,30}(\.[a-z_]{1,30})?", fullmatch=True)

@@ -12,7 +12,7 @@ from node_peer import ONE_WHEEL, Peer
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.strength_words import StrengthEstimate
+from smallwheel_ros.pipeline.strength.words import StrengthEstimate
 from smallwheel_ros.ros import NodeProcess
 
 ONE_DIAMETER = "all wheels have one diameter (0.25 m)"

@@ -12,8 +12,8 @@ import pytest
 from drawbar_drives import with_pulls
 
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.drive.messages import mobility_columns, soil_fields
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.answers import mobility_columns, soil_fields
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.replay import recording
 from smallwheel_ros.replay.replay import replay

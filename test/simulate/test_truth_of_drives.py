@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth of the benchmarks' worlds: forces balance, wheels dig, and each law is its own."""
+"""The truth of the worlds of `rates`: forces balance, wheels dig, and each law is its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drive_worlds import WorldDrive, make_drive
+from rates.drive_worlds import WorldDrive, make_drive
 from smallwheel_ros.simulate.truth import Circumstances
 from smallwheel_ros.simulate.vehicle import EPOCH, REFERENCE_SLIP, STUCK, TICK
 from smallwheel_ros.simulate.wheel_laws import (

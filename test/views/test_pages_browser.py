@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from lab_truth import plate_rows, write
 
 from smallwheel_ros import cli
-from smallwheel_ros.benchmark.benchmark import benchmark
-from smallwheel_ros.compare.compare import compare
-from smallwheel_ros.diagnosis.diagnose import diagnose
+from smallwheel_ros.api.benchmark import benchmark
+from smallwheel_ros.api.compare import compare
+from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.measurements.display import shown_value
 from smallwheel_ros.measurements.wheels import read_measurements

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`add`: one effect more in a model, and what that does to the held-out error."""
+
+from typing import TYPE_CHECKING
+
+from smallwheel_ros.api.read import read
+from smallwheel_ros.arguments import AnyEffect, AnyModel, Data, Ids, OwnEffects, Seed
+from smallwheel_ros.common.errors import ArgumentError, kind_of
+
+if TYPE_CHECKING:
+    from smallwheel_ros.diagnosis.apply import Added
+
+
+def add(
+    effect: AnyEffect,
+    model: AnyModel | None = None,
+    data: Data | None = None,
+    *,
+    effects: OwnEffects | None = None,
+    without: Ids = (),
+    seed: Seed = 0,
+) -> "Added":
+    """Add one effect to a model, fit it with the soil, and compare the held-out errors.
+
+    Parameters
+    ----------
+    effect : or its class
+        Its id, as in `slip_sinkage`; the form that fits best is taken.
+    model : the contact integral and nothing else if not given
+        The model to add it to.
+    data
+        Measurements; their diagnosis decides whether the effect is recommended.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
+    without
+        Effects that do not compete, by id; `unknown` for curves without a name.
+    seed
+        Seed of the simulations behind the p-values: the same seed gives the same result.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> added = sw.add("slip_sinkage", data="rig.csv")
+    >>> added.recommended
+    True
+    """
+    from smallwheel_ros.diagnosis.apply import added
+    from smallwheel_ros.diagnosis.pipeline import start_of
+
+    if data is None:
+        raise ArgumentError("data: found nothing, expected the measurements to fit the effect to")
+    wanted = effect if isinstance(effect, str) else getattr(effect, "id", None)
+    if not isinstance(wanted, str):
+        raise ArgumentError(f"effect: found {kind_of(effect)}, expected an effect's id or class")
+    return added(wanted, start_of(read(data), model, effects, without, seed=seed))

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`diagnose`: which physical effect a model of the measurements is missing."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from smallwheel_ros.api.read import read
+from smallwheel_ros.arguments import AnyModel, Data, Ids, Levels, OwnEffects, Seed, unheard
+
+if TYPE_CHECKING:
+    from smallwheel_ros.diagnosis.pipeline import Diagnosis
+
+
+def diagnose(
+    data: Data,
+    model: AnyModel | None = None,
+    *,
+    effects: OwnEffects | None = None,
+    without: Ids = (),
+    can: Levels | None = None,
+    seed: Seed = 0,
+    progress: Callable[[str], object] = unheard,
+) -> "Diagnosis":
+    """Say which physical effect a model of the measurements is missing.
+
+    Or that none is, that none known explains it, that several cannot be told apart, or that the
+    data is too small; where the model fails, what the data cannot show, and what to measure next.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    model
+        Start from this model; its soil is refitted within its covariance. Without it: the contact
+        integral alone.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
+    without
+        Effects that do not compete, by id; `unknown` for curves without a name.
+    can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
+        What you can set in the next measurements (SI units, angles in rad).
+    seed
+        Seed of the simulations behind the p-values: the same seed gives the same result.
+    progress
+        Told each step in words.
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> found = sw.diagnose("rig.csv")
+    >>> found.verdict, found.missing_effects
+    ('missing_effect', ['slip_sinkage'])
+    """
+    from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
+
+    return diagnosis_of(start_of(read(data), model, effects, without, can, seed), progress)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`learn`: which law a model of the measurements lacks."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from smallwheel_ros.api.read import read
+from smallwheel_ros.arguments import (
+    AnyModel,
+    Data,
+    EffectId,
+    Ids,
+    Laws,
+    Levels,
+    OwnEffects,
+    Seed,
+    unheard,
+)
+
+if TYPE_CHECKING:
+    from smallwheel_ros.learn.learning import Learnt
+
+
+def learn(
+    data: Data,
+    model: AnyModel | None = None,
+    *,
+    effects: OwnEffects | None = None,
+    without: Ids = (),
+    name: EffectId | None = None,
+    most: Laws = 1,
+    can: Levels | None = None,
+    seed: Seed = 0,
+    progress: Callable[[str, int, int], object] = unheard,
+) -> "Learnt":
+    """Learn which law a model of the measurements lacks, where no known effect explains it.
+
+    The program searches some 40,000 formulas inside the model. It drafts a law only where chance
+    would not gain as much, and where the law also predicts settings that the search never saw.
+    Nothing could be learnt is a normal answer.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    model
+        Start from this model; its soil is refitted within its covariance. Without it: the contact
+        integral alone.
+    effects : or what `sw.effects.load` made of it
+        A Python file with effects of your own. It is run: name only files that you trust.
+    without
+        Effects to take out of the model, by id; the law is not compared with them.
+    name
+        Id of the law; without it, from what the law follows.
+    most
+        Laws to learn, one after the other.
+    can : by setting, as ``{"slip": [0, 0.3, 0.6]}``
+        What you can set in the next measurements (SI units, angles in rad).
+    seed
+        Seed of permutations and folds: the same seed gives the same result, to the byte.
+    progress
+        Told each step in words, how many are done, and of how many (0: not known).
+
+    Examples
+    --------
+    >>> import smallwheel_ros as sw
+    >>> found = sw.learn("rig.csv")
+    >>> found.verdict, found.law["drivers"]
+    ('law', ['slip'])
+    """
+    from smallwheel_ros.diagnosis.pipeline import start_of
+    from smallwheel_ros.learn.learning import learnt
+
+    return learnt(start_of(read(data), model, effects, without, can, seed), name, most, progress)

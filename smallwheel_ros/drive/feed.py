@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of any topics, many at once, into the streams of a pipeline: a bag's, and a node's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from smallwheel_ros.pipeline.intake.decoder import Decoder
+from smallwheel_ros.pipeline.intake.inputs import Topic
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+
+Message = tuple[
+    str, bytes, int
+]  # topic, what was recorded, what the clock said (ns), 0 without one
+
+
+def feed(
+    pipeline: Pipeline,
+    topics: Mapping[str, Topic],
+    decoders: Mapping[str, Decoder],
+    chunk: Sequence[Message],
+) -> None:
+    """Give messages to the streams, in the order in which they came."""
+    by_topic: dict[str, list[int]] = {}
+    for i, (name, _, _) in enumerate(chunk):
+        by_topic.setdefault(name, []).append(i)
+    streams = pipeline.streams
+    parts: dict[str, list[tuple[Integers, Array, Integers]]] = {}
+    for name, numbers in by_topic.items():
+        order, topic = np.array(numbers), topics[name]
+        bad = decoders[name].problems.copy()
+        groups = decoders[name].columns([chunk[i][1] for i in numbers])
+        for text, times in (decoders[name].problems - bad).items():
+            streams.note(topic.streams[0], "not_readable", f"topic {name}: {text}", times)
+        for index, layout, fields in groups:
+            seconds, rest = (fields[f"header.stamp.{part}"][:, 0] for part in ("sec", "nanosec"))
+            stamps = (seconds * SECOND + rest).astype(np.int64)  # whole numbers all the time
+            joints = layout.strings.get("name", [])
+            with np.errstate(all="ignore"):  # 1e308 has no square; Streams refuse it in words
+                read = topic.read(fields, joints)
+            for stream in topic.streams:
+                if stream in read:
+                    parts.setdefault(stream, []).append((stamps, read[stream], order[index]))
+                    continue
+                if streams.all[stream].received and topic.joints.get(stream) not in joints:
+                    continue  # of another publisher: joint states come in parts
+                there = ", ".join(joints) or "no joint"
+                text = f"topic {name} has no value of its joint; it has {there}"
+                streams.note(stream, "no_value", text, index.size)
+    rows: dict[str, tuple[Integers, Array, Integers]] = {}
+    for stream, groups_of in parts.items():
+        if len(groups_of) == 1:  # in order as it is
+            rows[stream] = groups_of[0]
+            continue
+        stamps, values, order = (np.concatenate(column) for column in zip(*groups_of, strict=True))
+        sort = np.argsort(order, kind="stable")
+        rows[stream] = stamps[sort], values[sort], order[sort]
+    streams.add_rows(rows, np.array([now for _, _, now in chunk], dtype=np.int64))

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Estimates in the form of messages, and in words: node, replay and cost map all read them here."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
+from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
+from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.pipeline.warning.margin import Ground
+
+if TYPE_CHECKING:
+    from smallwheel_ros.pipeline.pipeline import Pipeline
+
+STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
+# Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
+VALID = {
+    "load_valid": ("load",),
+    "slip_valid": ("slip",),
+    "sinkage_measured_valid": ("sinkage_measured",),
+    "prediction_valid": (
+        "sinkage_predicted",
+        "compaction_resistance",
+        "other_resistance",
+        "rolling_resistance_coefficient",
+    ),
+    "traction_valid": ("thrust", "drawbar_pull", "probability_drawbar_pull_positive"),
+    "margin_valid": ("mobility_margin", "steepest_slope"),
+    "energy_valid": ("energy_per_metre",),
+    "risk_valid": ("risk_of_getting_stuck",),
+}
+# Columns of `Estimates` that have another name in the message.
+_COLUMNS = {
+    "sinkage_predicted": "sinkage",
+    "mobility_margin": "margin",
+    "energy_per_metre": "energy",
+    "risk_of_getting_stuck": "risk",
+}
+_WITHOUT_DEVIATION = ("probability_drawbar_pull_positive", "risk_of_getting_stuck")
+
+
+class Status(IntEnum):
+    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
+
+    OK = 0
+    PRIOR_ONLY = 1
+    SLIP_UNKNOWN = 2
+    REJECTED = 3
+    LOAD_MISSING = 4
+    SUNK_TO_AXLE = 5
+
+
+def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
+    """A column for each field of MobilityEstimate.msg but its header; row i of them is message i.
+
+    The header's stamp is the instant's (ns), its frame_id the wheel's name. What is not known is 0, and its
+    flag false.
+    """
+    found: dict[str, Any] = {
+        "status": estimates.status,
+        "status_text": status_texts(estimates, pipeline),
+        "digging_in": estimates.digging_in,
+    }
+    for flag, names in VALID.items():
+        columns = {name: getattr(estimates, _COLUMNS.get(name, name)) for name in names}
+        known = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
+        found[flag] = known
+        for name, values in columns.items():
+            found[name] = np.where(known, values, 0.0)
+            if name not in _WITHOUT_DEVIATION:
+                deviation = getattr(estimates, f"{_COLUMNS.get(name, name)}_std")
+                found[f"{name}_standard_deviation"] = np.where(
+                    known, np.nan_to_num(deviation, posinf=0.0), 0.0
+                )
+    return found
+
+
+def status_texts(estimates: Estimates, pipeline: Pipeline) -> list[str]:
+    """All conditions that apply to each row, in words, the most serious first."""
+    texts: dict[tuple[int, int], str] = {}
+    found = []
+    for i, key in enumerate(
+        zip(estimates.wheel.tolist(), estimates.conditions.tolist(), strict=True)
+    ):
+        conditions = Condition(key[1])
+        if conditions & Condition.DOES_NOT_FIT:  # with its numbers
+            found.append(_in_words(conditions, key[0], pipeline, estimates, i))
+            continue
+        if key not in texts:
+            texts[key] = _in_words(conditions, key[0], pipeline, estimates, i)
+        found.append(texts[key])
+    return found
+
+
+def _in_words(
+    conditions: Condition, wheel: int, pipeline: Pipeline, estimates: Estimates, row: int
+) -> str:
+    settings = pipeline.settings
+    words = []
+    if Condition.DIGS in conditions:
+        words.append("digs itself in: it slips, and more is asked for than the ground gives")
+    if Condition.SUNK_TO_AXLE in conditions:
+        words.append("the soil does not carry this load: sunk to axle")
+    if Condition.LOAD_MISSING in conditions:
+        words.append("no load near this reading: nothing is predicted")
+    if Condition.NOTHING_PREDICTED in conditions:
+        words.append("nothing is predicted: the model has no sinkage for this wheel")
+    if Condition.DOES_NOT_FIT in conditions:
+        shown, expected = 1e3 * estimates.sinkage_measured[row], 1e3 * estimates.sinkage[row]
+        spread = 1e3 * np.hypot(
+            estimates.sinkage_std[row], np.nan_to_num(estimates.sinkage_measured_std[row])
+        )
+        words.append(
+            f"measured sinkage does not fit: {shown:.1f} mm, expected {expected:.1f} +- {spread:.1f} mm"
+        )
+    if Condition.NOT_USED in conditions:
+        words.append("measured sinkage not used: its sensor is doubted (see the sensors)")
+    if Condition.SLIP_UNKNOWN in conditions:
+        why = "no odometry or wheel speed near this reading"
+        if pipeline.made_of_wheels:
+            why = "odometry shows none: it agrees with the wheels wherever they are"
+        elif settings.velocity == "none":
+            why = "odometry comes from the wheels, and there is no velocity_topic"
+        elif Condition.STANDS in conditions:
+            why = "the wheel stands"
+        words.append(f"slip unknown ({why}): no thrust, no drawbar pull")
+    if Condition.LAW_UNKNOWN in conditions:
+        words.append(
+            "no sinkage is measured, and the soil is not named: sinkage and resistance unknown"
+        )
+    elif Condition.PRIOR_ONLY in conditions:
+        words.append(f"soil not measured yet: {settings.prior.soil.name} as configured")
+    if Condition.LOAD_STATIC in conditions:
+        load = settings.static_loads[settings.wheels[wheel].name].value
+        words.append(f"load not measured: {load:.3g} N as configured")
+    return "; ".join(words)
+
+
+def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
+    """Return all fields of SoilEstimate.msg but its header; the covariance has shape (9,).
+
+    rejected: measurements that were not used, for any reason.
+    """
+    modulus, deviation = soil.effective_modulus()
+    known = soil.identifiable
+    return {
+        "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
+        "status_text": "; ".join(soil.status),
+        "k": float(soil.k),
+        "n": float(soil.n),
+        "m": float(soil.m),
+        "covariance": soil.covariance.ravel(),
+        "reference_diameter": soil.reference_diameter,
+        "reference_sinkage": soil.reference_sinkage,
+        "effective_modulus": modulus,
+        "effective_modulus_standard_deviation": deviation,
+        "reference_pressure": soil.reference_pressure,
+        "reference_pressure_standard_deviation": soil.reference_pressure_std,
+        "k_identifiable": known.k,
+        "n_identifiable": known.n,
+        "m_identifiable": known.m,
+        "effective_modulus_identifiable": known.effective_modulus,
+        "reference_pressure_identifiable": known.reference_pressure,
+        "measurements_accepted": soil.accepted,
+        "measurements_rejected": rejected,
+    }
+
+
+def vehicle_margin(newest: Estimates) -> Quantity | None:
+    """Margin of a whole vehicle from the newest row of each wheel: pull of all over load of all.
+
+    Where a load is not known, wheels count alike. None where no wheel has a margin.
+    """
+    known = np.isfinite(newest.margin) & (newest.stamp >= newest.stamp.max(initial=0) - STALE)
+    if not known.any():
+        return None
+    load = newest.load[known]
+    load = load if np.isfinite(load).all() else np.ones(load.size)
+    # All wheels stand on one estimated soil, so their errors are taken to go together.
+    value, deviation = (
+        float(load @ column[known]) / float(load.sum())
+        for column in (newest.margin, newest.margin_std)
+    )
+    return Quantity(value, deviation)
+
+
+def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
+    """Margin on any ground, as believed before the first message; None without a rolling wheel."""
+    if not any(wheel.contact == ROLLING for wheel in settings.wheels):
+        return None
+    return Quantity(*Ground().moments())

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Everything that node and replay say of a drive while it goes on: one function for both."""
+
+from __future__ import annotations
+
+import re
+from typing import Literal, NamedTuple
+
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Estimates
+
+from .messages import vehicle_margin
+
+Entry = Literal["filter", "sensors", "alarms", "vehicle"]
+Kind = Literal["filter", "sensor", "digging_in", "stuck", "missing_effect", "holds_nothing"]
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+
+
+class Statement(NamedTuple):
+    """Something to look at: which entry of the diagnostics says it, of what kind, how bad, and in words."""
+
+    entry: Entry
+    kind: Kind
+    is_error: bool
+    text: str
+
+    @property
+    def about(self) -> str:
+        """The text without its numbers: the same as long as the same is reported."""
+        return _NUMBER.sub("", self.text)
+
+
+DIGGING_IN = Statement(
+    "alarms",
+    "digging_in",
+    True,
+    "the wheels are digging in: they slip, and more is asked for than the ground gives: stop",
+)
+
+
+def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
+    """What is to be said now. newest: the newest row of each wheel."""
+    found = list(alarms(pipeline, newest))
+    margin = vehicle_margin(newest)
+    if margin is not None and not margin.value > 0.0:
+        text = "the soil holds the vehicle on no slope, nor on the level"
+        found.append(Statement("vehicle", "holds_nothing", True, text))
+    if pipeline.concern:
+        found.append(Statement("filter", "filter", False, pipeline.concern))
+    found += [Statement("sensors", "sensor", False, text) for text in pipeline.findings]
+    return tuple(found)
+
+
+def alarms(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
+    """What somebody should act on at once."""
+    found = []
+    if newest.digging_in.any():
+        found.append(DIGGING_IN)
+    if pipeline.warning:
+        found.append(Statement("alarms", "stuck", False, pipeline.warning))
+    missing = pipeline.missing_effect
+    if missing is not None:
+        found.append(Statement("alarms", "missing_effect", False, missing.message))
+    return tuple(found)

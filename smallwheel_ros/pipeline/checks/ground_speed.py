@@ -1,0 +1,432 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed over ground and what the imu feels, as real robots send them, and how far each is to be believed.
+
+    speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
+              the heading, in the middle of both
+    spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
+              the same of three messages in a row; the larger one, as a share of sqrt(v^2 + 1): it is the more
+              the faster a vehicle drives, since stamps are off. Of poses also by their stamps: how far one
+              is from the line between its neighbours, over the rims' speed, is how much its stamp is off
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation, as last found;
+              until anything follows, it may be half a second
+    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
+              until 5 m of way are there it may be, unless it is further off, or no constant near 1
+    imu       turned over where its z axis looks down
+
+Each row depends on messages up to its own stamp alone, and sums go on over cuts. What checks doubt is NaN
+here (`doubts`): speeds, rims and imu are read through `speeds`, `each_rim` and `imu`, by all stages.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import (
+    IMU,
+    ODOMETRY,
+    STANDSTILL_SPEED,
+    VELOCITY,
+    OnboardSettings,
+)
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.intake.buffer import NEVER, Stream
+from smallwheel_ros.pipeline.intake.streams import Streams
+from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, steps_of, unknown
+
+from .doubts import Doubts
+from .lateness import LAGS, Lag, OfWheels
+
+SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL = range(10)
+WINDOW = (
+    SECOND // 2
+)  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
+DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
+_STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
+_PLACE = (
+    0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
+)
+_SCAN = 0.1  # s that a turn of a lidar takes: at which instant of it a place holds is not known
+_APART = (
+    SECOND  # between speeds whose errors are not the same any more, even of a smoothed odometry
+)
+_SLOW = 1.0  # m/s, under which a speed's error hardly depends on it: robots drove with 0.1 to 4 m/s
+_SMOOTH = (
+    0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
+)
+_LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
+_TOLD, _GUESSED = 10, 3  # readings that the parameters' deviation, and `_SCAN`, count for
+
+
+@dataclass(frozen=True)
+class Known:
+    """What has turned out of odometry and imu, for those that report it.
+
+    share: of the way by which an odometry that is made of the wheels is no multiple of them; NaN: of its own.
+    no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
+    """
+
+    share: float = math.nan
+    no_twist: float = 0.0
+    down: bool = False
+
+    @property
+    def of_wheels(self) -> bool:
+        """Whether the odometry is made of the wheels."""
+        return math.isfinite(self.share)
+
+    @property
+    def twist(self) -> bool:
+        """Whether a twist has come."""
+        return math.isnan(self.no_twist)
+
+
+@dataclass
+class Trust:
+    """What is known of the speed at each of some instants.
+
+    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
+    whether it is made of them; may_be: whether it is not known yet to be, or not to be; since: s for which
+    the message has been the same; way: m by the rims meanwhile.
+    """
+
+    variance: Array
+    lag: Array
+    of_wheels: Flags
+    may_be: Flags
+    since: Array
+    way: Array
+    mean: Array
+
+
+@dataclass
+class _Sums:
+    """Running sums of what is learnt, and what they were at the end of the last piece of way."""
+
+    spread: list[Array] = field(default_factory=lambda: [np.zeros(2) for _ in range(3)])
+    speed: Array = field(default_factory=lambda: unknown(2))
+    way: float = 0.0
+    changed: int = NEVER
+    changed_way: float = 0.0
+    stamp: int = NEVER
+
+
+class Ground:
+    """Rows of speed and imu, and how far they are believed.
+
+    moves: speed (m/s) and yaw rate (rad/s). felt: the imu's rows, z up. posed: whether speed is that of the
+    pose.
+    """
+
+    def __init__(
+        self, settings: OnboardSettings, streams: Streams, doubts: Doubts | None = None
+    ) -> None:
+        self.settings, self.streams = settings, streams
+        self.doubts = Doubts() if doubts is None else doubts
+        self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
+        self._rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
+        self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
+        self._own = Stream(
+            "own", 6
+        )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
+        self._trust = Stream("trust", 9)
+        self.posed = True
+        self._way = 0.0
+        self._up = self._looks_down = 0
+        self._turned = [NEVER]  # stamps at which the imu was turned over, and back
+        self._sums = _Sums()
+        self._turns_late, self._speed_late, self._of_wheels = Lag(), Lag(), OfWheels()
+
+    def advance(self, until: int) -> None:
+        """Take what came, and learn of it up to a stamp (ns) at which all is there."""
+        self.take()
+        self.learn(until)
+
+    def take(self) -> None:
+        """Take what came."""
+        self._turn_over()
+        self._speeds()
+
+    def bound(self, until: int) -> int:
+        """Stamp (ns) up to which speeds are there: those of poses are in the middle between two."""
+        source = self.streams.all.get(self.source)
+        if source is None or not self.posed or not source.received or self.streams.silent(source):
+            return until
+        return min(until, self.moves.newest)
+
+    def forget(self, before: int) -> None:
+        """Drop what nothing asks for any more."""
+        for stream in (self.moves, self.felt, self._own, self._trust):
+            stream.forget(before)
+
+    def trust(self, instants: Integers) -> Trust:
+        """How far the speed is believed at instants up to which has been learnt."""
+        stamps, (variance, lag, of_wheels, may_be, since, way, mean, *_) = self._last(instants)
+        seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
+        usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
+        return Trust(
+            usual,
+            np.where(np.isnan(lag), _LATE, lag),
+            of_wheels > 0.0,
+            (may_be != 0.0) & (self.source == ODOMETRY),
+            np.nan_to_num(since) + seconds,
+            np.nan_to_num(way),
+            np.nan_to_num(mean),
+        )
+
+    def known(self, stamp: int) -> Known:
+        """What has turned out up to a stamp (ns) up to which has been learnt."""
+        down = bisect_right(self._turned, stamp) % 2 == 0
+        stamps, values = self._last(np.array([stamp], dtype=np.int64))
+        if stamps[0] == NEVER:
+            return Known(down=down)
+        of_wheels, no_twist, share = values[[2, 7, 8], 0].tolist()
+        return Known(share if of_wheels else math.nan, no_twist, down)
+
+    def _last(self, instants: Integers) -> tuple[Integers, Array]:
+        stamps, values = self._trust.last(instants)
+        return stamps, values.T
+
+    def believed(self, name: str, instants: Integers) -> Array:
+        """Values of a stream at instants, (instants, width); NaN where it is doubted."""
+        values = self.streams.all[name].at(instants, self.streams.rules)
+        return self.doubts.believed(name, instants, values)
+
+    def speeds(self, instants: Integers) -> Array:
+        """Speed (m/s) and yaw rate (rad/s) as measured over ground, (instants, 2)."""
+        values = self.moves.at(instants, self.streams.rules)
+        return self.doubts.believed(self.source, instants, values)
+
+    def imu(self, instants: Integers) -> Array:
+        """Rows of the imu, z up, (instants, 7)."""
+        return self.doubts.believed(IMU, instants, self.felt.at(instants, self.streams.rules))
+
+    def each_rim(self, instants: Integers) -> Array:
+        """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
+        found = np.empty((len(self._rolling), instants.size))
+        for row, wheel in zip(found, self._rolling, strict=True):
+            row[:] = (
+                self.believed(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
+            )
+        return found
+
+    def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
+        """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left."""
+        if not self._rolling:
+            return unknown(instants.size), unknown(instants.size), unknown(instants.size)
+        rims = self.each_rim(instants)
+        side = np.array([wheel.lateral_position for wheel in self._rolling])
+        turn = unknown(instants.size)
+        if (side > 0.0).any() and (side < 0.0).any():
+            turn = 0.5 * (_mean(rims[side < 0.0]) - _mean(rims[side > 0.0]))
+        return _mean(rims), _mean(np.abs(rims)), turn
+
+    # --- What came
+
+    def _turn_over(self) -> None:
+        """Give the imu's rows with z up: most of those so far say where down is."""
+        stream = self.streams.all.get(IMU)
+        if stream is None or stream.newest <= self.felt.newest:
+            return
+        stamps, values = stream.between(self.felt.newest, stream.newest)
+        # Gravity is felt; a driver without it in its acceleration may have it in the orientation.
+        felt, told = values[:, 3], GRAVITY * values[:, 6]
+        along = np.where(np.abs(felt) > DOWN, felt, told)
+        up = self._up + np.cumsum(along > DOWN)
+        looks_down = self._looks_down + np.cumsum(along < -DOWN)
+        self._up, self._looks_down = int(up[-1]), int(looks_down[-1])
+        over = looks_down > up
+        before = np.concatenate([[len(self._turned) % 2 == 0], over[:-1]])
+        self._turned += stamps[over != before].tolist()
+        sign = np.array([-1.0, 1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # about x: y, z and yaw change
+        turned = np.repeat(over[:, None], sign.size, axis=1)
+        turned[:, 4:] &= told[:, None] < 0.0  # an orientation may be that of the vehicle already
+        self.felt.extend(stamps, np.where(turned, sign * values, values))
+
+    def _speeds(self) -> None:
+        """Give the rows of speed and yaw rate."""
+        stream = self.streams.all.get(self.source)
+        if stream is None or stream.newest <= self._own.newest:
+            return
+        all_stamps, all_values = stream.stamps, stream.values
+        first = int(np.searchsorted(all_stamps, self._own.newest, side="right"))
+        stamps, values = all_stamps[first:], all_values[first:]
+        same = (values == all_values[np.arange(first, all_stamps.size) - 1]) | np.isnan(values)
+        new = ~same.all(axis=1)
+        new[0] |= first == 0
+        back: Array = np.zeros(stamps.size)
+        speed, turn = values[:, SPEED], values[:, YAW_RATE]
+        way, off = unknown(stamps.size), unknown(stamps.size)
+        if self.source == ODOMETRY and self.posed:
+            twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
+            posed = ~twist
+            rules, rows = self.streams.rules, np.arange(all_stamps.size)
+            longest = np.maximum(stream.gaps(all_stamps, rules), rules.silence - rules.reorder)
+            apart = np.diff(all_stamps) > longest[:-1]  # it may have been silent meanwhile
+            begin = np.maximum.accumulate(np.where(np.concatenate([[True], apart]), rows, 0))
+            window = np.maximum(WINDOW, 2 * stream.periods(all_stamps)[first:])
+            before = np.searchsorted(all_stamps, stamps - window, side="right") - 1
+            before = np.maximum(before, begin[first:])
+            now, then = values, all_values[before]
+            span = stamps - all_stamps[before]
+            near = (span >= WINDOW) & (span <= 2 * rules.widest)
+            seconds = np.where(near, span, 1) / SECOND
+            ahead, aside = now[:, COSINE] + then[:, COSINE], now[:, SINE] + then[:, SINE]
+            length = np.hypot(ahead, aside)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                along = (now[:, X] - then[:, X]) * ahead + (now[:, Y] - then[:, Y]) * aside
+                along = along / length / seconds
+            speeds = np.where(near, along, np.nan)
+            cross = then[:, COSINE] * now[:, SINE] - then[:, SINE] * now[:, COSINE]
+            dot = then[:, COSINE] * now[:, COSINE] + then[:, SINE] * now[:, SINE]
+            turned = np.arctan2(cross, dot) / seconds
+            speed = np.where(posed, speeds, speed)
+            turn = np.where(posed, np.where(near, turned, np.nan), turn)
+            back = np.where(posed, (span // 2).astype(float), 0.0)
+            places = all_values[np.maximum(rows[first:] - 1, 0)][:, [X, Y]]
+            steps = np.nan_to_num(np.hypot(*(values[:, [X, Y]] - places).T))
+            way = np.where(posed, steps_of(steps, self._way), np.nan)
+            self._way = float(way[-1])
+            self.posed = bool(posed[-1])
+            off = np.where(
+                posed, _off_line(all_stamps, all_values, begin, rules.widest)[first:], off
+            )
+        self._own.extend(stamps, np.column_stack([back, speed, turn, new, way, off]))
+        middle = stamps - back.astype(np.int64)
+        # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
+        before_it = np.concatenate([[self.moves.newest], middle[:-1]])
+        rising = middle > np.maximum.accumulate(before_it)
+        self.moves.extend(middle[rising], np.column_stack([speed, turn])[rising])
+
+    # --- What is learnt
+
+    def learn(self, until: int) -> None:
+        """Learn of what came up to a stamp (ns) at which all is there."""
+        after = max(self._trust.newest, NEVER)
+        stamps, own = self._own.between(after, until)
+        if not stamps.size:
+            return
+        sums = self._sums
+        back, speed, turn, new, no_twist, off = own.T
+        middle = stamps - back.astype(np.int64)
+        back_to = np.array([*LAGS, _APART, 2 * _APART])
+        mean, size, half_turn = (
+            each.reshape(middle.size, -1) for each in self.rims((middle[:, None] - back_to).ravel())
+        )
+        before = np.concatenate([[sums.stamp], stamps[:-1]])
+        passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
+        sums.stamp = int(stamps[-1])
+        doubted = self.doubts.at(self.source, stamps)
+        speed, turn, off = (np.where(doubted, np.nan, each) for each in (speed, turn, off))
+        passed[doubted] = 0.0
+        step = np.nan_to_num(size[:, 0]) * passed
+        way = steps_of(step, sums.way)
+        ways_before = np.concatenate([[sums.way], way[:-1]])
+        sums.way = float(way[-1])
+        # Since when the message has been the same, and the way of the rims meanwhile.
+        is_new = new > 0.0
+        changed = np.maximum.accumulate(np.where(is_new, stamps, NEVER))
+        changed = np.maximum(changed, sums.changed)
+        changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
+        changed_way = np.maximum(changed_way, sums.changed_way)
+        sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
+        variance = self._spread(middle, back, speed, off, mean[:, [0, -2, -1]])
+        lag = self._lag(middle, speed, turn, mean[:, : LAGS.size])
+        parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
+        parts = np.nan_to_num(parts) * passed[:, None]
+        made, may_be, share = self._made_of_wheels(ways_before, way, parts)
+        since = (stamps - changed) / SECOND
+        same = since, way - changed_way
+        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share]
+        self._trust.extend(stamps, np.column_stack(rows))
+
+    def _spread(
+        self, middle: Integers, back: Array, speed: Array, off: Array, rims: Array
+    ) -> Array:
+        """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
+
+        off: m, of a place from the line between its neighbours, as `_off_line` has it. rims: their mean
+        speed then, `_APART` and twice that before, (rows, 3).
+        """
+        sums = self._sums
+        apart = [self.speeds(middle - k * _APART)[:, 0] for k in (1, 2)]
+        with np.errstate(invalid="ignore"):
+            most = np.abs(rims).max(axis=1)
+            change = np.where(most > STANDSTILL_SPEED, np.ptp(rims, axis=1) / most, np.nan)
+        before = np.concatenate([sums.speed, speed])
+        sums.speed = before[-2:]
+        bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
+        told: Array = np.full(back.size, self.settings.noise.speed**2)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            late2 = (off**2 - _PLACE**2) / rims[:, 0] ** 2
+        good = (change < _SMOOTH) & np.isfinite(off)
+        late2 = np.maximum(self._mean(2, good, late2, _SCAN**2, _GUESSED), _SCAN**2)
+        place = np.sqrt(_PLACE**2 + late2 * np.nan_to_num(speed) ** 2)
+        posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
+        told = np.where(back > 0.0, np.maximum(told, posed), told)
+        found = told
+        # Errors of stamps grow with the speed: fast and slow rows tell of each other by this share.
+        with np.errstate(invalid="ignore"):
+            share = _SLOW**2 + np.nan_to_num(np.fmax(most, np.abs(speed))) ** 2
+        for i, bend in enumerate(bends):
+            good = (change < _STEADY) & np.isfinite(bend)
+            squares = bend**2 / 6.0 / share
+            found = np.maximum(found, share * self._mean(i, good, squares, told / share, _TOLD))
+        return np.asarray(found)
+
+    def _mean(
+        self, i: int, good: Flags, squares: Array, before: Array | float, count: int
+    ) -> Array:
+        """Mean of the good squares so far, in which what was before counts for `count` of them."""
+        rows = np.column_stack([good, np.where(good, squares, 0.0)])
+        total = np.cumsum(np.concatenate([self._sums.spread[i][None], rows]), axis=0)[1:]
+        self._sums.spread[i] = total[-1]
+        return np.asarray((count * before + total[:, 1]) / (count + total[:, 0]))
+
+    def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
+        """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
+
+        rims: their mean speed `LAGS` before, (rows, lags).
+        """
+        instants = (middle[:, None] - LAGS).ravel()
+        gyro = self.imu(instants)[:, 0].reshape(middle.size, -1)
+        found = np.fmax(self._turns_late.take(turn, gyro), self._speed_late.take(speed, rims))
+        return np.where(np.isnan(found), _LATE, found)
+
+    def _made_of_wheels(
+        self, before: Array, way: Array, parts: Array
+    ) -> tuple[Flags, Flags, Array]:
+        """See `OfWheels`; a speed of another topic is not."""
+        if self.source != ODOMETRY:
+            no = np.zeros(way.size, dtype=bool)
+            return no, no, unknown(way.size)
+        return self._of_wheels.take(before, way, parts)
+
+
+def _mean(wheels: Array) -> Array:
+    """Mean over the wheels that are known, (instants,)."""
+    known = np.isfinite(wheels)
+    count = known.sum(axis=0)
+    total = np.where(known, wheels, 0.0).sum(axis=0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:
+    """By how much (m) the pose before each is off the line between its neighbours, as one place is, or NaN.
+
+    Along its heading, where time is way. begin: of each row, the first behind a silence. widest: ns.
+    """
+    rows = np.arange(stamps.size)
+    now, middle, then = rows, np.maximum(rows - 1, 0), np.maximum(rows - 2, 0)
+    span = stamps[now] - stamps[then]
+    good = (rows - 2 >= begin) & (span > 0) & (span <= 2 * widest)
+    part = (stamps[middle] - stamps[then]) / np.where(good, span, 1)
+    x, y = (
+        values[middle, k] - part * values[now, k] - (1.0 - part) * values[then, k] for k in (X, Y)
+    )
+    along = x * values[middle, COSINE] + y * values[middle, SINE]
+    return np.where(good, along / np.sqrt(1.0 + part**2 + (1.0 - part) ** 2), np.nan)

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is learnt of an odometry by gyro and rims: how late it comes, and whether it is made of the wheels.
+
+Sums that go on over cuts: each row depends on those before it alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import SECOND, Array, Flags
+
+from .sums import robust
+
+LAGS = np.arange(11) * (SECOND // 10)  # ns
+_TURNS, _ALIKE, _BETTER = (
+    0.1,
+    0.8,
+    1.1,
+)  # rad/s; correlation; what a lag has to explain more than none
+_VARIES = 1e-6  # of the mean square: a thousandth of the mean
+_ENOUGH = 100  # speeds while turning, or driving, before a lag is looked for
+# Share of the way by which the best odometries of their own wander (KITTI); ten pieces by 0.4 of that once in
+# 250. Those of real robots that are made of the wheels are their multiples to 0.00001.
+_OWN, MADE = 0.005, 0.002
+_PIECE, PIECES = 0.5, 10  # m, and how many tell
+_FEW = 2  # pieces, of which a factor leaves something over
+_KEPT = 100  # pieces: of 50 m one that drives steadily with an odometry of its own has hills and stones, too
+_MOVES = 0.3  # of a piece: what of it has to be way, or turning, for a share of it to say anything
+_RADII = (
+    0.15  # what the radii that are told, and those that an odometry is made with, differ by at most
+)
+
+
+class Lag:
+    """How much later a speed comes than what it follows: the largest correlation over `LAGS`."""
+
+    def __init__(self) -> None:
+        self._sums, self._found = np.zeros((6, LAGS.size)), math.nan
+
+    def take(self, late: Array, early: Array) -> Array:
+        """The lag (s) at each row, NaN as long as nothing has followed.
+
+        What has been found stays when nothing follows any more: on ground that gives way a speed does not
+        follow the rims, and comes no later for it. early: what is followed, `LAGS` before, (rows, lags).
+        """
+        good = np.isfinite(late) & np.isfinite(early).all(axis=1)
+        good &= (np.abs(early) > _TURNS).any(axis=1)
+        y, x = np.where(good, late, 0.0)[:, None], np.where(good[:, None], early, 0.0)
+        ones = np.broadcast_to(good[:, None].astype(float), x.shape)
+        rows = np.stack([ones, x, np.broadcast_to(y, x.shape), x * x, y * y + 0.0 * x, x * y], 1)
+        total = np.cumsum(np.concatenate([self._sums[None], rows]), axis=0)[1:]
+        self._sums = total[-1]
+        n, sx, sy, xx, yy, xy = np.moveaxis(total, 1, 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            covariance = xy - sx * sy / n
+            own, other = xx - sx * sx / n, yy - sy * sy / n
+            square = covariance**2 / (own * other)
+        # What hardly changes follows nothing, and its variance is what rounding leaves.
+        varies = (own > _VARIES * xx) & (other > _VARIES * yy) & (covariance > 0.0)
+        square = np.where(varies, square, 0.0)
+        best = square.argmax(axis=1)
+        most = square.max(axis=1)
+        told = (n[:, 0] >= _ENOUGH) & (most > _ALIKE**2)
+        better = 1.0 - square[:, 0] > _BETTER * (1.0 - most)
+        lag = np.where(told, np.where(better, LAGS[best] / SECOND, 0.0), np.nan)
+        lag = np.concatenate([[self._found], lag])
+        newest = np.maximum.accumulate(np.where(np.isnan(lag), 0, np.arange(lag.size)))
+        self._found = float(lag[newest[-1]])
+        return np.asarray(lag[newest[1:]])
+
+
+class OfWheels:
+    """Whether an odometry is made of the wheels, or may be, and by which share of the way it is not."""
+
+    def __init__(self) -> None:
+        self._total, self._last = np.zeros((2, 4))
+        self._pieces: list[Array] = []
+        self._made, self._may_be, self._share = False, True, math.nan
+
+    def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
+        """Whether the last pieces of way are those of the rims, or in turning; may be; by how much not.
+
+        before, way: m by the rims before and at each row. parts: way (m) of rims and odometry, and turns.
+        """
+        total = np.cumsum(np.concatenate([self._total[None], parts]), axis=0)[1:]
+        found, may_be = np.empty((2, way.size), dtype=bool)
+        share: Array = np.empty(way.size)
+        ends = np.flatnonzero(np.floor(way / _PIECE) > np.floor(before / _PIECE))
+        begin = 0
+        for end in ends.tolist():
+            found[begin:end], may_be[begin:end] = self._made, self._may_be
+            share[begin:end] = self._share
+            self._pieces = [*self._pieces[1 - _KEPT :], total[end] - self._last]
+            self._last, begin = total[end], end
+            off, whole = _scatter(np.array(self._pieces)), len(self._pieces) >= PIECES
+            rims, moves = total[end, :2]
+            near = abs(moves - rims) <= _RADII * max(abs(rims), _PIECE)
+            self._may_be = not whole and near and (off < _OWN or len(self._pieces) < _FEW)
+            self._share = off
+            if whole:
+                self._made = off < (_OWN if self._made else MADE)
+        found[begin:], may_be[begin:] = self._made, self._may_be
+        share[begin:] = self._share
+        self._total = total[-1]
+        return found, may_be, share
+
+
+def _scatter(pieces: Array) -> float:
+    """By which share of the way the odometry is no multiple of the rims: straight on, or in turns.
+
+    That of the last pieces, or what is usual of all that are kept, whichever is larger: made of the wheels it
+    is their multiple all the time, and an odometry of its own may be for some metres.
+    """
+    found = np.inf
+    for rims, moves in ((pieces[:, 0], pieces[:, 1]), (pieces[:, 2], pieces[:, 3])):
+        last, gone = rims[-PIECES:], moves[-PIECES:]
+        mean = np.abs(last).mean()
+        if not mean > _MOVES * _PIECE or not gone.any():
+            continue
+        factor = float(last @ gone) / float(last @ last)
+        off = np.sqrt(np.mean((gone - factor * last) ** 2)) / max(abs(factor), 1e-9) / mean
+        if len(pieces) > PIECES:
+            moved = np.abs(rims) > _MOVES * _PIECE
+            shares = moves[moved] / rims[moved]
+            usual, spread = robust(shares)
+            off = max(off, spread / max(abs(usual), 1e-9))
+        found = min(found, float(off))
+    return found

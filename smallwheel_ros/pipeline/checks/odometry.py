@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rules of `checks` about odometry and imu: what they are made of, when they come, how they are mounted."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from scipy.special import stdtrit
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.tables import Array
+
+from .sums import Run, Said
+from .window import (
+    AHEAD,
+    GAP,
+    GYRO,
+    LEFT,
+    MOVES,
+    SPEED,
+    Rows,
+    Vehicle,
+    Window,
+    X,
+    Y,
+)  # fmt: skip
+
+LATE, LATE_ALIKE = 0.2, 0.8  # s, correlation
+ALIKE = 0.1  # of their speed: what wheels of one side differ by on even ground
+JUMP, JUMP_FACTOR = 1.0, 3.0  # m, 1
+REPEAT_WAY = 1.0  # m by the rims
+NO_TWIST_WAY = 2.0  # m of the pose
+TILT, TILT_CHANCE, STANDS = 0.03, 0.001, 4  # rad, of Student's t distribution, standstills
+USUAL = 0.1  # rad: slopes on which vehicles stop, and mountings; in one heading both look alike
+
+
+class NoTwist:
+    """Way of the pose while the twist is 0 throughout."""
+
+    def take(self, window: Window) -> list[Said]:
+        """Said while no twist has come at all."""
+        way = window.memory.known.no_twist
+        text = (
+            "the odometry has no twist (0 throughout while its pose moves): its speed is taken from"
+            " differences of the pose; let the driver fill in the twist if it can"
+        )
+        return [Said(ODOMETRY, way, text)] if way > NO_TWIST_WAY else []
+
+
+class ZDown:
+    """Whether most of the imu's rows say that z looks down: then its gyro is turned over for all rules."""
+
+    def take(self, window: Window) -> list[Said]:
+        """Said while it is so."""
+        text = (
+            "z of the imu looks down: it is turned over; publish it in base_link's axes for others"
+        )
+        return [Said("imu", 1.0, text)] if window.memory.known.down else []
+
+
+class Repeats:
+    """Way of the rims on messages that are, bit for bit, the one before."""
+
+    def __init__(self, source: str) -> None:
+        self.source, self.run = source, Run()
+
+    def take(self, window: Window) -> list[Said]:
+        """A source that is 0 throughout has no message that moves."""
+        rows: Rows | None = window.imu if self.source == IMU else window.odometry
+        if rows is None or window.rims is None or not np.nan_to_num(rows.x).any():
+            return []
+        inside = rows.inside
+        rim = np.nan_to_num(np.median(np.abs(window.rims_at(rows.t[inside])), axis=1))
+        flag = rows.same[inside] & (rim > MOVES)
+        self.run.extend(flag, rim * rows.dt[inside], window.seconds(rows.t[inside]))
+        if not self.run.most > REPEAT_WAY:
+            return []
+        text = f"it repeats one and the same message for {self.run.most:.1f} m: check its driver"
+        subject = "imu" if self.source == IMU else "odometry"
+        return [Said(subject, self.run.most, text, (self.source,), self.run.began)]
+
+
+class OfWheels:
+    """Whether the odometry is made of the wheels: then no rule takes it for a witness."""
+
+    def take(self, window: Window) -> list[Said]:
+        """Its places are of use all the same."""
+        known = window.memory.known
+        if not known.of_wheels:
+            return []
+        text = (
+            f"it agrees with the wheels to {known.share:.2%} of the way: it is made of them and shows no"
+            " slip: give an odometry of its own (camera, lidar, GNSS), or velocity_topic"
+        )
+        return [Said("odometry", known.share, text, (ODOMETRY,), places=True)]
+
+
+class Late:
+    """Lag at which changes of the odometry's speed over 0.5 s follow those of the rims best."""
+
+    STEP, SMOOTH, OVER = 0.05, 9, 10  # s; samples of a mean; of a change
+    LAGS = np.arange(-10, 21)  # steps
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.count = 0
+        self.sums = np.zeros((5, len(self.LAGS)))
+        self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
+
+    def take(self, window: Window) -> list[Said]:
+        """Sums of products for each lag, while the wheels of each side agree: one that spins leads all."""
+        moves, step = window.moves, self.STEP
+        if window.rims is None or len(moves.t) < 3 or window.memory.known.of_wheels:
+            return []
+        first = round(-1.0 / step)
+        t: Array = np.asarray(np.arange(first, round(4.0 / step)) * step, dtype=np.float64)
+        each = window.rims_at(t)
+        apart = np.max([np.ptp(each[:, side], axis=1) for side in self.sides], axis=0)
+        rims: Array = np.asarray(np.median(each, axis=1), dtype=np.float64)
+        rims = np.where(apart <= ALIKE * np.abs(rims) + MOVES, rims, np.nan)
+        rim = _smoothed(rims, self.SMOOTH)
+        v = _smoothed(moves.at(t, SPEED), self.SMOOTH)
+        da, db = rim[self.OVER :] - rim[: -self.OVER], v[self.OVER :] - v[: -self.OVER]
+        here = np.arange(-first, -first + round(2.0 / step))
+        shifted = here[:, None] + self.LAGS
+        b = db[np.minimum(shifted, len(db) - 1)]
+        good = np.isfinite(da[here]) & np.isfinite(b).all(axis=1) & (shifted[:, -1] < len(db))
+        a, b = da[here][good][:, None], b[good]
+        self.count += len(a)
+        self.sums += [
+            np.broadcast_to(column, b.shape).sum(axis=0) for column in (a, b, a * a, b * b, a * b)
+        ]
+        if self.count < 80:
+            return []
+        mean_a, mean_b, aa, bb, ab = self.sums / self.count
+        spread = np.sqrt(np.maximum((aa - mean_a**2) * (bb - mean_b**2), 0.0))
+        if aa[0] - mean_a[0] ** 2 < 0.02**2 or not spread.all():
+            return []
+        alike = (ab - mean_a * mean_b) / spread
+        best = int(np.argmax(alike))
+        late = step * float(self.LAGS[best])
+        text = f"it is {late:.2f} s behind the wheels (correlation {alike[best]:.2f}): check its stamps"
+        return (
+            [Said("odometry", late, text)]
+            if late > LATE - 1e-9 and alike[best] >= LATE_ALIKE
+            else []
+        )
+
+
+def _smoothed(values: Array, count: int) -> Array:
+    """Means of so many samples about each; NaN at the ends."""
+    found = np.full(values.size, np.nan)
+    edge = count // 2
+    found[edge:-edge] = np.lib.stride_tricks.sliding_window_view(values, count).mean(axis=1)
+    return found
+
+
+class Jumps:
+    """Steps of the pose that neither its own speed nor a wheel makes."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.count, self.most = 0, 0.0
+
+    def take(self, window: Window) -> list[Said]:
+        """Over gaps of 1 s and more nothing is asked."""
+        o = window.odometry
+        if o is None or window.rims is None:
+            return []
+        rim = np.nan_to_num(np.abs(window.rims_at(o.t))).max(axis=1)
+        step, dt = np.hypot(*np.diff(o.x[:, [X, Y]], axis=0).T), np.diff(o.t)
+        most = np.fmax(rim[1:], np.abs(o.x[1:, SPEED]))
+        rows = o.inside[1:] & (dt < 2 * GAP)
+        jump = np.nan_to_num(step - JUMP_FACTOR * most * dt)[rows]
+        now = int((jump > JUMP).sum())
+        self.count += now
+        if now:  # its ways tell no radius; places and speeds between jumps are of use all the same
+            window.memory.doubted.add(ODOMETRY)
+        self.most = max(self.most, float(jump.max(initial=0.0)))
+        text = (
+            f"its pose jumps {self.count} times, by up to {self.most:.1f} m, where no wheel turns so fast:"
+            " check GNSS or loop closures; places on the map are off by that"
+        )
+        return [Said("odometry", self.most, text)] if self.count else []
+
+
+class Tilt:
+    """What the imu shows at standstills: a zero stays with the imu, a slope stays with the ground.
+
+    ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: ground; p, r: zeros), with `USUAL` as
+    the deviation of each before; the scatter is that of least squares.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.stands: deque[Array] = deque(maxlen=100)  # heading, ahead, left
+        self._open = np.zeros(
+            6
+        )  # of a stand that is not over: begin, end, heading; count, ahead, left
+
+    def take(self, window: Window) -> list[Said]:
+        """A stand of over a second counts once it is over."""
+        imu, moves = window.imu, window.moves
+        if imu is None or window.rims is None or len(moves.t) < 3:
+            return []
+        t = imu.t[imu.inside]
+        x = imu.x[imu.inside]
+        rims = np.abs(window.rims_at(t)).max(axis=1)
+        still = (
+            (rims < 1e-3) & (np.abs(moves.at(t, SPEED)) < MOVES / 2) & (np.abs(x[:, GYRO]) < 0.02)
+        )
+        heading = moves.at(t, 2)
+        stamp = window.seconds(t)
+        edges = np.flatnonzero(np.diff(still)) + 1
+        for part, flags in zip(
+            np.split(np.arange(t.size), edges), np.split(still, edges), strict=True
+        ):
+            if part.size and flags[0]:
+                if not self._open[3]:
+                    self._open[[0, 2]] = stamp[part[0]], heading[part[0]]
+                self._open[1] = stamp[part[-1]]
+                self._open[3:] += [part.size, x[part, AHEAD].sum(), x[part, LEFT].sum()]
+            if part.size and (not flags[0] or part[-1] < t.size - 1):
+                self._close()
+        return self._judged() if len(self.stands) >= STANDS else []
+
+    def _close(self) -> None:
+        begin, end, heading, count, ahead, left = self._open
+        self._open = np.zeros(6)
+        if end - begin > 1.0 and np.isfinite(heading + ahead + left):
+            self.stands.append(np.array([heading, ahead / count, left / count]))
+
+    def _judged(self) -> list[Said]:
+        heading, ahead, left = np.array(self.stands).T
+        shown = np.r_[ahead, left] / GRAVITY
+        c, s, one = np.cos(heading), np.sin(heading), np.ones(len(heading))
+        design = np.vstack(
+            [np.column_stack([c, s, one, 0 * one]), np.column_stack([-s, c, 0 * one, one])]
+        )
+        rest = shown - design @ np.linalg.lstsq(design, shown, rcond=None)[0]
+        variance = max(float(rest @ rest) / (len(shown) - 4), 0.01**2)
+        covariance = np.linalg.inv(design.T @ design / variance + np.eye(4) / USUAL**2)
+        found = covariance @ design.T @ shown / variance
+        std = np.sqrt(np.diag(covariance))
+        sure = float(stdtrit(len(shown) - 4, 1.0 - 0.5 * TILT_CHANCE))
+        return [
+            Said(
+                "imu",
+                float(found[i]),
+                f"it shows {np.degrees(found[i]):+.1f} +- {np.degrees(std[i]):.1f} degrees ({word} up)"
+                " whichever way the vehicle stands: level it",
+            )
+            for i, word in ((2, "nose"), (3, "left side"))
+            if abs(found[i]) > max(TILT, sure * std[i])
+        ]

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rules of `checks` about the rims: their signs, values that stand still, radii, and which side they turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.physics.wheel import GRAVITY
+
+from .sums import Agreement, Pieces, Run, Said, robust
+from .window import AHEAD, MOVES, Vehicle, Window
+
+SIGN_WAY, SIGN_SHARE = 1.0, 0.8  # m, 1
+DEAD_WAY = 2.0  # m
+HELD = 10  # changes of the others
+TURN, TURN_AGREES = 1.5, 0.5  # rad, 1
+ROLL_PIECE, ROLL_PIECES = 1.0, 20  # m, and how many
+ROLL_SCATTER, ROLL_OFF, ROLL_SURE = 0.02, 0.05, 5.0
+LEVEL = 0.05 * GRAVITY  # m/s^2: downhill wheels that brake do skid
+
+
+class Mirrored:
+    """Way on straight driving, and how much of it each joint turned against the travel."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.names = vehicle.names
+        self.total, self.against = np.zeros((2, len(self.names)))
+
+    def take(self, window: Window) -> list[Said]:
+        """Turning and spinning wheels are not asked."""
+        m = window.motion
+        if m is not None:
+            rows = m.inside & m.straight
+            rim, v = m.rim[rows].T, m.v[rows]
+            way = np.abs(v) * m.dt[rows] * (np.abs(rim) > MOVES / 2)
+            self.total += way.sum(axis=1)
+            self.against += (way * (rim * v < 0)).sum(axis=1)
+        bad = (self.total > SIGN_WAY) & (self.against > SIGN_SHARE * self.total)
+        if bad.all() and len(bad) > 1:
+            text = (
+                "all wheels turn against the travel: odometry looks backward, or joint_sign of all is"
+                " wrong: check both; until then slip is not known"
+            )
+            return [Said(ODOMETRY, float(self.against.min()), text, (ODOMETRY,))]
+        return [
+            Said(
+                self.names[i],
+                float(self.against[i]),
+                f"its joint turns against the travel on {self.against[i]:.1f} of {self.total[i]:.1f} m of"
+                " straight driving: check joint_sign and joint",
+                (f"{self.names[i]}/wheel_speed",),
+            )
+            for i in np.flatnonzero(bad)
+        ]
+
+
+class Dead:
+    """Way over which a joint shows exactly 0 on straight rows on which most others roll."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
+
+    def take(self, window: Window) -> list[Said]:
+        """Rows that are not asked neither add to a run nor end it."""
+        m, found = window.motion, []
+        if m is None:
+            return []
+        rolls = m.straight[:, None] & (m.rim * m.v[:, None] > 0.5 * m.v[:, None] ** 2)
+        for i, (name, run) in enumerate(zip(self.names, self.runs, strict=True)):
+            others = np.delete(rolls, i, axis=1).sum(axis=1) > (len(self.names) - 1) / 2
+            asked = others & m.inside
+            run.extend(
+                m.rim[asked, i] == 0, (np.abs(m.v) * m.dt)[asked], window.seconds(m.t[asked])
+            )
+            if run.most > DEAD_WAY:
+                text = (
+                    f"its joint shows exactly 0 for {run.most:.1f} m on which the others roll: the encoder"
+                    " is dead, or the wheel blocked"
+                )
+                found.append(Said(name, run.most, text, (f"{name}/wheel_speed",), run.began))
+        return found
+
+
+class Held:
+    """How often most others change while a joint shows one value, not 0, bit for bit.
+
+    The largest value of all, which joints of both sides have shown, is a limit of the drivers, and no fault.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
+        self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
+        self.most = np.zeros(len(vehicle.names))
+
+    def take(self, window: Window) -> list[Said]:
+        """Coarse counters repeat at a steady speed, all at once: then none is asked."""
+        rims, found = window.rims, []
+        if rims is None:
+            return []
+        rows, changes = rims.inside, rims.changes[rims.inside]
+        x, t = rims.x[rows], window.seconds(rims.t[rows])
+        self.most = np.fmax(self.most, np.nan_to_num(np.abs(x)).max(axis=0, initial=0.0))
+        most = {float(self.most[side].max()) for side in self.sides}
+        limit = most.pop() if len(self.sides) > len(most) == 1 else np.inf
+        moves = np.nan_to_num(np.abs(x)).max(axis=1, initial=0.0) > MOVES
+        for i, (name, run) in enumerate(zip(self.names, self.runs, strict=True)):
+            others = np.delete(changes, i, axis=1).sum(axis=1) > (len(self.names) - 1) / 2
+            run.extend(
+                ~changes[:, i] & (x[:, i] != 0) & (np.abs(x[:, i]) != limit) & np.isfinite(x[:, i]),
+                (others & moves).astype(float),
+                t,
+            )
+            if run.most > HELD:
+                text = (
+                    f"its joint shows one value while those of the others changed {run.most:.0f} times:"
+                    " check the encoder and its driver"
+                )
+                found.append(Said(name, run.most, text, (f"{name}/wheel_speed",), run.began))
+        return found
+
+
+class Turn:
+    """Wheels, gyro and odometry each say which way the vehicle turns: two against one."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.left, self.right = vehicle.y > 0, vehicle.y < 0
+        self.gyro, self.moves, self.both = (Agreement(TURN) for _ in range(3))
+        self.each = [(Agreement(TURN), Agreement(TURN)) for _ in vehicle.names]
+
+    def take(self, window: Window) -> list[Said]:
+        """A vehicle with wheels on one side alone is not asked."""
+        m = window.motion
+        if m is None or not (self.left.any() and self.right.any()):
+            return []
+        rows = m.inside
+        rim, w, gyro, dt = m.rim[rows], m.w[rows], m.gyro[rows], m.dt[rows]
+        wheels = rim[:, self.right].mean(axis=1) - rim[:, self.left].mean(axis=1)
+        self.gyro.extend(wheels, gyro, dt)
+        self.moves.extend(wheels, w, dt)
+        self.both.extend(gyro, w, dt)
+        for i, (by_gyro, by_moves) in enumerate(self.each):
+            own = (-1.0 if self.left[i] else 1.0) * (rim[:, i] - rim.mean(axis=1))
+            by_gyro.extend(own, gyro, dt)
+            by_moves.extend(own, w, dt)
+        return self._judged()
+
+    def _judged(self) -> list[Said]:
+        by_gyro, by_odometry, both = self.gyro.value, self.moves.value, self.both.value
+        low, subject = -TURN_AGREES, ""
+        if both < low:
+            subject = (
+                "imu" if by_odometry > -low else "odometry" if by_gyro > -low else "imu or odometry"
+            )
+        elif both == 0.0 and min(by_gyro, by_odometry) < low:
+            subject = "imu or wheels" if by_gyro < low else "odometry or wheels"
+        if subject:
+            text = (
+                "it turns the other way than the others (wheels, gyro, odometry): check how the"
+                " imu is mounted, the frame of the odometry, and the joints of left and right"
+            )
+            # Where nothing decides between imu and wheels, the wheels are all that tells of the motion.
+            named = {"imu": IMU, "odometry": ODOMETRY, "imu or wheels": IMU}
+            doubts: tuple[str, ...] = (named[subject],) if subject in named else ()
+            return [Said(subject, both, text, doubts, taught=bool(doubts))]
+        if -low >= both != 0.0:
+            return []
+        each = np.array([one[by_odometry > -low].value for one in self.each])
+        bad = np.flatnonzero(each < low)
+        if not (self.left[bad].any() and self.right[bad].any()):
+            return []
+        names = [self.vehicle.names[i] for i in bad]
+        text = f"{' and '.join(names)} turn as the other side does: are their joints interchanged?"
+        both_sides = tuple(f"{name}/wheel_speed" for name in names)
+        return [Said(" and ".join(names), float(each[bad].max()), text, both_sides)]
+
+
+class RollingAll:
+    """Way of each rim over that of the odometry on straight, level metres."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.y, n = vehicle.y, len(vehicle.names)
+        self.pieces = Pieces(ROLL_PIECE, 2 * n)
+        self.felt, self.count = 0.0, 0
+
+    def take(self, window: Window) -> list[Said]:
+        """Driven wheels do not skid on the level: less than 1 is no slip, more may be."""
+        m, imu, n = window.motion, window.imu, len(self.y)
+        if imu is not None:
+            felt = imu.x[imu.inside & ~imu.stale, AHEAD]
+            felt = felt[np.isfinite(felt)]
+            self.felt, self.count = self.felt + float(felt.sum()), self.count + felt.size
+        if m is None:
+            return []
+        if ODOMETRY in window.memory.doubted:  # what was named is no witness, nor was it before
+            self.pieces = Pieces(ROLL_PIECE, 2 * n)
+            return []
+        # Rims that stand while a late odometry still moves are left out, as those are that start before it.
+        turns = np.median(np.abs(m.rim), axis=1) > MOVES
+        rows = m.inside & m.straight & turns & np.isfinite(m.rim).all(axis=1)
+        v, dt = m.v[rows], m.dt[rows]
+        turned = np.nan_to_num(np.where(np.isfinite(m.w[rows]), m.w[rows], m.gyro[rows]))
+        place = v[:, None] - turned[:, None] * self.y
+        forward = np.sign(v)[:, None] * dt[:, None]
+        self.pieces.extend(np.abs(v) * dt, np.hstack([forward * m.rim[rows], forward * place]))
+        if len(self.pieces) < ROLL_PIECES or not self.count or abs(self.felt / self.count) >= LEVEL:
+            return []
+        sums = self.pieces.rows
+        ratio = np.median(sums[:, :n] / np.maximum(sums[:, n:], 0.1), axis=1)
+        middle, scatter = robust(ratio)
+        if not 0.1 < middle < 1.0 - max(ROLL_OFF, ROLL_SURE * scatter / np.sqrt(len(ratio))):
+            return []
+        text = (
+            f"the rims turn {middle:.3f} times the way of the odometry on {len(ratio)} straight, level m:"
+            " check the diameters and the scale of the odometry"
+        )
+        return [Said("radii", middle, text)]
+
+
+class RollingPair:
+    """Way of a rim over that of another one of its side, metre by metre; bends cancel."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        n, self.names = len(vehicle.names), vehicle.names
+        pairs = [(i, j) for i in range(n) for j in range(i + 1, n) if vehicle.y[i] == vehicle.y[j]]
+        self.pairs = {pair: Pieces(ROLL_PIECE, 2) for pair in pairs}
+
+    def take(self, window: Window) -> list[Said]:
+        """A radius is the same on each metre; slip is not."""
+        m, found = window.motion, []
+        if m is None:
+            return []
+        for (i, j), pieces in self.pairs.items():
+            pair, dt = np.abs(m.rim[m.inside][:, [i, j]]), m.dt[m.inside]
+            rolls = np.nan_to_num(pair).min(axis=1) > MOVES
+            pair, dt = pair[rolls], dt[rolls]
+            pieces.extend(pair.mean(axis=1) * dt, pair * dt[:, None])
+            if len(pieces) < ROLL_PIECES:
+                continue
+            sums = pieces.rows
+            middle, scatter = robust(sums[:, 0] / sums[:, 1])
+            if scatter < ROLL_SCATTER and abs(middle - 1.0) > ROLL_OFF:
+                names = f"{self.names[i]} and {self.names[j]}"
+                text = f"{names} turn {middle:.3f} to 1, evenly on each metre: check both diameters"
+                found.append(Said(names, middle, text))
+        return found

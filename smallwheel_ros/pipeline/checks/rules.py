@@ -1,0 +1,425 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of sensors: one table of rules, each of which speaks only where nothing but a fault explains it.
+
+    checks = Checks(settings, ground, doubts)  # ground has learnt of the rows before they are taken
+    for finding in checks.take(rows, watermark): ...      # raw rows of all streams since checks.done
+    doubts.at(stream, stamps)   # whether it is not to be used there
+
+1. A difference of slips is no fault: stuck vehicles spin diagonally. No wheel is judged by others' slips.
+2. Exact before statistical: bit-for-bit repeats over way, signs, impossible sizes, sums.
+3. Rows are chosen: signs and radii on straight rows, signs of turning on rows that turn.
+4. What was named is no witness any more: odometry that repeats, or is made of the wheels, is not asked.
+5. What cannot be told apart is "A or B", or not said.
+
+Rules are judged at fixed stamps, once in `SPAN`, of sums that do not grow: what they say does not depend on
+where blocks were cut. Nothing is filled in with values of others.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+
+from .doubts import SHOWS_NO_SLIP, Doubts
+from .ground_speed import DOWN, Ground
+from .lateness import MADE, PIECES
+from .loads import (
+    SWAP,
+    SWAP_PIECES,
+    SWAP_SURE,
+    WEIGHT_OFF,
+    ZERO_OFF,
+    HeldColumn,
+    Impossible,
+    Swapped,
+    Weight,
+)
+from .odometry import (
+    JUMP,
+    JUMP_FACTOR,
+    LATE,
+    LATE_ALIKE,
+    NO_TWIST_WAY,
+    REPEAT_WAY,
+    STANDS,
+    TILT,
+    TILT_CHANCE,
+    Jumps,
+    Late,
+    NoTwist,
+    OfWheels,
+    Repeats,
+    Tilt,
+    ZDown,
+)  # fmt: skip
+from .rims import (
+    DEAD_WAY,
+    HELD,
+    LEVEL,
+    ROLL_OFF,
+    ROLL_PIECES,
+    ROLL_SCATTER,
+    ROLL_SURE,
+    SIGN_SHARE,
+    SIGN_WAY,
+    TURN,
+    TURN_AGREES,
+    Dead,
+    Held,
+    Mirrored,
+    RollingAll,
+    RollingPair,
+    Turn,
+)  # fmt: skip
+from .sums import Said
+from .window import AROUND, SPAN, Memory, Raw, Vehicle, Window
+
+_NEVER = -(1 << 62)
+
+
+class Judge(Protocol):
+    """A rule at work: takes the spans one after the other."""
+
+    def take(self, window: Window) -> list[Said]:
+        """What it complains of at the end of this span."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A row of the table.
+
+    rows: which rows it needs. statistic: over them. limit: beyond which it speaks. reason: of the limit, with
+    the worst drive of which all sensors were good. says: what may be wrong. starts: a judge of a vehicle.
+    """
+
+    name: str
+    rows: str
+    statistic: str
+    limit: str
+    reason: str
+    says: str
+    starts: Callable[[Vehicle], Judge]
+
+
+# Those that other rules hear of come first: what is no witness is an odometry that is made of the wheels,
+# repeats or has just jumped; an imu that looks down is turned over.
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "of wheels",
+        "the last half metres of the rims",
+        "way of the odometry against that of the rims, or its turn against right less left: rms over the way",
+        f"under {MADE:g}, {PIECES} pieces",
+        "the best odometries of their own wander by 0.005; worst good drive 0.03",
+        "the odometry is made of the wheels and shows no slip",
+        lambda vehicle: OfWheels(),
+    ),
+    Rule(
+        "z down",
+        "all of the imu",
+        "rows that feel gravity down along z less those that feel it up",
+        f"over 0; felt: over {DOWN:.1f} m/s^2",
+        "no vehicle drives beyond 60 degrees",
+        "z of the imu looks down; it is turned over",
+        lambda vehicle: ZDown(),
+    ),
+    Rule(
+        "repeats",
+        "messages of the odometry while the rims move",
+        "longest way of the rims on one and the same message",
+        f"over {REPEAT_WAY:g} m",
+        "one dropped connection, not one missed message",
+        "driver of the odometry",
+        lambda vehicle: Repeats(ODOMETRY),
+    ),
+    Rule(
+        "jumps",
+        "steps of the pose, gaps under 1 s",
+        f"step less {JUMP_FACTOR:g} times what the fastest of rims and twist makes",
+        f"over {JUMP:g} m",
+        "worst good drive 0.8 m (lidar in violent spins)",
+        "places are off by that",
+        Jumps,
+    ),
+    Rule(
+        "mirrored",
+        "straight rows on which the wheel turns",
+        "way against the travel, over all of it",
+        f"over {SIGN_SHARE:g} of at least {SIGN_WAY:g} m",
+        "a delay of 0.5 s at 1 m/s and no more; worst good wheel 0.03",
+        "joint_sign or joint; all wheels at once: the odometry looks backward",
+        Mirrored,
+    ),
+    Rule(
+        "dead",
+        "straight rows on which most others roll",
+        "longest way on which the joint shows exactly 0",
+        f"over {DEAD_WAY:g} m",
+        "a blocked wheel is dragged as far; worst good wheel 1.1 m",
+        "the encoder is dead, or the wheel blocked",
+        Dead,
+    ),
+    Rule(
+        "held",
+        "rows on which the rims move",
+        "changes of most others while one joint shows one value, not 0, bit for bit",
+        f"over {HELD}",
+        "coarse counters repeat at a steady speed, all at once; worst good wheel 4",
+        "encoder, or its driver",
+        Held,
+    ),
+    Rule(
+        "turn",
+        f"rows that turn, {TURN:g} rad in all",
+        "correlation about 0 of right less left, odometry and gyro, each two; of each wheel with its side",
+        f"under {-TURN_AGREES:g}",
+        "two outvote one; else it is one or the other",
+        "mounting of the imu, frame of the odometry, joints interchanged",
+        Turn,
+    ),
+    Rule(
+        "rolling",
+        f"straight, level metres (mean acceleration ahead under {LEVEL / GRAVITY:g} g)",
+        "median of the rims' way over that of the odometry",
+        f"under 1 - max({ROLL_OFF:g}, {ROLL_SURE:g} standard errors), {ROLL_PIECES} m",
+        "driven wheels do not skid on the level; over 1 it is slip",
+        "diameters, or scale of the odometry",
+        RollingAll,
+    ),
+    Rule(
+        "rolling",
+        "metres of two wheels of one side",
+        "median of the ratio of their ways",
+        f"{ROLL_OFF:g} off, scatter under {ROLL_SCATTER:g}, {ROLL_PIECES} m",
+        "a radius is the same on each metre (scatter 0.005), slip is not (0.05 to 0.36 in snow)",
+        "diameters of both",
+        RollingPair,
+    ),
+    Rule(
+        "no twist",
+        "all of the odometry",
+        "way of the pose while the twist is exactly 0",
+        f"over {NO_TWIST_WAY:g} m",
+        "exact",
+        "speed is taken from the pose",
+        lambda vehicle: NoTwist(),
+    ),
+    Rule(
+        "frozen",
+        "messages of the imu while the rims move",
+        "longest way of the rims on one and the same message",
+        f"over {REPEAT_WAY:g} m",
+        "the same",
+        "driver of the imu",
+        lambda vehicle: Repeats(IMU),
+    ),
+    Rule(
+        "late",
+        "changes over 0.5 s of rims and odometry, while the wheels of each side agree",
+        "lag of the best correlation",
+        f"{LATE:g} s and more, correlation over {LATE_ALIKE:g}",
+        "the worst good odometry that follows the rims so well is 0.1 s late",
+        "stamps of the odometry",
+        Late,
+    ),
+    Rule(
+        "tilt",
+        f"standstills over 1 s, {STANDS} and more",
+        "what the imu shows in every heading: zero and slope of the ground, each with its prior deviation",
+        f"over {math.degrees(TILT):.1f} degrees, and a chance of {TILT_CHANCE:g} by its scatter",
+        "a zero under it is usual; worst good drive 1.1 degrees",
+        "level the imu",
+        Tilt,
+    ),
+    Rule(
+        "held load",
+        "loads while the rims move",
+        "way on one number, 0 too, while most others changed",
+        f"over {REPEAT_WAY:g} m, {HELD} changes",
+        "as for joints",
+        "driver of the cell",
+        partial(HeldColumn, "load"),
+    ),
+    Rule(
+        "held sinkage",
+        "sinkages while the rims move",
+        "way on one number, 0 too, while most others changed",
+        f"over {REPEAT_WAY:g} m, {HELD} changes",
+        "as for joints",
+        "driver of the sensor",
+        partial(HeldColumn, "sinkage"),
+    ),
+    Rule(
+        "weight",
+        "measured loads of all wheels",
+        "median of their sum over m g",
+        f"{WEIGHT_OFF:g} off",
+        "mass known to 5 %, cells to 5 %; loads that are given are not weighed",
+        "unit, cell or mass; a wheel under a tenth of the others is named",
+        Weight,
+    ),
+    Rule(
+        "swapped",
+        f"changes from 0.2 m to 0.2 m, {SWAP_PIECES} pieces",
+        "correlation of ln sinkage of one wheel with ln load of another",
+        f"crossed over {SWAP_SURE:g} standard errors, mean of both ways, and each {SWAP:g} over its own",
+        "on one rut neighbours correlate too, but no more than with their own: worst good drive 0.12 over it",
+        "load_topic, sinkage_topic",
+        Swapped,
+    ),
+    Rule(
+        "sinkage",
+        "sinkages while the vehicle moves",
+        "median",
+        f"over the radius, or under {-ZERO_OFF:g} of it",
+        "on hard ground a good sensor shows 0, with the error of its zero",
+        "unit, or zero",
+        Impossible,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is to be said. stamp: ns, at which it was judged; text: what, since when, what to do."""
+
+    stamp: int
+    rule: str
+    subject: str
+    text: str
+
+
+class Checks:
+    """The rules at work on one vehicle.
+
+    Attributes
+    ----------
+    doubted
+        By stream that is not to be used now: since when, ns; 0: since the beginning.
+    anew
+        Stamps (ns) from which on the soil begins anew, without what streams had taught that were found to be
+        wrong from the beginning; once for each.
+    done
+        Stamp (ns) up to which raw rows were taken.
+    holds
+        What is complained of in the newest span.
+    """
+
+    def __init__(
+        self, settings: OnboardSettings, ground: Ground, doubts: Doubts | None = None
+    ) -> None:
+        self.vehicle, self.ground = Vehicle.of(settings), ground
+        self.doubts = Doubts() if doubts is None else doubts
+        self.memory = Memory()
+        self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]
+        self.doubted: dict[str, int] = {}
+        self.anew: list[int] = []
+        self.holds: tuple[Finding, ...] = ()
+        self.done = self._next = _NEVER
+        self._rows: dict[str, tuple[Integers, Array]] = {}
+        self._said: set[tuple[str, str]] = set()
+
+    def take(self, raw: Raw, until: int) -> list[Finding]:
+        """Go on with raw rows; all rows with stamps up to `until` (ns) are there now. Each is given once."""
+        self._keep(raw)
+        self.done = max(self.done, until)
+        return self._judge(until - AROUND)
+
+    def flush(self) -> list[Finding]:
+        """Judge what is left: nothing more will come."""
+        newest = max(
+            (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=_NEVER
+        )
+        return self._judge(newest + SPAN + 1) if newest > _NEVER else []
+
+    def _keep(self, raw: Raw) -> None:
+        for name, (stamps, values) in raw.items():
+            if not stamps.size:
+                continue
+            if name in self._rows:
+                old = self._rows[name]
+                stamps, values = np.concatenate([old[0], stamps]), np.concatenate([old[1], values])
+            self._rows[name] = stamps, values
+
+    def _judge(self, until: int) -> list[Finding]:
+        """Take all spans that end at or before a stamp."""
+        found: list[Finding] = []
+        if not self.vehicle.names:
+            self._rows.clear()
+            return found
+        while True:
+            ahead = [
+                int(stamps[place])
+                for stamps, _ in self._rows.values()
+                if (place := int(np.searchsorted(stamps, self._next))) < stamps.size
+            ]
+            begin = min(ahead, default=until) // SPAN * SPAN
+            if not ahead or begin + SPAN > until:
+                break
+            found += self._span(begin)
+            self._next = begin + SPAN
+        for name, (stamps, values) in self._rows.items():
+            drop = int(np.searchsorted(stamps, self._next - AROUND))
+            self._rows[name] = stamps[drop:], values[drop:]
+        return found
+
+    def _span(self, begin: int) -> list[Finding]:
+        found: list[Finding] = []
+        holds: list[Finding] = []
+        doubted: dict[str, int] = {}
+        unusable: set[str] = set()
+        taught = False
+        self.memory.doubted.clear()
+        self.memory.known = self.ground.known(begin + SPAN)
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # rows of NaN alone have no median
+            window = Window(self.vehicle, self._rows, begin, self.memory)
+            for rule, judge in self.judges:
+                for said in judge.take(window):
+                    since = 0 if math.isnan(said.since) else round(said.since * SECOND)
+                    self.memory.doubted.update(said.doubts)
+                    unusable |= {SHOWS_NO_SLIP} if said.places else set(said.doubts)
+                    for stream in said.doubts:
+                        doubted[stream] = min(since, doubted.get(stream, since))
+                    holds.append(Finding(begin + SPAN, rule, said.subject, _words(said, begin)))
+                    if (rule, said.subject) not in self._said:
+                        self._said.add((rule, said.subject))
+                        found.append(holds[-1])
+                        taught |= said.taught
+            if window.rims is not None:
+                self.memory.way = float(window.way(np.array([SPAN / SECOND]))[0])
+        self.doubted, self.holds = doubted, tuple(holds)
+        self.doubts.hold(begin + SPAN + AROUND, unusable)
+        if taught:
+            self.anew.append(begin + SPAN + AROUND)
+        return found
+
+
+def _words(said: Said, begin: int) -> str:
+    """With since when, where it has not been so from the beginning."""
+    if math.isnan(said.since):
+        dropped = "; what the soil has learnt until then is dropped" if said.taught else ""
+        return f"{said.subject}: {said.text}{dropped}"
+    return f"{said.subject}: {said.text} (for {max(begin / SECOND + 2.0 - said.since, 0.0):.0f} s)"
+
+
+def table() -> str:
+    """The rules as a table of Markdown."""
+    lines = [
+        "| rule | rows | statistic | limit | why | says |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    lines += [
+        f"| {rule.name} | {rule.rows} | {rule.statistic} | {rule.limit} | {rule.reason} | {rule.says} |"
+        for rule in RULES
+    ]
+    return "\n".join(lines) + "\n"

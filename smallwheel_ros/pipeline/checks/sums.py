@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the rules of `checks` carry from span to span: runs, pieces of a way, sums, short memories.
+
+All are bounded: nothing grows with the drive.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Array, Flags
+
+MOST_PIECES = 400  # that are kept: what a tyre or a zero was long ago does not count
+MOST_SPANS = 300  # medians of spans that are kept: ten minutes
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a rule complains of now.
+
+    subject: a wheel, or a source. value: of the statistic. doubts: streams that are not to be used. since: s
+    from the beginning of the span; NaN: since the beginning of the drive. places: whether of these streams
+    the speed alone is not to be used. taught: whether they have taught the soil something wrong, which it
+    has to begin anew without.
+    """
+
+    subject: str
+    value: float
+    text: str
+    doubts: tuple[str, ...] = ()
+    since: float = np.nan
+    places: bool = False
+    taught: bool = False
+
+
+class Run:
+    """Sum of an amount over rows that follow each other and are all flagged.
+
+    now: of the last rows. most: the largest within the last span. began: stamp (s) of the first row of it.
+    """
+
+    def __init__(self) -> None:
+        self.now = self.most = 0.0
+        self.began = np.nan
+
+    def extend(self, flag: Flags, amount: Array, time: Array) -> None:
+        """Go on with the rows of a span; time: s."""
+        if not flag.size:
+            self.most = self.now
+            return
+        total = self.now + np.cumsum(np.where(flag, amount, 0.0))
+        base = np.maximum.accumulate(np.where(flag, 0.0, total))
+        running = np.where(flag, total - base, 0.0)
+        peak = int(np.argmax(running))
+        before = np.flatnonzero(~flag[: peak + 1])
+        if before.size or np.isnan(self.began):
+            self.began = float(time[min(before[-1] + 1, flag.size - 1) if before.size else 0])
+        self.most, self.now = float(running[peak]), float(running[-1])
+        if self.now == 0.0 and not self.most > 0.0:
+            self.began = np.nan
+
+
+class Pieces:
+    """Sums of columns over pieces of a way; a row belongs where it ends. The newest `MOST_PIECES` stay."""
+
+    def __init__(self, metres: float, columns: int) -> None:
+        self.metres, self._way = metres, 0.0
+        self._open = np.zeros(columns)
+        self._rows: deque[Array] = deque(maxlen=MOST_PIECES)
+
+    def extend(self, way: Array, columns: Array) -> None:
+        """Go on with rows: way (m) of each, and what is summed, (rows, columns)."""
+        if not way.size:
+            return
+        total = self._way + np.cumsum(way)
+        piece = (total / self.metres).astype(int)
+        count = int(piece[-1])
+        sums = np.zeros((count + 1, columns.shape[1]))
+        np.add.at(sums, piece, columns)
+        sums[0] += self._open
+        self._open, self._way = sums[count], float(total[-1]) - count * self.metres
+        self._rows.extend(sums[:count])
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def rows(self) -> Array:
+        """Sums of closed pieces, (pieces, columns)."""
+        return np.array(self._rows).reshape(len(self._rows), -1)
+
+
+class Agreement:
+    """Correlation about 0 of two rates, weighted by time; 0 until the second one has turned by `least`."""
+
+    def __init__(self, least: float) -> None:
+        self.least = least
+        self._sums = np.zeros(5)
+
+    def extend(self, a: Array, b: Array, dt: Array) -> None:
+        """Go on with rows; those with NaN are left out."""
+        good = np.isfinite(a) & np.isfinite(b)
+        a, b, dt = a[good], b[good], dt[good]
+        self._sums += [(a * b) @ dt, (a * a) @ dt, (b * b) @ dt, np.abs(a) @ dt, np.abs(b) @ dt]
+
+    @property
+    def value(self) -> float:
+        """The correlation, -1 to 1."""
+        both, first, second, way, turned = self._sums
+        return float(both / np.sqrt(first * second)) if turned > self.least and way > 0.0 else 0.0
+
+
+class Medians:
+    """Median of the medians of spans, column by column."""
+
+    def __init__(self, most: int = MOST_SPANS) -> None:
+        self._rows: deque[Array] = deque(maxlen=most)
+
+    def extend(self, values: Array) -> None:
+        """Go on with the rows of a span, (rows, columns); those with NaN are left out."""
+        good = values[np.isfinite(values).all(axis=1)]
+        if len(good):
+            self._rows.append(np.median(good, axis=0))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def value(self) -> Array:
+        """One for each column; of at least one span."""
+        return np.asarray(np.median(np.array(self._rows), axis=0))
+
+
+def robust(values: Array) -> tuple[float, float]:
+    """Median and standard deviation by the median distance from it."""
+    middle = float(np.median(values))
+    return middle, 1.4826 * float(np.median(np.abs(values - middle)))

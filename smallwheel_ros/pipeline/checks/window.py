@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the rules of `checks` look at: raw rows of a short, fixed span of time, put side by side.
+
+A span begins at a multiple of `SPAN` of the stamps, and is looked at once all rows up to `AROUND` behind it
+are there. So a rule meets the same rows in the same portions, however the messages were cut into blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers
+
+from .ground_speed import Known
+
+SPAN = 2 * SECOND  # ns, between judgements: long against the work of one, short against a fault
+AROUND = (
+    2 * SECOND
+)  # ns of rows on both sides: a delay of 1 s, changes over 0.5 s and their mean are in it
+GAP = 0.5  # s: over a longer gap nothing is added up
+MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
+STRAIGHT = 0.1  # of v: what a bend may add to the speed of a wheel's place; a radius is known to that anyway
+SPEED, YAW_RATE, X, Y, COSINE, SINE = range(6)  # of a row of the odometry
+GYRO, AHEAD, LEFT = range(3)  # of a row of the imu
+Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values (rows, width)
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The rolling wheels whose rims are measured; arrays have a value for each.
+
+    x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known.
+    """
+
+    names: tuple[str, ...]
+    x: Array
+    y: Array
+    radius: Array
+    mass: float = 0.0
+
+    @classmethod
+    def of(cls, settings: OnboardSettings) -> Vehicle:
+        """The vehicle that the settings describe."""
+        wheels = [
+            wheel
+            for wheel in settings.wheels
+            if wheel.contact == ROLLING and f"{wheel.name}/wheel_speed" in settings.streams
+        ]
+        return cls(
+            tuple(wheel.name for wheel in wheels),
+            np.array([wheel.longitudinal_position for wheel in wheels]),
+            np.array([wheel.lateral_position for wheel in wheels]),
+            np.array([0.5 * wheel.diameter for wheel in wheels]),
+            settings.mass,
+        )
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Times (s from the beginning of the span) and values (rows, columns) of one source."""
+
+    t: Array
+    x: Array
+
+    @cached_property
+    def dt(self) -> Array:
+        """How long each row holds, s; 0 over a gap."""
+        dt = np.diff(self.t, append=self.t[-1:])
+        return np.where(dt > GAP, 0.0, dt)
+
+    @cached_property
+    def inside(self) -> Flags:
+        """Which rows are of the span itself."""
+        return np.asarray((self.t >= 0.0) & (self.t < SPAN / SECOND))
+
+    def at(self, t: Array, column: int) -> Array:
+        """A column, interpolated; NaN over a gap and outside."""
+        if len(self.t) < 2:
+            return np.full(t.size, np.nan)
+        y = np.interp(t, self.t, self.x[:, column], np.nan, np.nan)
+        after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
+        return np.where(self.t[after] - self.t[after - 1] > 2 * GAP, np.nan, y)
+
+    @cached_property
+    def changes(self) -> Flags:
+        """Which values differ, bit for bit, from those of the row before; NaN is no value."""
+        before = np.vstack([self.x[:1], self.x[:-1]])
+        return np.asarray((self.x != before) & np.isfinite(self.x) & np.isfinite(before))
+
+    @cached_property
+    def same(self) -> Flags:
+        """Which rows are, bit for bit, the one before."""
+        before = np.vstack([np.full((1, self.x.shape[1]), np.inf), self.x[:-1]])
+        alike = (self.x == before) | (np.isnan(self.x) & np.isnan(before))
+        return np.asarray(alike.all(axis=1) & np.isfinite(self.x).any(axis=1))
+
+    @cached_property
+    def stale(self) -> Flags:
+        """Rows that have repeated an older one for longer than `GAP`: these are no witness."""
+        last_new = np.maximum.accumulate(np.where(self.same, -np.inf, self.t))
+        return np.asarray(self.t - last_new > GAP)
+
+
+@dataclass
+class Memory:
+    """What is known of the whole drive, and changes how a span is read.
+
+    known: what has turned out of odometry and imu. turns: whether the odometry ever had a yaw rate that is
+    not 0. way: m by the rims, up to the span. doubted: streams that the rules before have named in this span.
+    """
+
+    known: Known = field(default_factory=Known)
+    turns: bool = False
+    way: float = 0.0
+    doubted: set[str] = field(default_factory=set)
+
+
+class Window:
+    """The rows of a span and around it; None where there are none. begin: ns. rims: m/s at the rim."""
+
+    def __init__(self, vehicle: Vehicle, raw: Raw, begin: int, memory: Memory) -> None:
+        self.vehicle, self.begin, self.memory = vehicle, begin, memory
+        self._raw = {name: self._cut(*rows) for name, rows in raw.items()}
+        self.rims = self._wheels("wheel_speed", vehicle.radius)
+        ones = np.ones(len(vehicle.names))
+        self.loads, self.sinkages = self._wheels("load", ones), self._wheels("sinkage", ones)
+        self.imu = self._source(IMU, 4)
+        self.odometry = self._source(ODOMETRY, 6)
+        self.velocity = self._source(VELOCITY, 2)
+        if self.odometry is not None:
+            memory.turns |= bool(np.nan_to_num(self.moves.x[:, YAW_RATE]).any())
+
+    def _cut(self, stamps: Integers, values: Array) -> Rows:
+        first, last = np.searchsorted(stamps, [self.begin - AROUND, self.begin + SPAN + AROUND])
+        return Rows((stamps[first:last] - self.begin) / SECOND, values[first:last])
+
+    def _source(self, name: str, columns: int) -> Rows | None:
+        rows = self._raw.get(name)
+        if rows is None or len(rows.t) < 3 or rows.x.shape[1] < columns:
+            return None
+        return Rows(rows.t, rows.x[:, :columns])
+
+    def _wheels(self, kind: str, factor: Array) -> Rows | None:
+        """All wheels at the stamps of the slowest: the newest value of each, NaN where it is over `GAP` old.
+
+        Messages of one joint state have one stamp; load cells may publish one by one.
+        """
+        each = [self._raw.get(f"{name}/{kind}") for name in self.vehicle.names]
+        told = [rows for rows in each if rows is not None and len(rows.t) >= 3]
+        if not told:
+            return None
+        t = min(told, key=lambda rows: len(rows.t)).t
+        x = np.full((t.size, len(each)), np.nan)
+        for i, rows in enumerate(each):
+            if rows is None or not len(rows.t):
+                continue
+            last = np.searchsorted(rows.t, t, side="right") - 1
+            fresh = (last >= 0) & (t - rows.t[np.maximum(last, 0)] <= GAP)
+            x[fresh, i] = rows.x[last[fresh], 0] * factor[i]
+        return Rows(t, x)
+
+    @cached_property
+    def moves(self) -> Rows:
+        """Odometry as speed, yaw rate and heading: by its twist, or by the pose while that was always 0."""
+        o = self.odometry
+        if o is None:
+            return Rows(np.zeros(0), np.zeros((0, 3)))
+        heading = np.unwrap(np.arctan2(o.x[:, SINE], o.x[:, COSINE]))
+        if self.memory.known.twist:
+            return Rows(o.t, np.column_stack([o.x[:, SPEED], o.x[:, YAW_RATE], heading]))
+        dx, dy, turn = (
+            (np.interp(o.t + GAP, o.t, c) - np.interp(o.t - GAP, o.t, c)) / (2 * GAP)
+            for c in (o.x[:, X], o.x[:, Y], heading)
+        )
+        speed = dx * np.cos(heading) + dy * np.sin(heading)
+        return Rows(o.t, np.column_stack([speed, turn, heading]))
+
+    @cached_property
+    def rim_way(self) -> Array:
+        """Way by the rims at their rows, m from the beginning of the drive."""
+        assert self.rims is not None
+        speed = np.nan_to_num(np.abs(np.nanmedian(np.abs(self.rims.x), axis=1)))
+        way = np.concatenate([[0.0], np.cumsum((speed * self.rims.dt)[:-1])])
+        return np.asarray(way - np.interp(0.0, self.rims.t, way) + self.memory.way)
+
+    def way(self, t: Array) -> Array:
+        """Way by the rims at times of the window, m."""
+        if self.rims is None:
+            return np.full(t.size, self.memory.way)
+        return np.interp(t, self.rims.t, self.rim_way)
+
+    def seconds(self, t: Array) -> Array:
+        """Stamps of times of the window, s."""
+        return np.asarray(t + self.begin / SECOND)
+
+    def rims_at(self, t: Array) -> Array:
+        """Speeds of the rims at times of the window, (times, wheels)."""
+        assert self.rims is not None
+        return np.stack([self.rims.at(t, i) for i in range(self.rims.x.shape[1])], axis=1)
+
+    @cached_property
+    def motion(self) -> Motion | None:
+        """Rows of the rims with all that is compared to them; None without rims."""
+        rims, memory = self.rims, self.memory
+        if rims is None:
+            return None
+        nothing: Array = np.full(len(rims.t), np.nan)
+        v: Array = nothing
+        w: Array = nothing
+        if self.odometry is not None and not memory.known.of_wheels:
+            moves = Rows(self.moves.t, np.where(self.odometry.stale[:, None], np.nan, self.moves.x))
+            v = moves.at(rims.t, SPEED)
+            w = moves.at(rims.t, YAW_RATE) if memory.turns else nothing
+        elif self.velocity is not None and not memory.known.of_wheels:
+            v = self.velocity.at(rims.t, SPEED)
+        gyro: Array = nothing
+        if self.imu is not None:
+            imu = Rows(self.imu.t, np.where(self.imu.stale[:, None], np.nan, self.imu.x))
+            gyro = imu.at(rims.t, GYRO) * (-1.0 if memory.known.down else 1.0)
+        yaw = np.fmax(np.abs(w), np.abs(gyro))
+        half = float(np.ptp(self.vehicle.y)) / 2
+        straight = (np.abs(v) > MOVES) & ~(yaw * half >= STRAIGHT * np.abs(v)) & np.isfinite(yaw)
+        return Motion(rims.t, rims.dt, rims.x, v, w, gyro, straight, rims.inside)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Rows of the rims: times and durations (s), rims (m/s), speed, yaw rates, straight, of the span."""
+
+    t: Array
+    dt: Array
+    rim: Array
+    v: Array
+    w: Array
+    gyro: Array
+    straight: Flags
+    inside: Flags

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of one stream, its values at any instant, and how far they are held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+
+NEVER = -(1 << 62)
+_ROOM = 64  # rows of a stream at first
+_PERIODS = 8  # times between the newest messages, of which the second longest is a stream's period
+_HOLDS = (
+    1.25  # periods over which a slow stream's values are held: one message may be late by a quarter
+)
+_WIDEST = 3 * SECOND // 2  # over more nothing is interpolated, and slip over it says nothing
+
+
+@dataclass(frozen=True)
+class StampRules:
+    """Of stamps, all ns: how long a silent stream is waited for; how far values are held; what is a jump.
+
+    future, age: how far a stamp may be ahead of the clock, and behind it.
+    """
+
+    silence: int = SECOND
+    reorder: int = SECOND // 5
+    gap: int = SECOND // 5
+    jump: int = SECOND
+    future: int = SECOND // 2
+    age: int = 5 * SECOND
+
+    @property
+    def widest(self) -> int:
+        """How far values of a slow stream are held at most."""
+        return max(self.gap, _WIDEST)
+
+
+class Stream:
+    """Stamps (ns) and rows of values of one stream, in the order of the stamps.
+
+    width: values in a row. newest: the newest stamp that was kept.
+    """
+
+    def __init__(self, name: str, width: int) -> None:
+        self.name, self.width = name, width
+        self.kind = name.rpartition("/")[2]
+        self._stamps: Integers = np.empty(_ROOM, dtype=np.int64)
+        self._values: Array = np.empty((_ROOM, width))
+        self._begin = self._end = 0  # of what is kept, in the room that there is
+        self.newest = NEVER
+        self.received = 0
+
+    def append(self, stamp: int, values: Sequence[float]) -> None:
+        """Keep a row."""
+        self.extend(np.array([stamp]), np.array([values]))
+
+    def extend(self, stamps: Integers, values: Array) -> None:
+        """Keep rows, whose stamps rise."""
+        if not stamps.size:
+            return
+        begin, end = self._end, self._end + stamps.size
+        if end > self._stamps.size:
+            begin, end = self._move(stamps.size)
+        self._stamps[begin:end], self._values[begin:end] = stamps, values
+        self._end = end
+        self.newest = int(stamps[-1])
+
+    def _move(self, more: int) -> tuple[int, int]:
+        """Make room for more rows behind those that are kept, elsewhere: views of the old ones stay."""
+        stamps, values = self.stamps, self.values
+        kept = stamps.size
+        room = max(2 * (kept + more), _ROOM)
+        self._stamps, self._values = np.empty(room, dtype=np.int64), np.empty((room, self.width))
+        self._stamps[:kept], self._values[:kept] = stamps, values
+        self._begin = 0
+        return kept, kept + more
+
+    @property
+    def stamps(self) -> Integers:
+        """The stamps: a view, which stays as it is while the stream grows."""
+        return self._stamps[self._begin : self._end]
+
+    @property
+    def values(self) -> Array:
+        """The values, shape (rows, width): a view, as that of the stamps."""
+        return self._values[self._begin : self._end]
+
+    def between(self, after: int, until: int) -> tuple[Integers, Array]:
+        """Rows as they came, behind a stamp (ns) and up to another."""
+        stamps = self.stamps
+        rows = slice(*np.searchsorted(stamps, [after, until], side="right").tolist())
+        return stamps[rows], self.values[rows]
+
+    def forget(self, before: int) -> None:
+        """Drop rows that nothing asks for any more: all but the last ones before a stamp."""
+        kept = int(np.searchsorted(self.stamps, before)) - 1 - _PERIODS
+        self._begin += max(kept, 0)
+
+    def clear(self) -> None:
+        """Forget everything but the count."""
+        self._begin = self._end
+        self.newest = NEVER
+
+    def periods(self, stamps: Integers) -> Integers:
+        """Time (ns) between the messages up to each of `stamps`, all that there are: the second longest of 8.
+
+        One message that is missing does not make a stream slow. 0: of the first two.
+        """
+        between = np.concatenate([np.zeros(_PERIODS), np.diff(stamps)]).astype(np.int64)
+        windows = np.lib.stride_tricks.sliding_window_view(between, _PERIODS)
+        return np.partition(windows, -2, axis=1)[: stamps.size, -2]
+
+    def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
+        """How far (ns) the value at each of `stamps` is held."""
+        if stamps.size < 2 or _HOLDS * int((stamps[1:] - stamps[:-1]).max()) <= rules.gap:
+            return np.full(stamps.size, rules.gap)
+        held = (_HOLDS * self.periods(stamps)).astype(np.int64)
+        return np.clip(held, rules.gap, rules.widest)
+
+    def hold(self, rules: StampRules) -> int:
+        """How far (ns) the newest value is held."""
+        newest = self.stamps[-1 - _PERIODS :]
+        return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
+
+    def at(self, instants: Integers, rules: StampRules) -> Array:
+        """Values at instants, interpolated, or held within its gap; else NaN. Shape (rows, width)."""
+        if not self.stamps.size or not instants.size:
+            return np.full((instants.size, self.width), np.nan)
+        after = self.stamps.searchsorted(instants)
+        first = max(int(after.min()) - 1 - _PERIODS, 0)  # no row depends on what is before it
+        part = slice(first, int(after.max()) + 1)
+        stamps, values = self.stamps[part], self.values[part]
+        after -= first
+        later = np.minimum(after, stamps.size - 1)
+        end = stamps[later]
+        exact = end == instants
+        if exact.all():
+            return np.asarray(values[later])
+        before = np.maximum(after - 1, 0)
+        start = stamps[before]
+        gap = self.gaps(stamps, rules)[before]
+        from_start, to_end = instants - start, end - instants
+        holds = (from_start >= 0) & (from_start <= gap)
+        comes = (to_end >= 0) & (to_end <= gap)
+        # Between two rows where both are near; else both are the one that is.
+        low = values[np.where(holds & ~exact, before, later)]
+        high = values[np.where(comes, later, before)]
+        share = from_start / np.maximum(end - start, 1)
+        found: Array = low + share[:, None] * (high - low)
+        found[~(holds | comes)] = np.nan
+        return found
+
+    def last(self, instants: Integers) -> tuple[Integers, Array]:
+        """Stamp and values of the newest row at or before each instant; NEVER and NaN before the first."""
+        row = np.searchsorted(self.stamps, instants, side="right")
+        stamps = np.append(np.int64(NEVER), self.stamps)
+        values = np.vstack([np.full((1, self.width), np.nan), self.values])
+        return stamps[row], values[row]

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics there are, and the rows of streams in their messages: one message of a node, or many of a bag.
+
+A reader takes columns of a topic's numbers, by path, each (messages, count), and gives rows of its
+streams. One message is a column of one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, NodeSettings
+from smallwheel_ros.pipeline.tables import Array
+
+Fields = Mapping[str, Array]  # of a topic's messages, (messages, count) each
+Rows = dict[str, Array]  # of streams, (messages, width) each; NaN throughout: not to be kept
+WRENCH, SINKAGE, RANGE = (
+    "geometry_msgs/msg/WrenchStamped", "smallwheel_ros/msg/WheelSinkage", "sensor_msgs/msg/Range",
+)  # fmt: skip
+JOINTS, ODOM, TWIST, IMU_TYPE = (
+    "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped",
+    "sensor_msgs/msg/Imu",
+)  # fmt: skip
+_UNIT = 0.01  # a quaternion's length may be off by so much
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic to listen to: its type, and what reads rows of streams from its messages' columns.
+
+    read: columns and, for joint states, the joints' names. streams: what it is to give rows of. joints: by
+    stream, for joint states.
+    """
+
+    name: str
+    type: str
+    read: Callable[[Fields, list[str]], Rows]
+    streams: tuple[str, ...]
+    joints: Mapping[str, str] = field(default_factory=dict)
+
+
+def topics_of(settings: NodeSettings) -> list[Topic]:
+    """The topics of a vehicle."""
+    streams = set(settings.onboard.streams)
+    forces: dict[str, list[tuple[str, str, float]]] = {}
+    found: list[Topic] = []
+    velocities: dict[str, list[tuple[str, float]]] = {}
+    efforts: dict[str, list[tuple[str, float]]] = {}
+    for wheel, own in settings.inputs.items():
+        if settings.load_source == "wrench":
+            forces.setdefault(own.load_topic, []).append((f"{wheel}/load", "z", own.load_sign))
+        elif settings.load_source == "joint_states":
+            newtons = own.load_sign * settings.load_per_effort
+            efforts.setdefault(own.load_joint, []).append((f"{wheel}/load", newtons))
+        if f"{wheel}/drawbar_pull" in streams:
+            forces.setdefault(own.drawbar_pull_topic, []).append(
+                (f"{wheel}/drawbar_pull", "x", 1.0)
+            )
+        if f"{wheel}/torque" in streams:
+            geared = own.joint_sign * own.torque_per_effort
+            efforts.setdefault(own.joint, []).append((f"{wheel}/torque", geared))
+        if f"{wheel}/wheel_speed" in streams:
+            turns = (f"{wheel}/wheel_speed", float(own.joint_sign))
+            velocities.setdefault(own.joint, []).append(turns)
+        if f"{wheel}/sinkage" in streams:
+            kind, read = SINKAGE, _sinkage(wheel)
+            if own.range_height is not None:
+                kind, read = RANGE, _range(f"{wheel}/sinkage", own.range_height)
+            found.append(Topic(own.sinkage_topic, kind, read, (f"{wheel}/sinkage",)))
+    for name, parts in forces.items():
+        found.append(Topic(name, WRENCH, _force(parts), tuple(part[0] for part in parts)))
+    if velocities or efforts:
+        of = {
+            part[0]: joint
+            for all_ in (velocities, efforts)
+            for joint, parts in all_.items()
+            for part in parts
+        }
+        read = _joints(velocities, efforts)
+        found.append(Topic("joint_states", JOINTS, read, tuple(of), of))
+    if ODOMETRY in streams:
+        found.append(Topic(ODOMETRY, ODOM, _odometry, (ODOMETRY,)))
+    if VELOCITY in streams:
+        found.append(Topic(settings.velocity_topic, TWIST, _velocity, (VELOCITY,)))
+    if IMU in streams:
+        found.append(Topic(settings.imu_topic, IMU_TYPE, _imu(settings.imu_yaw), (IMU,)))
+    return found
+
+
+def _force(parts: list[tuple[str, str, float]]) -> Callable[[Fields, list[str]], Rows]:
+    return lambda of, _: {stream: sign * of[f"wrench.force.{axis}"] for stream, axis, sign in parts}
+
+
+def _sinkage(wheel: str) -> Callable[[Fields, list[str]], Rows]:
+    return lambda of, _: {f"{wheel}/sinkage": np.hstack([of["sinkage"], of["variance"]])}
+
+
+def _range(stream: str, height: float) -> Callable[[Fields, list[str]], Rows]:
+    """Distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
+
+    def read(of: Fields, _: list[str]) -> Rows:
+        distance, low, high = of["range"], of["min_range"], of["max_range"]
+        good = np.isfinite(distance) & ((high <= low) | ((low <= distance) & (distance <= high)))
+        variance = of.get("variance", np.zeros_like(distance))
+        return {stream: np.hstack([np.where(good, height - distance, np.nan), variance])}
+
+    return read
+
+
+def _joints(
+    velocities: Mapping[str, list[tuple[str, float]]],
+    efforts: Mapping[str, list[tuple[str, float]]],
+) -> Callable[[Fields, list[str]], Rows]:
+    def read(of: Fields, joints: list[str]) -> Rows:
+        found: Rows = {}
+        for name, wanted in (("velocity", velocities), ("effort", efforts)):
+            values = of.get(name)
+            if values is None or values.shape[1] != len(joints):
+                continue  # counted by the replay: the joint states have none
+            for i, joint in enumerate(joints):
+                for stream, factor in wanted.get(joint, ()):
+                    found[stream] = factor * values[:, i : i + 1]
+        return found
+
+    return read
+
+
+def angles_of(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array, Array]:
+    """Cosine and sine of the yaw, pitch and roll (rad) of quaternions; NaN, NaN, 0, 0 without length 1."""
+    unit = np.abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    turned = np.where(unit, np.cos(yaw), np.nan), np.where(unit, np.sin(yaw), np.nan)
+    return *turned, np.where(unit, pitch, 0.0), np.where(unit, roll, 0.0)
+
+
+def _odometry(of: Fields, _: list[str]) -> Rows:
+    pose, twist = "pose.pose.", "twist.twist."
+    angles = angles_of(*(of[f"{pose}orientation.{axis}"] for axis in "xyzw"))
+    spread = of["twist.covariance"]
+    variances = [
+        np.where((v > 0.0) & (v < math.inf), v, 0.0) for v in (spread[:, :1], spread[:, 35:])
+    ]
+    moves = [of[f"{twist}linear.x"], of[f"{twist}angular.z"]]
+    moves += [of[f"{pose}position.x"], of[f"{pose}position.y"]]
+    return {ODOMETRY: np.hstack([*moves, *angles[:2], *variances, *angles[2:]])}
+
+
+def _velocity(of: Fields, _: list[str]) -> Rows:
+    speed = of["twist.linear.x"]
+    return {VELOCITY: np.hstack([speed, of["twist.angular.z"], np.zeros_like(speed)])}
+
+
+def _imu(yaw: float) -> Callable[[Fields, list[str]], Rows]:
+    """Yaw rate (rad/s); specific force along x, y, z (m/s^2); where up is, a vector of length 1.
+
+    All in the vehicle's frame as the message has it, an imu whose z is down included; up is NaN without an
+    orientation.
+    """
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+
+    def turned(x: Array, y: Array) -> tuple[Array, Array]:
+        return cosine * x - sine * y, sine * x + cosine * y
+
+    def read(of: Fields, _: list[str]) -> Rows:
+        x, y, z, w = (of[f"orientation.{axis}"] for axis in "xyzw")
+        ahead, left, above = (of[f"linear_acceleration.{axis}"] for axis in "xyz")
+        there = np.abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT
+        there &= of["orientation_covariance"][:, :1] != -1.0  # "there is none" (sensor_msgs/Imu)
+        up = *turned(2.0 * (x * z - w * y), 2.0 * (y * z + w * x)), 1.0 - 2.0 * (x * x + y * y)
+        known = [np.where(there, axis, np.nan) for axis in up]
+        return {IMU: np.hstack([of["angular_velocity.z"], *turned(ahead, left), above, *known])}
+
+    return read

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that a message may have: what nothing can be computed with is a fault, what is missing a flaw."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Array
+
+_LARGEST = 1e9  # in SI units nothing on a vehicle is larger
+_STRONGEST = 160.0  # m/s^2: the widest range of usual accelerometers is 16 g
+_LIGHTEST = 1e-6  # N: what presses less is in the air
+_FASTEST = 10.0  # m/s: no vehicle on small wheels drives on soil at 36 km/h
+
+
+def sound(kind: str, values: Array) -> bool:
+    """Whether no row has a fault or a flaw: what `fault` and `flaw` say, for many at once."""
+    if kind == "imu":
+        alone = np.isnan(values) | (np.abs(values) < _LARGEST)
+        felt = (np.abs(values[:, 1:4]) <= _STRONGEST).all(axis=1)
+        return bool(alone.all() and (felt | ~np.isnan(values[:, 4])).all())
+    many = {"odom": 6, "velocity": 2}.get(kind, 1)
+    if not (np.abs(values[:, :many]) < _LARGEST).all():
+        return False
+    if kind in ("odom", "velocity"):
+        return bool((np.abs(values[:, 0]) <= _FASTEST).all())
+    return kind != "load" or bool((values[:, 0] >= _LIGHTEST).all())
+
+
+def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
+    """Key and words of values that nothing can be computed with."""
+    if kind == "imu":
+        known = [value for value in values if not math.isnan(value)]
+        felt = all(abs(value) <= _STRONGEST for value in values[1:4])
+        if any(not abs(value) < _LARGEST for value in known) or not (
+            felt or not math.isnan(values[4])
+        ):
+            one = next((v for v in values[1:4] if not abs(v) <= _STRONGEST), values[0])
+            text = f"it feels {one:g}, expected at most {_STRONGEST:g} m/s^2, or an orientation"
+            return ("not_plausible" if math.isfinite(one) else "not_finite"), text
+        return None
+    names = {
+        "odom": ("speed", "yaw rate", "x", "y"),
+        "velocity": ("speed", "yaw rate"),
+    }.get(kind, (kind,))
+    for name, value in zip(names, values, strict=False):
+        if not abs(value) < _LARGEST:
+            reason = "not_plausible" if math.isfinite(value) else "not_finite"
+            return reason, f"{name} is {value:g}, expected a number smaller than {_LARGEST:g}"
+    if kind in ("odom", "velocity") and abs(values[0]) > _FASTEST:
+        text = f"speed is {values[0]:g} m/s, expected at most {_FASTEST:g}"
+        return "not_plausible", text
+    return None
+
+
+def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
+    """Key and words of what is missing in a message that is kept."""
+    if kind == "odom" and not all(abs(value) < _LARGEST for value in values[4:6]):
+        return "no_orientation", "the orientation is no unit quaternion: no wheel has a place"
+    if kind == "load" and values[0] < _LIGHTEST:
+        return "load_not_positive", (
+            f"load is {values[0]:g} N, expected more than 0: the wheel is in the air, or the sensor's"
+            " sign is the other one (parameter <wheel>.load_sign)"
+        )
+    return None

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of what came by each stream, which messages are believed, and up to when all is there.
+
+A callback appends numbers and does nothing else. What is decided about a message depends on what came
+before it and on its `now` alone, never on when somebody looks:
+
+    kept     stamp is behind the stream's newest one, and behind what the stream has missed:
+             frontier = newest,  or  latest - reorder  where it was silent for longer than `silence`
+    late     any other: counted by reason, and not kept
+    clock    now - age <= stamp <= now + future, or the message is refused
+    jump     latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
+             second message in a row has to agree: of another stamp, and of another stream or of one that
+             was heard before. So a clock that is wild among good ones resets nothing.
+
+    watermark = min over streams of newest,  of a silent one latest - reorder - gap
+
+Nothing at or before the watermark changes any more: a sample of a stream at t is between its last one
+before t and its first one at or behind t, within its gap: that of the parameters, or more of a slow stream,
+1.5 of the second longest time between its newest messages. A slow stream is silent later, too.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+
+from .buffer import NEVER, StampRules, Stream
+from .plausible import fault, flaw, sound
+
+Arrivals = Mapping[
+    str, tuple[Integers, Array, Integers]
+]  # of streams: stamps, values, numbers of messages
+_ONE_BY_ONE = 32  # messages, of which one is refused, that are not worth being halved
+
+
+def _halves(rows: Arrivals, middle: int) -> tuple[Arrivals, Arrivals]:
+    """What arrived before the message of a number, and from it on."""
+    before: dict[str, tuple[Integers, Array, Integers]] = {}
+    after = before.copy()
+    for name, (stamps, values, numbers) in rows.items():
+        cut = int(np.searchsorted(numbers, middle))
+        if cut > 0:
+            before[name] = stamps[:cut], values[:cut], numbers[:cut]
+        if cut < numbers.size:
+            after[name] = stamps[cut:], values[cut:], numbers[cut:]
+    return before, after
+
+
+class Streams:
+    """All streams of a vehicle.
+
+    fastest: m/s; what says more is refused. on_jump: called when time has gone back, before the first
+    message of the new time is kept: whoever holds a pipeline takes what is ready, and begins anew.
+
+    Attributes
+    ----------
+    problems
+        How many messages were not kept, or not wholly used, by stream and reason; words: an example of each.
+    """
+
+    def __init__(
+        self,
+        widths: Mapping[str, int],
+        rules: StampRules,
+        on_jump: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.all = {name: Stream(name, width) for name, width in widths.items()}
+        self.rules, self._on_jump = rules, on_jump
+        self.latest = self.oldest = NEVER
+        self._doubted: tuple[int, str] | None = (
+            None  # the last message, if it was far from all others
+        )
+        self._refused, self._forgotten = array("q"), 0  # measured sinkages: newest stamps then
+        self.problems: Counter[tuple[str, str]] = Counter()
+        self.words: dict[tuple[str, str], str] = {}
+
+    def add(self, name: str, stamp: int, values: tuple[float, ...], now: int | None = None) -> None:
+        """Keep one row, or count why not. stamp, now: ns; now: what the clock says, None without one."""
+        stream = self.all[name]
+        stream.received += 1
+        wrong = fault(stream.kind, values) or self._untimely(name, stamp, now)
+        if wrong is not None:
+            self._refuse(stream, *wrong)
+            return
+        self._doubted = None
+        if stamp <= self._frontier(stream):
+            if stamp == stream.newest:
+                text = f"stamp {stamp / SECOND:.9f} came twice: is there more than one publisher?"
+                self._refuse(stream, "duplicate", text)
+            else:
+                self._refuse(stream, "late", self._late(stamp))
+            return
+        lacks = flaw(stream.kind, values)
+        if lacks is not None:
+            self.note(name, *lacks)
+        stream.append(stamp, values)
+        self.oldest = stamp if self.oldest == NEVER else self.oldest
+        self.latest = max(self.latest, stamp)
+
+    def add_rows(self, rows: Arrivals, clock: Integers | None = None) -> None:
+        """Keep the rows of many messages: of each stream stamps, values, and numbers of the messages.
+
+        Numbers rise in the order of arrival over all streams. clock: what it said (ns) at each number. The
+        same as `add` one by one, which only messages about one that is refused go through.
+        """
+        if not rows:
+            return
+        stamps = np.concatenate([one[0] for one in rows.values()])
+        numbers = np.concatenate([one[2] for one in rows.values()])
+        order = np.argsort(numbers, kind="stable")
+        if self._plain(rows, stamps[order], None if clock is None else clock[numbers[order]]):
+            for name, (own, values, _) in rows.items():
+                self.all[name].extend(own, values)
+                self.all[name].received += own.size
+            self.oldest = int(stamps[order[0]]) if self.oldest == NEVER else self.oldest
+            self.latest = max(self.latest, int(stamps.max()))
+            self._doubted = None
+            return
+        middle = numbers[order[order.size // 2]]
+        if order.size > _ONE_BY_ONE and middle > numbers[order[0]]:
+            for part in _halves(rows, int(middle)):
+                self.add_rows(part, clock)
+            return
+        names = np.repeat(np.arange(len(rows)), [one[0].size for one in rows.values()])
+        index = np.concatenate([np.arange(one[0].size) for one in rows.values()])
+        keys, all_values = list(rows), [one[1] for one in rows.values()]
+        for i in order:
+            row = tuple(all_values[names[i]][index[i]].tolist())
+            now = None if clock is None else int(clock[numbers[i]])
+            self.add(keys[names[i]], int(stamps[i]), row, now)
+
+    def _plain(
+        self,
+        rows: Arrivals,
+        arrived: Integers,
+        clock: Integers | None,
+    ) -> bool:
+        """Whether each of many messages, in the order of arrival, is one that `add` only appends."""
+        rules = self.rules
+        if int(arrived.min()) <= 0 or int(arrived.max()) >= -NEVER:
+            return False
+        before = np.maximum.accumulate(np.concatenate([[self.latest], arrived]))[:-1]
+        apart = (arrived - before)[1 if self.latest == NEVER else 0 :]
+        if ((apart <= -rules.reorder) | (apart > rules.jump)).any():
+            return False
+        if clock is not None:
+            ahead = arrived - clock
+            if ((clock > 0) & ((ahead > rules.future) | (-ahead > rules.age))).any():
+                return False
+        for name, (own, values, _) in rows.items():
+            stream = self.all[name]
+            if own[0] <= stream.newest or not (np.diff(own) > 0).all():
+                return False
+            if not sound(stream.kind, values):
+                return False
+        return True
+
+    def _frontier(self, stream: Stream) -> int:
+        """The newest stamp of a stream that is over."""
+        if not self.silent(stream):
+            return stream.newest
+        return max(stream.newest, self.latest - self.rules.reorder)
+
+    # --- What is refused
+
+    def _untimely(self, name: str, stamp: int, now: int | None) -> tuple[str, str] | None:
+        """Why a stamp is not believed; a jump of time is made, and the message then is."""
+        rules = self.rules
+        if not 0 < stamp < -NEVER:
+            return (
+                "stamp_zero",
+                f"stamp is {stamp / SECOND:g} s: the publisher must stamp its messages",
+            )
+        if now:
+            ahead = (stamp - now) / SECOND
+            if stamp - now > rules.future:
+                return "stamp_in_future", (
+                    f"stamp is {ahead:.3f} s ahead of the clock, at most {rules.future / SECOND:g} s"
+                    " expected: are the clocks synchronised?"
+                )
+            if now - stamp > rules.age:
+                return "stamp_too_old", (
+                    f"stamp is {-ahead:.3f} s behind the clock, at most {rules.age / SECOND:g} s"
+                    " expected: for a bag, set use_sim_time and play it with its clock"
+                )
+        if self.latest == NEVER or abs(stamp - self.latest) <= rules.jump:
+            return None
+        if now:
+            if stamp > self.latest:
+                return None
+            if self.latest - now <= rules.future:  # the clock has not gone back
+                return "late", self._late(stamp)
+        else:
+            doubted, self._doubted = self._doubted, (stamp, name)
+            heard = self.all[name].newest != NEVER
+            if (
+                doubted is None
+                or not 0 < abs(stamp - doubted[0]) <= rules.jump
+                or not (heard or doubted[1] != name)
+            ):
+                apart = (stamp - self.latest) / SECOND
+                return "far", f"stamp is {apart:.3f} s from all others: another has to agree first"
+        if stamp < self.latest:
+            back = (self.latest - stamp) / SECOND
+            self.note(name, "time_jump", f"time went back by {back:.3f} s: everything begins anew")
+            self._on_jump()
+            self.clear()
+        return None
+
+    def _late(self, stamp: int) -> str:
+        behind, reorder = (self.latest - stamp) / SECOND, self.rules.reorder / SECOND
+        return (
+            f"stamp is {behind:.3f} s behind the newest message: too late to be used (parameter"
+            f" timing.reorder_time, now {reorder:g} s)"
+        )
+
+    def _refuse(self, stream: Stream, reason: str, text: str) -> None:
+        self.note(stream.name, reason, text)
+        if stream.kind == "sinkage":
+            self._refused.append(self.latest)
+
+    @property
+    def refused_sinkages(self) -> int:
+        """How many measured sinkages were refused since the newest beginning."""
+        return self._forgotten + len(self._refused)
+
+    def refused(self, stamps: Integers) -> Integers:
+        """The same up to each stamp: those that came before anything newer than it."""
+        at = np.maximum.accumulate(np.array(self._refused, dtype=np.int64))
+        return self._forgotten + np.searchsorted(at, stamps)
+
+    def note(self, name: str, reason: str, text: str, times: int = 1) -> None:
+        """Count something about messages of a stream, and keep it in words."""
+        self.problems[name, reason] += times
+        self.words[name, reason] = text
+
+    # --- Up to when all is there
+
+    def clear(self) -> None:
+        """Forget everything but the counts."""
+        for stream in self.all.values():
+            stream.clear()
+        self.latest = self.oldest = NEVER
+        del self._refused[:]
+        self._forgotten = 0
+
+    def silent(self, stream: Stream) -> bool:
+        """Whether a stream is not waited for any more."""
+        passed, rules = self.latest - max(stream.newest, self.oldest), self.rules
+        return passed > rules.silence and passed > stream.hold(rules) + rules.reorder
+
+    @property
+    def watermark(self) -> int:
+        """Stamp (ns) up to which nothing changes any more."""
+        rules, found = self.rules, self.latest
+        for stream in self.all.values():
+            newest = stream.newest
+            if self.silent(stream):
+                newest = self.latest - rules.reorder - stream.hold(rules)
+            found = min(found, newest)
+        return found
+
+    def forget(self, before: int) -> None:
+        """Drop what lies so far back that nothing asks for it."""
+        drop = int(np.searchsorted(np.array(self._refused, dtype=np.int64), before))
+        del self._refused[:drop]
+        self._forgotten += drop
+        for stream in self.all.values():
+            stream.forget(before)

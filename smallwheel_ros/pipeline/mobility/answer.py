@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is reported of each row that is due: numbers, conditions, margin and risk, whatever is missing.
+
+margin   of any ground (`margin`) until the soil's law is measured and its strength determined, afterwards
+         the filter's: never a mean
+risk     probability that the vehicle's margin, 0.08 unsure for ground ahead, is under what goes on being
+asked for; at least 0.5 over the first level of the warning
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from enum import IntFlag
+from statistics import median
+
+import numpy as np
+from scipy.special import chdtri, ndtr
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.intake.streams import Streams
+from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.stretches import Loads
+from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.words import is_determined
+from smallwheel_ros.pipeline.tables import (
+    SECOND,
+    Array,
+    Estimates,
+    Flags,
+    Integers,
+    Mobility,
+    Readings,
+    none_of,
+)
+from smallwheel_ros.pipeline.warning.hazard import risk_of
+from smallwheel_ros.pipeline.warning.judgement import Judged
+from smallwheel_ros.pipeline.warning.margin import AHEAD
+
+from .wheel import Predicted, mobility
+
+STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
+_NEWEST, _FAR = (
+    7,
+    3.0,
+)  # sinkages among which one is far; deviations of the sensor: else the soil is another
+_STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
+_GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
+_SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
+
+
+class Condition(IntFlag):
+    """What applies to a row; a bit each in `Estimates.conditions`."""
+
+    PRIOR_ONLY = 1
+    LAW_UNKNOWN = 2
+    SLIP_UNKNOWN = 4
+    STANDS = 8
+    DOES_NOT_FIT = 16
+    NOT_USED = 32
+    LOAD_MISSING = 64
+    NOTHING_PREDICTED = 128
+    SUNK_TO_AXLE = 256
+    LOAD_STATIC = 512
+    DIGS = 1024
+    WARNED = 2048
+
+
+# Number of MobilityEstimate.msg that each makes, the most serious of which counts.
+STATUS = {
+    Condition.PRIOR_ONLY: 1,
+    Condition.SLIP_UNKNOWN: 2,
+    Condition.DOES_NOT_FIT: 3,
+    Condition.NOT_USED: 3,
+    Condition.LOAD_MISSING: 4,
+    Condition.NOTHING_PREDICTED: 4,
+    Condition.SUNK_TO_AXLE: 5,
+}
+
+
+@dataclass
+class AnswerState:
+    """What is carried from block to block, by number of the wheel.
+
+    newest: stamp, load (N), margin and its deviation. shown: newest sinkages (m). risk: the newest, or NaN.
+    slopes: stamps, and what gravity pulls ahead and to the side (m/s^2), of the last 2 s.
+    """
+
+    newest: dict[int, tuple[int, float, float, float]] = field(default_factory=dict)
+    shown: dict[int, list[float]] = field(default_factory=dict)
+    risk: float = np.nan
+    slopes: tuple[Integers, Array, Array] = field(
+        default_factory=lambda: (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
+    )
+
+
+def answer(
+    state: AnswerState, rows: Readings, loads: Loads, judged: Judged, law: Integers, newest: Integers,
+    strength: Integers, streams: Streams, soils: Soils, strengths: Strengths, settings: OnboardSettings,
+) -> Estimates:  # fmt: skip
+    """Estimates of those rows that are due.
+
+    law, newest, strength: versions under each row, of the soil that the first wheels are on, and of the
+    strength. streams: know which measured sinkages were of no use.
+    """
+    due = np.flatnonzero(rows.due)
+    if not due.size:
+        return none_of(Estimates)
+    rows, loads, judged = rows.take(due), loads.take(due), judged.take(due)
+    law, newest, strength = law[due], newest[due], strength[due]
+    wheels, count = settings.wheels, len(rows)
+    rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
+    static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
+    sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
+    of = [soils.versions[number] for number in law.tolist()]
+    measured = np.array([version.accepted > 0 for version in of])
+    loaded = np.flatnonzero(np.isfinite(loads.load))
+    made = mobility(
+        rows.take(loaded), loads.load[loaded], loads.load_std[loaded], law[loaded], strength[loaded],
+        soils, strengths, settings,
+    )  # fmt: skip
+    can = _among(made, loaded, count)
+    predicted = np.isfinite(can.sinkage) & (measured | (not settings.law_unknown))
+    if settings.law_unknown:
+        can = _without_law(can, measured)
+    digging = rolls & (judged.level == 2)
+    has = {
+        Condition.PRIOR_ONLY: ~measured,
+        Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
+        Condition.SLIP_UNKNOWN: rolls & ~np.isfinite(rows.slip),
+        Condition.STANDS: rolls & ~np.isfinite(rows.slip) & (np.abs(rows.speed) <= _SLOW),
+        Condition.DOES_NOT_FIT: _does_not_fit(state, rows, can, settings),
+        Condition.NOT_USED: sensed & ~np.isfinite(rows.sinkage),
+        Condition.LOAD_MISSING: ~np.isfinite(loads.load),
+        Condition.NOTHING_PREDICTED: np.isfinite(loads.load)
+        & ~can.sunk & ~predicted & (measured | (not settings.law_unknown)),
+        Condition.SUNK_TO_AXLE: can.sunk & measured,
+        Condition.LOAD_STATIC: static & np.isfinite(loads.load),
+        Condition.DIGS: digging,
+        Condition.WARNED: rolls & (judged.level > 0),
+    }  # fmt: skip
+    conditions = np.zeros(count, dtype=np.int64)
+    status = np.zeros(count, dtype=np.int64)
+    for condition, applies in has.items():
+        conditions |= np.where(applies, int(condition), 0)
+        status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
+    margin, margin_std, risk = _margins(
+        state, rows, can, judged, measured, strength, strengths, rolls
+    )
+    numbers = [soils.versions[number].number for number in newest.tolist()]
+    known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
+    known |= {"margin": margin, "margin_std": margin_std}
+    return Estimates(
+        **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
+        sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
+        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
+        conditions=conditions,
+        probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
+        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
+        digging_in=digging, spins=judged.spins,
+        elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
+        rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
+        law=law, strength=strength,
+    )  # fmt: skip
+
+
+def _among(some: Predicted, known: Integers, count: int) -> Predicted:
+    """Rows of some wheels among those of which nothing is known."""
+    if known.size == count:
+        return some
+    whole = Predicted.unknown(count)
+    for name, column in vars(whole).items():
+        column[known] = getattr(some, name)
+    return whole
+
+
+def _without_law(can: Predicted, measured: Flags) -> Predicted:
+    """What a law says is not known of a soil that is neither named nor measured."""
+    names = (
+        "sinkage",
+        "compaction_resistance",
+        "other_resistance",
+        "rolling_resistance_coefficient",
+    )
+    columns = vars(can).copy()
+    for name in (*names, *(f"{one}_std" for one in names)):
+        columns[name] = np.where(measured, columns[name], np.nan)
+    return Predicted(**columns)
+
+
+def _does_not_fit(
+    state: AnswerState, rows: Readings, can: Predicted, settings: OnboardSettings
+) -> Flags:
+    """A sinkage far from those just before it, and beyond what is expected of it."""
+    gate = float(chdtri(1, 1.0 - _GOOD))
+    noise = np.where(
+        np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
+    )
+    off = (rows.sinkage - can.sinkage) ** 2 > gate * (can.sinkage_std**2 + noise**2)
+    found = np.zeros(len(rows), dtype=bool)
+    for i in np.flatnonzero(np.isfinite(rows.sinkage)).tolist():
+        shown = state.shown.setdefault(int(rows.wheel[i]), [])
+        shown.append(float(rows.sinkage[i]))
+        del shown[:-_NEWEST]
+        far = abs(shown[-1] - median(shown)) > _FAR * noise[i]
+        found[i] = far and bool(off[i])
+    return found
+
+
+def _margins(
+    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
+    strength: Integers, strengths: Strengths, rolls: Flags,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Margin of each wheel with its deviation, and the vehicle's risk.
+
+    measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
+    """
+    prior = strengths.reserve.prior_std
+    versions, index = np.unique(strength, return_inverse=True)
+    known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
+    by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)
+    by_filter |= can.sunk
+    margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
+    deviation = np.where(rolls, np.where(by_filter, can.margin_std, judged.margin_std), np.nan)
+    risk = judged.risk.copy()
+    for i in np.flatnonzero(by_filter & rolls).tolist():
+        now = int(rows.stamp[i])
+        state.newest[int(rows.wheel[i])] = now, can.load[i], margin[i], deviation[i]
+        recent = [one[1:] for one in state.newest.values() if now - one[0] <= STALE]
+        load, value, spread = np.array(recent).T
+        total = float(load.sum())
+        # All wheels stand on one estimated soil, so their errors are taken to go together.
+        mean, std = float(load @ value) / total, float(load @ spread) / total
+        risk[i] = ndtr((judged.asked[i] - mean) / np.hypot(std, AHEAD))
+    risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
+    if risk.size and np.isfinite(risk).any():
+        state.risk = float(risk[np.isfinite(risk)][-1])
+    return margin, deviation, risk
+
+
+def _tilt(state: AnswerState, rows: Readings) -> Array:
+    """Tangent of the steepest slope, whichever way the vehicle looks, by means over 2 s; 0 without any."""
+    known = np.isfinite(rows.slope + rows.across)
+    stamp, ahead, aside = state.slopes
+    stamp = np.concatenate([stamp, rows.stamp])
+    sums = [
+        np.concatenate([[0.0], np.cumsum(np.concatenate([before, np.where(known, column, 0.0)]))])
+        for before, column in ((ahead, rows.slope), (aside, rows.across))
+    ]
+    last = np.arange(stamp.size - len(rows), stamp.size)
+    lost = np.maximum.accumulate(
+        np.where(known, -1, last)
+    )  # the newest row of which nothing is known
+    first = np.maximum(np.searchsorted(stamp, rows.stamp - STALE), lost + 1)
+    count = np.maximum(last + 1 - first, 1)
+    ahead, aside = ((total[last + 1] - total[first]) / count for total in sums)
+    sine = np.minimum(np.hypot(ahead, aside) / GRAVITY, _STEEPEST)
+    begin = int(first[-1])
+    state.slopes = stamp[begin:], np.diff(sums[0])[begin:], np.diff(sums[1])[begin:]
+    return np.where(known, sine / np.sqrt(1.0 - sine * sine), 0.0)

@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What wheels can do on soil and strength as they are believed: rows in, numbers out.
+
+Each number with its standard deviation, propagated to first order from law, strength, load and slip.
+Drawbar pull: thrust less the resistance of the same stresses (`shear`) and what effects and no law give.
+A torque of this moment is fused with thrust and pull. Margin: pull over load at the reference slip, at the
+wheel's sinkage or, where that is more, the one of the largest pull: a wheel that hardly sinks has a short
+contact, which by the law mobilises little shear, and that was never measured, so ground holds what any
+softer one would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.force_slopes import sloped_forces
+from smallwheel_ros.pipeline.soil.local_law import local_laws, sinkages
+from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.stretches import Loaded
+from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
+from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Force, Rolling
+from smallwheel_ros.pipeline.strength.strengths import RECENT, Strengths
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Mobility, Readings, unknown
+
+SCATTER, _LEAST_STD = 0.05, 0.15  # of a thrust about law and grip; N, resolution of any pull
+_FITTED, _UNFITTED = 0.03, 0.05  # of the load: a margin's law with a balance, and without one
+_LEAST_TORQUE = 0.25  # N at the rim
+_HARDLY_TRAVELS = 0.95
+_DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best one is looked for
+
+
+@dataclass(frozen=True)
+class Predicted(Mobility):
+    """Its margin is that of the strength's filter. sunk: whether the soil does not carry the load."""
+
+    sunk: Flags
+
+    @classmethod
+    def unknown(cls, count: int) -> Predicted:
+        """Of wheels of which nothing is known."""
+        names = [column.name for column in fields(Mobility)]
+        return cls(**{name: unknown(count) for name in names}, sunk=np.zeros(count, dtype=bool))
+
+
+def mobility(
+    rows: Readings, load: Array, load_std: Array, law: Integers, strength: Integers, soils: Soils,
+    strengths: Strengths, settings: OnboardSettings,
+) -> Predicted:  # fmt: skip
+    """What the wheels of rows can do. load: by the cells without noise, N, known; law, strength: versions."""
+    wheels, count = settings.wheels, len(rows)
+    laws = local_laws(soils.versions, settings.wheels, rows, law)
+
+    def at_slip(slip: Array) -> OnSoil:
+        return on_soil(
+            wheels, rows.wheel, laws, load, load_std, scatter=settings.estimator.soil_scatter,
+            effects=settings.effects, slip=slip, speed=rows.speed,
+            strength=settings.strength if settings.effects else None,
+        )  # fmt: skip
+
+    on = at_slip(rows.slip)
+    reference = at_slip(np.full(count, settings.reference_slip)) if settings.effects else on
+    found = {name: unknown(count) for name in ("thrust", "drawbar_pull", "margin", "energy")}
+    found |= {f"{name}_std": unknown(count) for name in found}
+    beyond, unsure = np.zeros(count), np.zeros(count)
+    rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
+    rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
+    mine = np.flatnonzero(rolls)
+    if mine.size:
+        now, reserve = strengths.at(strength[mine])
+        of = strengths.rolling(rows.wheel[mine], on.take(mine), rows.slip[mine])
+        beyond[mine] = on.load[mine] * now.x[:, OTHER]
+        unsure[mine] = on.load[mine] * np.sqrt(now.P[:, OTHER, OTHER])
+        made = _pulls(rows.take(mine), of, now) | _margins(
+            reference.take(mine), of, reserve, settings, bool(strengths.mass > 0.0)
+        )
+        for name, values in made.items():
+            found[name][mine] = values
+    other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
+    nothing = np.where(on.sunk, np.nan, 1.0)
+    loaded = Loaded(
+        rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
+        rows.pass_doubt,
+    )  # fmt: skip
+    sinkage, variance = sinkages(soils.versions, loaded, law)
+    measured = np.isfinite(sinkage)
+    sinkage = np.where(measured, sinkage, on.sinkage) * nothing
+    sinkage_std = np.sqrt(np.where(measured, variance, on.variance(sinkage=1.0))) * nothing
+    whole = on.compaction + on.other + beyond
+    # Over the load, whose own deviation counts in both.
+    ratio = on.variance(compaction=1.0, other=1.0, log_load=beyond - whole) + unsure**2
+    return Predicted(
+        load=on.load, load_std=np.sqrt(on.variance(log_load=on.load)),
+        sinkage=sinkage, sinkage_std=sinkage_std,
+        compaction_resistance=on.compaction * nothing,
+        compaction_resistance_std=np.sqrt(on.variance(compaction=1.0)) * nothing,
+        other_resistance=(on.other + beyond) * nothing, other_resistance_std=other_std * nothing,
+        rolling_resistance_coefficient=whole / on.load * nothing,
+        rolling_resistance_coefficient_std=np.sqrt(ratio) / on.load * nothing,
+        **found, sunk=on.sunk,
+    )  # fmt: skip
+
+
+def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
+    """Thrust, pull and energy per metre at the present slip; a torque is fused with both forces."""
+    # One measured slip is off by several newtons; the error of the mean over a step is in the filter's state.
+    recent = rows.time - now.end <= RECENT
+    mean = now.slips[np.arange(at.order.size), at.order]
+    averaged = recent & np.isfinite(mean)
+    slip = np.where(averaged, mean, rows.slip)
+    known = np.isfinite(rows.slip) & np.isfinite(slip)
+    at = Rolling(at.order, at.on, at.diameter, at.width, np.where(known, slip, 0.0))
+    push, pull, rim = now.forces(at)
+    own_slip = np.where(averaged, 0.0, (push.by_slip * np.nan_to_num(rows.slip_std)) ** 2)
+    noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
+    found: dict[str, Array] = {}
+    torque = np.where(rows.forward, 1.0, -1.0) * rows.torque
+    for name, force, by_other in (("thrust", push, 0.0), ("drawbar_pull", pull, -1.0)):
+        value, spread = force.value, now.spread(push, force.row) + noise
+        value, spread = _by_torque(now, at, rim, torque, noise, force, value, spread)
+        by_law = at.on.variance(sinkage=force.by_sinkage, other=by_other, log_load=force.by_load)
+        found[name] = np.where(known, value, np.nan)
+        deviation = np.sqrt(np.maximum(spread + by_law, _LEAST_STD**2))
+        found[f"{name}_std"] = np.where(known, deviation, np.nan)
+    with np.errstate(all="ignore"):
+        driven = rows.slip >= 0.0
+        ratio = np.where(driven, 1.0 / (1.0 - rows.slip), 1.0 + rows.slip)
+        by_slip = np.where(driven, ratio**2, 1.0)
+    told = known & (rows.slip <= _HARDLY_TRAVELS)
+    over = by_slip * rows.slip_std * found["thrust"]
+    found["energy"] = np.where(told, ratio * found["thrust"], np.nan)
+    found["energy_std"] = np.where(told, np.hypot(ratio * found["thrust_std"], over), np.nan)
+    return found
+
+
+def _by_torque(
+    now: Believed, at: Rolling, rim: Force, torque: Array, noise: Array, force: Force,
+    value: Array, spread: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """A force and its variance, corrected by the torque of this moment where there is one."""
+    index = np.arange(at.order.size)
+    scale = np.exp(now.x[index, WHEELS + now.cells.shape[-1] + at.order])
+    variance = now.product(rim.row, rim.row) + scale**2 * noise + _LEAST_TORQUE**2
+    innovation = 2.0 * torque / at.diameter - rim.value
+    common = now.product(rim.row, force.row) + scale * noise
+    gain = np.where(np.isfinite(innovation), common / variance, 0.0)
+    return value + gain * np.nan_to_num(innovation), np.maximum(spread - gain * common, 0.0)
+
+
+def _margins(
+    on: OnSoil, at: Rolling, reserve: Believed, settings: OnboardSettings, balanced: bool
+) -> dict[str, Array]:
+    """Pull over load at the reference slip, which never falls on stiffer ground."""
+    slip = np.full(len(on), settings.reference_slip)
+    best = _best_sinkage(on, at, reserve, slip)
+    deeper = OnSoil(
+        on.wheel, on.load, np.maximum(on.sinkage, best), on.compaction, on.other, on.covariance, on.own,
+        on.exponent, on.reaching, on.factor, on.sunk,
+    )  # fmt: skip
+    push, pull, _ = reserve.forces(
+        Rolling(at.order, deeper, at.diameter, at.width, slip), exact_slip=True
+    )
+    by_law = on.variance(sinkage=pull.by_sinkage, other=-1.0, log_load=pull.by_load - pull.value)
+    law = (_FITTED if balanced else _UNFITTED) * on.load
+    spread = reserve.spread(push, pull.row) + by_law + law**2
+    deviation = np.sqrt(np.maximum(spread, _LEAST_STD**2)) / on.load
+    return {
+        "margin": np.where(on.sunk, -1.0, pull.value / on.load),
+        "margin_std": np.where(on.sunk, 0.0, deviation),
+    }
+
+
+def _best_sinkage(on: OnSoil, at: Rolling, of: Believed, slip: Array) -> Array:
+    """Sinkage (m) at which each wheel pulls most: near its largest value a pull hardly changes.
+
+    So load to 10 %, n to 0.1 and one grip a cell will do: few different wheels are computed.
+    """
+    rows = np.arange(at.order.size)
+    cell = WHEELS + 2 * of.cells.shape[-1] + of.cells[rows, at.order]
+    keys = np.stack(
+        [
+            at.diameter, at.width, np.round(np.log(on.reaching), 1), np.round(on.exponent, 1),
+            np.round(on.factor, 2), of.x[rows, cell], *of.x[:, OF_SOIL].T,
+        ]
+    )  # fmt: skip
+    kinds, index = np.unique(keys, axis=1, return_inverse=True)
+    size, many = kinds.shape[1], _DEPTHS.size
+    diameter, width, log_load, exponent, factor, log_grip, c, phi, shear, rolling = np.repeat(
+        kinds, many, axis=1
+    )
+    depths = np.tile(_DEPTHS, size) * diameter
+    made = sloped_forces(
+        np.exp(log_load), depths, diameter, width, np.full(depths.size, slip[0]), exponent, c, phi, shear,
+        rolling, np.exp(log_grip),
+    ).values  # fmt: skip
+    pull = (made[1] + (factor - 1.0) * made[0]).reshape(size, many)
+    best: Array = depths.reshape(size, many)[np.arange(size), pull.argmax(axis=1)]
+    return np.asarray(best[index.reshape(-1)])

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far off level the imu is mounted, or has wandered, by turns and ways back.
+
+State: slopes of the ground east and north in the frame of the odometry, e and n, and the zeros of what is
+shown ahead and across, p and r. A vehicle that looks along the heading a is shown
+
+    ahead = e cos a + n sin a + p,    across = n cos a - e sin a + r     (tangents, as g sin over g)
+
+The ground follows the vehicle, a zero stays with the imu: on the straight nothing tells one from the other,
+and a quarter of a turn on one spot tells both. Prediction: slopes are an Ornstein-Uhlenbeck process along the
+path, 0.15 over 40 m; zeros one in time, 1.5 degrees over 3 minutes, since orientations are filtered
+gyroscopes. A measurement is the mean of the newest 20 rows after 0.2 m or 0.2 rad, with 0.5 degrees of its
+own: bumps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.tables import SECOND, Array, Integers, Readings
+
+_SLOPE, _LENGTH = 0.15, 40.0  # tangent, m: hills
+_ZERO, _ZERO_TIME = math.radians(1.5), 180.0  # tangent, s
+_ROW, _WAY, _TURN, _NEWEST = math.radians(0.5), 0.2, 0.2, 20  # tangent, m, rad, rows
+_SPREAD = np.array([_SLOPE, _SLOPE, _ZERO, _ZERO])
+_AHEAD = 512  # rows looked through at once
+
+
+class Level:
+    """Of a vehicle. Give it all rows in their order; `at` then has the zero up to the last of them."""
+
+    def __init__(self) -> None:
+        self.kalman = KalmanFilter(dim_x=4, dim_z=2)
+        self.kalman.x, self.kalman.P = np.zeros(4), np.diag(np.square(_SPREAD))
+        self.kalman.R = _ROW**2 * np.eye(2)
+        self._rows = np.zeros(
+            (0, 5)
+        )  # the newest: s, m, heading, ahead, across; from the last one taken on
+        self._origin: int | None = None
+        self._stamps, self._zeros = [-(1 << 62)], [(0.0, GRAVITY * _ZERO)]
+
+    def take(self, rows: Readings) -> None:
+        """Go on with rows; those of which slope or heading are not known tell nothing."""
+        if rows.slope.size and self._origin is None:
+            self._origin = int(rows.stamp[0])
+        known = np.isfinite(rows.slope) & np.isfinite(rows.across) & np.isfinite(rows.heading)
+        if not known.any():
+            return
+        seconds = (rows.stamp - (self._origin or 0)) / SECOND
+        columns = seconds, rows.distance, rows.heading, rows.slope / GRAVITY, rows.across / GRAVITY
+        held = len(self._rows)
+        table = np.vstack([self._rows, np.column_stack(columns)[known]])
+        stamps = np.concatenate([np.zeros(held, dtype=np.int64), rows.stamp[known]])
+        taken, i = 0, max(held, 1)
+        while i < len(table):
+            part = table[i : i + _AHEAD]
+            turned = np.abs(
+                np.remainder(part[:, 2] - table[taken, 2] + math.pi, math.tau) - math.pi
+            )
+            far = (part[:, 1] - table[taken, 1] >= _WAY) | (turned >= _TURN)
+            if not far.any():
+                i += len(part)
+                continue
+            i += int(np.argmax(far))
+            since = table[taken]
+            self._use(table[i], since, table[max(taken, i - _NEWEST) + 1 : i + 1, 3:].mean(axis=0))
+            self._stamps.append(int(stamps[i]))
+            zero = float(self.kalman.x[2]), math.sqrt(max(float(self.kalman.P[2, 2]), 0.0))
+            self._zeros.append((GRAVITY * zero[0], GRAVITY * zero[1]))
+            taken, i = i, i + 1
+        rest = np.arange(max(taken + 1, len(table) - _NEWEST), len(table))
+        self._rows = table[np.concatenate([[taken], rest])]
+
+    def _use(self, row: Array, since: Array, shown: Array) -> None:
+        kalman = self.kalman
+        metres, seconds = row[1] - since[1], max(row[0] - since[0], 0.0)
+        keep = np.exp([-metres / _LENGTH] * 2 + [-seconds / _ZERO_TIME] * 2)
+        kalman.F, kalman.Q = np.diag(keep), np.diag((1.0 - keep**2) * np.square(_SPREAD))
+        kalman.predict()
+        cosine, sine = math.cos(row[2]), math.sin(row[2])
+        kalman.update(shown, H=np.array([[cosine, sine, 1.0, 0.0], [-sine, cosine, 0.0, 1.0]]))
+
+    def at(self, stamps: Integers) -> Array:
+        """Zero of the slope force ahead at stamps, and its deviation, m/s^2; shape (stamps, 2)."""
+        place = np.searchsorted(np.array(self._stamps), stamps, side="right") - 1
+        return np.array(self._zeros)[place].reshape(-1, 2)
+
+    def forget(self, before: int) -> None:
+        """Drop zeros that no stamp from here on asks for."""
+        drop = max(int(np.searchsorted(np.array(self._stamps), before, side="right")) - 1, 0)
+        del self._stamps[:drop], self._zeros[:drop]
+
+
+def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
+    """What a value with its deviation says beyond an earlier one: variance more, or value and precision."""
+    precision = now[1] ** -2 - before[1] ** -2
+    if precision <= 0.0:
+        return now[1] ** 2 - before[1] ** 2, 0.0, 0.0
+    return 0.0, now[0] * now[1] ** -2 - before[0] * before[1] ** -2, precision

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far wheels and vehicle have come, which way, over ground how often rolled over, and what is due.
+
+The sums:
+
+    path      + (|v| now + |v| before)/2 dt of the wheel's place, 0 where it stands     Turning counts.
+    distance  the same for the vehicle's middle, over the rows of all wheels
+    onward    the way that all wheels drive that turn; while they do not agree, as before
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import STANDSTILL_SPEED, OnboardSettings
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings, steps_of
+
+from .passes import Passes
+
+_LONGEST = 1.0  # s between two rows over which speeds are taken to change evenly
+
+
+@dataclass
+class _Last:
+    """Of a wheel, or of the vehicle: the last row's stamp (ns), speed (m/s), path (m)."""
+
+    stamp: int = -1
+    speed: float = 0.0
+    path: float = 0.0
+
+
+@dataclass
+class MotionState:
+    """What is carried from block to block."""
+
+    wheels: list[_Last]
+    passes: Passes
+    vehicle: _Last = field(default_factory=_Last)
+    ways: dict[int, bool] = field(default_factory=dict)
+    onward: bool = True
+    due: dict[int, int] = field(default_factory=dict)
+    deepest: dict[int, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, settings: OnboardSettings) -> MotionState:
+        """Before anything has moved."""
+        return cls([_Last() for _ in settings.wheels], Passes(settings.wheels))
+
+
+def motion(state: MotionState, rows: Readings, settings: OnboardSettings) -> Readings:
+    """Fill in the paths, the way, the passes, and which rows are due."""
+    wheels = settings.wheels
+    path, due = np.empty(len(rows)), np.empty(len(rows), dtype=bool)
+    pressed = np.zeros(len(rows))
+    pressed_before = max(state.deepest.values(), default=0.0)
+    for number, wheel in enumerate(wheels):
+        mine = np.flatnonzero(rows.wheel == number)
+        if not mine.size:
+            continue
+        if wheel.contact == PRESSED:
+            path[mine] = pressed[mine] = _pressed(state, number, rows.sinkage[mine])
+        else:
+            own = rows.stamp[mine], rows.speed[mine], rows.stands[mine]
+            path[mine] = _path(state.wheels[number], *own)
+        due[mine] = _due(state, number, rows.stamp[mine], settings.mobility_rate)
+    distance = _path(state.vehicle, rows.stamp, rows.vehicle_speed, rows.stands)
+    distance = np.maximum(distance, np.maximum.accumulate(np.maximum(pressed, pressed_before)))
+    onward = _onward(state, rows)
+    rows = replace(rows, path=path, due=due, distance=distance, onward=onward)
+    counted = state.passes.numbers(rows)
+    passes, doubt = rut_of(wheels, rows.wheel, onward, counted)
+    return replace(rows, pass_number=counted, passes=passes, pass_doubt=doubt)
+
+
+def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:
+    """Paths (m) at rows, by their speeds, and carry on from there."""
+    size = np.abs(speed)
+    size = np.where(size > STANDSTILL_SPEED, size, 0.0)  # of what is not known, too
+    before = np.concatenate([[last.speed], size[:-1]])
+    stamp = np.concatenate([[last.stamp if last.stamp >= 0 else stamps[0]], stamps])
+    seconds = np.diff(stamp) / SECOND
+    mean = np.where(seconds > _LONGEST, np.minimum(size, before), 0.5 * (size + before))
+    step = np.where(stands, 0.0, mean * seconds)
+    found = steps_of(step, last.path)
+    last.stamp, last.speed, last.path = int(stamps[-1]), float(size[-1]), float(found[-1])
+    return found
+
+
+def _pressed(state: MotionState, number: int, sinkage: Array) -> Array:
+    """A pressed wheel meets new soil by going deeper than it has been."""
+    deepest = state.deepest.get(number, 0.0)
+    deep = np.fmax.accumulate(np.concatenate([[deepest], sinkage]))[
+        1:
+    ]  # also behind what is not known
+    state.deepest[number] = float(deep[-1])
+    return deep
+
+
+def _due(state: MotionState, number: int, stamps: Integers, rate: float) -> Flags:
+    """Rows a period of the rate apart; all where the rate is 0.
+
+    Half a period of slack: a sensor of the rate itself loses none by the jitter of its stamps.
+    """
+    if rate == 0.0:
+        return np.ones(stamps.size, dtype=bool)
+    period = round(SECOND / rate)
+    due = state.due.get(number, int(stamps[0]) - period // 2)
+    found = np.zeros(stamps.size, dtype=bool)
+    for i, stamp in enumerate(stamps.tolist()):
+        if stamp >= due:
+            found[i] = True
+            due = max(due, stamp - period // 2) + period
+    state.due[number] = due
+    return found
+
+
+def _onward(state: MotionState, rows: Readings) -> Flags:
+    """Which way the vehicle goes as a whole; rows one by one only where a wheel changes its way."""
+    told = ~rows.stands & np.isfinite(rows.slip)
+    if told.any() and len(set(state.ways.values())) <= 1:
+        way = next(iter(state.ways.values()), bool(rows.forward[told][0]))
+        if (rows.forward[told] == way).all():
+            state.ways.update(dict.fromkeys(np.unique(rows.wheel[told]).tolist(), way))
+            state.onward = way
+            return np.full(len(rows), way)
+    found = np.empty(len(rows), dtype=bool)
+    for i, (wheel, tells, forward) in enumerate(
+        zip(rows.wheel.tolist(), told.tolist(), rows.forward.tolist(), strict=True)
+    ):
+        if tells:
+            state.ways[wheel] = forward
+            if len(set(state.ways.values())) == 1:
+                state.onward = forward
+        found[i] = state.onward
+    return found
+
+
+def rut_of(
+    wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
+) -> tuple[Array, Array]:
+    """How much of a rut a wheel meets, by its pass number, and what that is off by.
+
+    number: counted crossings; where they are not known, by the wheels ahead in its track. Ruts deepen with a
+    power of the number (Holm 1969), so their logarithm with log2 n; what passes compact is mostly done by the
+    first ones, as 2 (1 - 1/n). Ruts are taken to be half way between.
+    """
+    count = np.array([[1.0 + len(ahead_of(wheels, w, way)) for way in (-1.0, 1.0)] for w in wheels])
+    number = np.where(np.isnan(number), count[wheel, onward.astype(int)], number)
+    deepens, compacts = np.log2(number), 2.0 * (1.0 - 1.0 / number)
+    doubt = 0.5 * (deepens - compacts)
+    return compacts + doubt, np.abs(doubt)
+
+
+def ahead_of(wheels: tuple[Wheel, ...], wheel: Wheel, way: float) -> list[Wheel]:
+    """Wheels that run ahead of one in its track. way: -1 backward."""
+    return [
+        other
+        for other in wheels
+        if other.contact == ROLLING == wheel.contact
+        and way * (other.longitudinal_position - wheel.longitudinal_position) > 0.0
+        and abs(other.lateral_position - wheel.lateral_position) < 0.5 * (wheel.width + other.width)
+    ]

@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The soil's law from stretches: a bank of iterated Kalman filters (filterpy) over the state of `law`.
+
+    predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
+              a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
+              Q = (1 - F^2) P0. For a metre behind a border u has the size of the change in Q besides.
+    update    z = h(x) + v of all stretches that are ready together, linearised at the newest x, until u moves
+              by less than 0.01, at most 4 times (Bell and Cathey 1993). R is that of a stretch among its
+              neighbours, larger by Huber's weight beyond 2.5 deviations.
+    again     At the 40th, 120th and 360th stretch of a soil all are taken once more from its start,
+              linearised about the newest x: the first ones were linearised at the prior. Where the law moves
+              by over half of a deviation, once more; where it moves still, it is not settled.
+
+    R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
+
+S: the soil's deviation of ln k from place to place; A: variance of what is shown that load has no part in;
+both are learnt from the innovations (`Scatter`). r, c: 2/e and 1 of a stretch alone, 2 and (1 + a)/(1 - a)
+of one among its neighbours, which are alike by a.
+
+A wrong zero of the sinkage sensors bends ln z_ref and n far from linearly, so there is a filter for each of
+19 zeros, 0.3 of its prior deviation apart, each sure of its own to 0.3: a sum of Gaussians whose mean and
+covariance are what is believed (Alspach and Sorenson 1972). Weights are products of likelihoods to the power
+of 0.2: whatever the law has no part for looks like a wrong zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.tables import Array
+
+from .model import (
+    EACH,
+    LAW,
+    LEAST_SHARE,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    N_RANGE,
+    WHEELS,
+    ZERO,
+    LawModel,
+    N,
+    U,
+)
+from .scatter import LARGEST, Scatter
+from .sensors import CONTRADICTION
+from .stretches import Stretches
+
+# Zeros that the filters of the bank begin with, over the prior's deviation, and their shares; the variance
+# between them, what is left being each one's own.
+_ZEROS = 0.3 * np.arange(-9, 10)
+_SHARES = np.exp(-0.5 * _ZEROS**2 / 0.93) / np.exp(-0.5 * _ZEROS**2 / 0.93).sum()
+_BETWEEN = float(_SHARES @ _ZEROS**2)
+_TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
+# Of likelihoods that weigh the bank: zeros are what any misfit of the law is taken for.
+_DOUBT = 0.2
+# Stretches of a soil after which all are taken again; before the first time the law has been linearised only
+# at the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).
+_AGAIN = (40, 120, 360)
+_STAYS, _ROUNDS = 0.5, 3
+_DRIFT = 0.02  # 1/sqrt(m), of ln pressure: over 100 m a soil may change by a fifth
+_SIDE_FADE = 100.0  # m, over which the sides come to differ by something else
+_HUBER, _ITERATIONS, _CLOSE = 2.5, 4, 0.01
+_UNSETTLED = 1.0  # m behind a border on which the soil may go on changing as it has begun to
+Law = tuple[Array, Array]  # mean (3,) and covariance (3, 3)
+
+
+class Member:
+    """One filter of the bank: filterpy's, of x - x0, about a zero of its own."""
+
+    def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
+        self.model = model
+        self.kalman = KalmanFilter(dim_x=model.size, dim_z=1)
+        self.kalman.x, self.kalman.P = mean - model.mean, covariance
+        self.log_prior = self.log_weight = log_share
+
+    def copy(self) -> Member:
+        """It as it is now: no array of a filter is changed in place."""
+        own = copy(self)
+        own.kalman = copy(self.kalman)
+        return own
+
+    @property
+    def x(self) -> Array:
+        """The state of `law`."""
+        return np.asarray(self.model.mean + self.kalman.x)
+
+    def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
+        """Update by stretches, linearised at x: h and H there. noise: diagonal of R, m^2."""
+        kalman = self.kalman
+        kalman.dim_z = len(z)
+        straight = z - value + H @ (x - self.model.mean)
+        kalman.update(straight, np.diag(noise), H)
+        kalman.P = 0.5 * (kalman.P + kalman.P.T)
+        mean = self.model.mean[N]
+        kalman.x[N] = min(max(kalman.x[N], N_RANGE[0] - mean), N_RANGE[1] - mean)
+
+    def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
+        """See `SoilFilter.weigh`. Where both are over 10 % apart the loads' scale is as unsure as that."""
+        x, kalman, reference = self.x, self.kalman, self.model.reference[0]
+        own = WHEELS + EACH * np.arange(loads.size) + 1
+        net = np.maximum(loads - x[LOAD_ZERO] * reference, LEAST_SHARE * loads)
+        net = net * np.exp(-x[LOAD_SCALE] - x[own])
+        H = np.zeros((1, self.model.size))
+        H[0, LOAD_SCALE] = -1.0
+        H[0, LOAD_ZERO] = -float((reference * net / loads).sum() / net.sum())
+        H[0, own] = -net / net.sum()
+        off = math.log(weight / net.sum())
+        if abs(off) > CONTRADICTION:
+            kalman.P = kalman.P.copy()
+            kalman.P[LOAD_SCALE, LOAD_SCALE] += off * off
+        kalman.dim_z = 1
+        kalman.update(H @ kalman.x + off, np.array([[(weight_std / weight) ** 2]]), H)
+
+
+class SoilFilter:
+    """The bank for one vehicle on one soil.
+
+    mean, covariance: of the state of `law`; law: ln pressure at the soil's reference, n
+    and m, and their slopes by mean. used: stretches of this soil; settled: whether the law has been
+    linearised where it is.
+    """
+
+    def __init__(
+        self,
+        prior: SoilPrior,
+        settings: EstimatorSettings,
+        effects: Sequence[Effect],
+        wheels: tuple[Wheel, ...],
+        reference: tuple[float, float, float],
+    ) -> None:
+        self.model = LawModel(prior, settings, effects, wheels, reference)
+        self.scatter = Scatter(settings.soil_scatter, len(wheels))
+        self.bank = self._split(self.model.mean, self.model.soil_covariance)
+        drives = any(wheel.contact == ROLLING for wheel in wheels)
+        drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
+        self._fade = drift if drives else math.inf  # a rig presses into one soil
+        self._travelled = math.nan
+        self._border = (0.0, -math.inf)  # variance of u per m, to where (m)
+        self._store: list[Stretches] | None = []
+        self.used, self.settled = 0, False
+        self._remember()
+        self._mix()
+
+    def _split(self, mean: Array, covariance: Array) -> list[Member]:
+        """A bank that together is this Gaussian: each member has a zero of its own."""
+        by_zero = covariance[:, ZERO] / math.sqrt(covariance[ZERO, ZERO])
+        own = covariance - _BETWEEN * np.outer(by_zero, by_zero)
+        return [
+            Member(self.model, mean + at * by_zero, own, math.log(share))
+            for at, share in zip(_ZEROS, _SHARES, strict=True)
+        ]
+
+    def absorb(self, rows: Stretches) -> None:
+        """Use stretches that are ready together for the soil."""
+        self._travel(float(rows.distance[-1]), self.bank)
+        mean = np.average(self._update(rows), axis=0, weights=self._weights)  # (5, rows)
+        for i, wheel in enumerate(rows.wheel.tolist()):
+            self.scatter.learn(wheel, *mean[:, i].tolist())
+        before, self.used = self.used, self.used + len(rows)
+        if self._store is not None:
+            self._store.append(rows)
+            if any(before < count <= self.used for count in _AGAIN):
+                self.settled = any(self._again() < _STAYS for _ in range(_ROUNDS))
+            if self.used >= _AGAIN[-1]:
+                self._store = None
+        self._mix()
+
+    def _travel(self, distance: float, bank: Sequence[Member]) -> None:
+        way = distance - self._travelled
+        if way > 0.0:
+            size, until = self._border
+            unsettled = max(min(distance, until) - self._travelled, 0.0)
+            law, side = math.exp(-way / self._fade), math.exp(-way / _SIDE_FADE)
+            F, Q = self.model.drift(law, side, size * unsettled / _UNSETTLED)
+            for member in bank:
+                member.kalman.predict(F=F, Q=Q)
+        self._travelled = float(np.fmax(distance, self._travelled))
+
+    def _update(self, rows: Stretches) -> Array:
+        """Iterated update of the filters; their first innovations: miss, variances, slopes, (2, 5, rows)."""
+        count, z = len(rows), rows.sinkage
+        both = Stretches.joined([rows] * len(self.bank))
+        before = [(member.kalman.x, member.kalman.P) for member in self.bank]
+        about, close = [member.x for member in self.bank], [False] * len(self.bank)
+        first, noise = [], []
+        for step in range(_ITERATIONS):
+            shown = self.model.h(np.repeat(about, count, axis=0), both)
+            for i, member in enumerate(self.bank):
+                if close[i]:
+                    continue
+                own = shown.take(slice(i * count, (i + 1) * count))
+                if step == 0:
+                    miss, (alone, counts, base) = z - own.value, self.scatter.noise(rows, own)
+                    state, counts = _weighted(member, own.H, miss, alone, counts)
+                    first.append(np.stack([miss, state, state + alone, base, own.by_load]))
+                    noise.append(counts)
+                member.kalman.x, member.kalman.P = before[i]
+                member.correct(about[i], own.value, own.H, z, noise[i])
+                close[i] = abs(member.x[U] - about[i][U]) < _CLOSE
+                about[i] = member.x
+            if all(close):
+                break
+        return np.array(first)
+
+    def _again(self) -> float:
+        """Take all stretches of this soil again, linearised about the newest estimates.
+
+        Deviations by which the law moves: 0.25 at most in drives on soil of this law, 1 to 4 in 4 of 6 over
+        bedrock.
+        """
+        assert self._store is not None
+        self._believe()
+        before, spread = self.law[0], self._deviations
+        rows = Stretches.joined(self._store)
+        sizes = [len(part) for part in self._store]
+        started, self._travelled = self._started
+        abouts = [member.x for member in self.bank]
+        shown = [self.model.h(about, rows) for about in abouts]
+        noise = [self.scatter.noise(rows, one) for one in shown]
+        self.bank = [member.copy() for member in started]
+        first = 0
+        for size in sizes:
+            part = slice(first, first + size)
+            self._travel(float(rows.distance[first + size - 1]), self.bank)
+            for member, about, one, (alone, counts, _) in zip(
+                self.bank, abouts, shown, noise, strict=True
+            ):
+                value, H, z = one.value[part], one.H[part], rows.sinkage[part]
+                miss = z - value - H @ (member.x - about)
+                _, used = _weighted(member, H, miss, alone[part], counts[part])
+                member.correct(about, value, H, z, used)
+            first += size
+        self._believe()
+        return float((np.abs(self.law[0] - before) / np.minimum(spread, self._deviations)).max())
+
+    def _remember(self) -> None:
+        """From here on stretches are of this soil: what the bank is before them."""
+        for member in self.bank:
+            member.log_prior = member.log_weight
+        self._started = [member.copy() for member in self.bank], self._travelled
+        self._store = []
+
+    def _mix(self) -> None:
+        """Weights relative to the best, none lost for ever; what is believed with them."""
+        best = max(member.log_weight for member in self.bank)
+        for member in self.bank:
+            faded = (1.0 - _FORGET) * (member.log_weight - best) + _FORGET * member.log_prior
+            member.log_weight = max(faded, _LOWEST)
+        self._believe()
+
+    def _believe(self) -> None:
+        """Mean and covariance of the soil's numbers, and the law, by the weights as they are."""
+        likely = np.array([member.log_weight for member in self.bank])
+        weights = np.exp(likely - likely.max())
+        self._weights = weights / weights.sum()
+        x = np.array([member.x for member in self.bank])
+        self.mean: Array = self._weights @ x
+        off = x - self.mean
+        within = np.array([member.kalman.P for member in self.bank])
+        self.covariance: Array = np.einsum("i,ijk->jk", self._weights, within)
+        self.covariance += np.einsum("i,ij,ik->jk", self._weights, off, off)
+        self.law: Law = self.model.law(self.mean)
+
+    @property
+    def _deviations(self) -> Array:
+        slopes = self.law[1]
+        return np.asarray(np.sqrt(np.diag(slopes @ self.covariance @ slopes.T)))
+
+    def innovations(self, rows: Stretches) -> tuple[Array, Array, Array]:
+        """What stretches would say: miss (m), covariance of all (m^2), slope by ln load."""
+        shown = self.model.h(self.mean, rows)
+        alone, _, _ = self.scatter.noise(rows, shown)
+        covariance = shown.H @ self.covariance @ shown.H.T + np.diag(alone)
+        return rows.sinkage - shown.value, covariance, shown.by_load
+
+    def copy(self) -> SoilFilter:
+        """It as it is now."""
+        own = copy(self)
+        own.bank, own.scatter = [member.copy() for member in self.bank], self.scatter.copy()
+        own._store = None if self._store is None else self._store.copy()
+        return own
+
+    # -- another soil
+
+    def reopen(self, law: Law | None, shift: float, distance: float) -> None:
+        """Another soil from here on: the law is the prior's again, or a remembered one; nuisances stay."""
+        self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
+        for member in self.bank:
+            x, member.kalman.P = self._with_law(member.x, member.kalman.P, law)
+            member.kalman.x = x - self.model.mean
+        self.used, self.settled = 0, law is not None
+        self._remember()
+        self._mix()
+
+    def _with_law(self, x: Array, P: Array, law: Law | None) -> tuple[Array, Array]:
+        """The same with another law, that of the prior for None."""
+        model, x, P = self.model, x.copy(), P.copy()
+        P[:LAW, :] = P[:, :LAW] = 0.0
+        x[:LAW], P[:LAW, :LAW] = (
+            (model.mean[:LAW], model.soil_covariance[:LAW, :LAW]) if law is None else law
+        )
+        return x, P
+
+    def resume(self, mean: Array, covariance: Array, used: int) -> None:
+        """Go on from a state as saved, without what is of single wheels."""
+        x, whole = self.model.mean.copy(), self.model.soil_covariance.copy()
+        x[:WHEELS], whole[:WHEELS, :WHEELS] = mean, covariance
+        self.bank = self._split(x, whole)
+        self.used, self.settled = used, True
+        self._remember()
+        self._mix()
+
+    def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
+        """How likely stretches are of a law as in `reopen`, in ln of sinkage, linearised about it."""
+        x, P = self._with_law(self.mean, self.covariance, law)
+        shown = self.model.h(x, rows)
+        alone, _, _ = self.scatter.noise(rows, shown)
+        value = np.maximum(shown.value, 1e-4)
+        miss = np.log(np.maximum(rows.sinkage, 1e-4) / value)
+        H = shown.H / value[:, None]
+        variance = H @ P @ H.T + np.diag(alone / value**2)
+        _, determinant = np.linalg.slogdet(variance)
+        return float(-0.5 * _TEMPER * (miss @ np.linalg.solve(variance, miss) + determinant))
+
+    def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
+        """Use what the loads (N) of all wheels together should be: the vehicle's weight (N).
+
+        It is as true of what came before: where all stretches of this soil are stored they are taken again.
+        """
+        started, _ = self._started
+        whole = self._store is not None and sum(map(len, self._store)) == self.used
+        for member in started if whole else [*started, *self.bank]:
+            member.weigh(loads, weight, weight_std)
+        if whole and self._store:
+            self._again()
+        elif whole:
+            self.bank = [member.copy() for member in started]
+        self._mix()
+
+
+def _weighted(
+    member: Member, H: Array, miss: Array, alone: Array, counts: Array
+) -> tuple[Array, Array]:
+    """Variances of innovations by the state, and of stretches as they count; the filter's weight learns."""
+    state = np.einsum("ri,ij,rj->r", H, member.kalman.P, H)
+    squares = miss * miss / (state + alone)
+    likely = np.minimum(squares, LARGEST) + np.log(state + alone)
+    member.log_weight -= 0.5 * _DOUBT * float(likely.sum())
+    return state, counts * _huber(squares)
+
+
+def _huber(squares: Array) -> Array:
+    """Factors on R for squared normalised innovations: less and less weight beyond `_HUBER`."""
+    size = np.maximum(1.0, np.sqrt(squares) / _HUBER)
+    return np.where(size < 2.0, size, 0.5 * size * size)

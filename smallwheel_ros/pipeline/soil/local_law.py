@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The law as it is believed from a stretch on, and under single wheels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from smallwheel_ros.onboard.prior import SoilPrior
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.tables import Array, Columns, Integers, Readings
+from smallwheel_ros.pipeline.versions import Versions
+
+from .filter import Law
+from .identifiability import SoilEstimate, Variety, seen_as
+from .missing_effect import MissingEffect
+from .model import (
+    EACH,
+    LAW,
+    LEAST_SHARE,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    LOG_DEPTH,
+    PASS,
+    SIDE,
+    WHEELS,
+    LawModel,
+    N,
+)
+from .scatter import MODEL_ERROR
+from .stretches import Loaded
+
+
+@dataclass(frozen=True)
+class Version:
+    """The law as it is believed from a stretch on. number: of the soil, as they were met.
+
+    law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
+    the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
+    ln k and of sinkage from place to place. border: m along the vehicle's path, behind which wheels are on
+    version `old` still. variety: of the stretches used. missing: effect that the model misses;
+    missed_variance: of ln k by that, in scatter, too. outliers: readings left out; changes: of soil found;
+    distance: m, of the vehicle: all up to here.
+    """
+
+    model: LawModel | None
+    law: Array
+    slopes: Array
+    mean: Array
+    covariance: Array
+    scatter: tuple[float, float]
+    number: int = 0
+    settled: bool = False
+    accepted: int = 0
+    border: float = -math.inf
+    old: int = 0
+    variety: Variety = field(default_factory=Variety)
+    missing: MissingEffect | None = None
+    missed_variance: float = 0.0
+    outliers: int = 0
+    changes: int = 0
+    distance: float = 0.0
+
+
+@dataclass(frozen=True)
+class LocalLaws(Columns):
+    """The law under wheels, with ruts and sides, and their load cells.
+
+    law: ln pressure at the soil's reference, n and m, (rows, 3). log_scale, zero: of the load cell; N.
+    covariance: of the law, and of ln load by scale and, per N^-1, by zero, (rows, 5, 5).
+    """
+
+    law: Array
+    log_scale: Array
+    zero: Array
+    covariance: Array
+
+    def net(self, shown: Array) -> Array:
+        """Loads that are shown (N) without the cells' zeros."""
+        net: Array = np.maximum(shown - self.zero, LEAST_SHARE * shown)
+        return net
+
+    def load(self, shown: Array) -> Array:
+        """The loads themselves, N."""
+        return np.asarray(self.net(shown) * np.exp(-self.log_scale))
+
+    def with_load(self, shown: Array) -> Array:
+        """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
+        turn = np.zeros((len(self), 4, 5))
+        turn[:, range(4), range(4)] = 1.0
+        turn[:, 3, 4] = 1.0 / self.net(shown)
+        whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
+        return whole
+
+
+def local_laws(
+    versions: Versions[Version], wheels: Sequence[Wheel], rows: Readings, version: Integers
+) -> LocalLaws:
+    """The laws under wheels, of these versions."""
+    count = len(rows)
+    law, scale, zero = np.empty((count, 3)), np.zeros(count), np.zeros(count)
+    covariance = np.zeros((count, 5, 5))
+    side = np.sign([w.lateral_position for w in wheels])[rows.wheel]
+    for number in np.unique(version).tolist():
+        mine = np.flatnonzero(version == number)
+        of = versions[number]
+        if of.model is None:
+            law[mine], covariance[mine, :3, :3] = of.mean, of.covariance
+            continue
+        x, model = of.mean, of.model
+        reference = model.reference[0]
+        passes, sides, own = rows.passes[mine], side[mine], WHEELS + EACH * rows.wheel[mine] + 1
+        J = np.zeros((mine.size, 5, model.size))
+        J[:, :LAW] = of.slopes
+        # A wheel that sinks deeper by a factor under the same load is on so much softer soil.
+        J[:, 0, SIDE] += sides
+        J[:, 0, PASS] -= (x[N] + 0.5) * passes
+        J[:, 0, N] -= x[PASS] * passes
+        J[:, LAW, LOAD_SCALE], J[:, LAW + 1, LOAD_ZERO] = -1.0, -reference
+        J[np.arange(mine.size), LAW, own] = -1.0
+        law[mine] = of.law
+        law[mine, 0] += sides * x[SIDE] - (x[N] + 0.5) * x[PASS] * passes
+        scale[mine], zero[mine] = x[LOAD_SCALE] + x[own], x[LOAD_ZERO] * reference
+        covariance[mine] = J @ of.covariance @ J.transpose(0, 2, 1)
+        covariance[mine, 0, 0] += of.missed_variance
+    return LocalLaws(law, scale, zero, covariance)
+
+
+def sinkages(versions: Versions[Version], rows: Loaded, version: Integers) -> tuple[Array, Array]:
+    """Sinkage of wheels (m) and its variance by law, place and load; NaN before any stretch."""
+    value, variance = np.full((2, len(rows)), np.nan)
+    of = [versions[number] for number in version.tolist()]
+    for model in {id(one.model): one.model for one in of if one.model is not None}.values():
+        mine = np.flatnonzero([one.model is model for one in of])
+        mean = np.array([of[i].mean for i in mine.tolist()])
+        asked = rows.take(mine)
+        shown = model.sinkage(mean, asked)
+        law = np.empty(mine.size)
+        for number in np.unique(version[mine]).tolist():
+            same = version[mine] == number
+            H = shown.H[same]
+            law[same] = np.einsum("ri,ij,rj->r", H, versions[number].covariance, H)
+        places, still = np.array([of[i].scatter for i in mine.tolist()]).T
+        by_place = shown.by_load**2 * (places + asked.load_variance)
+        own = by_place + (MODEL_ERROR * shown.value) ** 2 + shown.doubt + still
+        value[mine], variance[mine] = shown.value, law + own
+    return value, variance
+
+
+def constants(law: Array) -> tuple[float, float, float]:
+    """k (Pa/m^(n+m)), n and m of ln pressure at the soil's reference, n and m."""
+    log_pressure, n, m = law.tolist()
+    return math.exp(log_pressure - n * LOG_DEPTH - m * math.log(REFERENCE_DIAMETER)), n, m
+
+
+def law_of(version: Version) -> Law:
+    """Mean and covariance of (ln pressure at the soil's reference, n, m)."""
+    return version.law, version.slopes @ version.covariance @ version.slopes.T
+
+
+class Reported:
+    """Reports laws at the reference sinkage and a diameter (m), the prior's covariance too."""
+
+    def __init__(self, prior: SoilPrior, diameter: float) -> None:
+        self._at = REFERENCE_SINKAGE, diameter
+        self._turn = np.eye(3)  # of (ln pressure, n, m)
+        self._turn[0, 2] = math.log(diameter / REFERENCE_DIAMETER)
+        self._prior = seen_as(self._turn, prior.law[1])
+
+    def estimate(self, version: Version) -> SoilEstimate:
+        """The soil as it was believed."""
+        law, covariance = law_of(version)
+        more = np.diag([version.missed_variance, 0.0, 0.0])
+        pressure, n, m = (self._turn @ law).tolist()
+        sinkage, diameter = self._at
+        k = math.exp(pressure - n * math.log(sinkage) - m * math.log(diameter))
+        return SoilEstimate(
+            k, n, m, pressure, seen_as(self._turn, covariance + more), self._prior, *self._at,
+            variety=version.variety, accepted=version.accepted, outliers=version.outliers,
+            soil_changes=version.changes, distance=version.distance,
+            missing_effect=version.missing, settled=version.settled,
+        )  # fmt: skip

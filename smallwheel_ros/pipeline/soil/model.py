@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What sensors show of the soil's law: the state x, and h with its Jacobian H, for many stretches at once.
+
+State:
+
+    u    ln of the sinkage (m) of a reference wheel, the one measured first
+    n    exponent of sinkage
+    m    exponent of the wheel's diameter
+    g    ln of the factor on sinkage in the rut of one wheel
+    a    half of ln of what k is under the left wheels, over that under the right ones
+    l    ln of the load cells' scale
+    b    what the load cells show too much, over the reference wheel's load W_ref
+    s    slip sinkage: z (1 + s i) at slip i > 0
+    t    s, by which sinkage is shown behind the load
+    e    m/rad, error of the shown sinkage with pitch
+    c    m, zero of all sinkage sensors
+    f    ln of the scale of all sinkage sensors
+    d_w, l_w   of each wheel besides: zero of its sensor (m), ln of the scale of its load cell
+
+Of f the measurements say nothing: a soil on which all sinkages are a twentieth less fits as well. h of a wheel
+with load W, slip i, and p of its rut:
+
+    h(x) = z(W'; z_ref, n, m) exp(g p + f) (1 + s max(i, 0)) + e pitch + c + d_w
+    W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)        side: 1 left, -1 right
+
+z is the sinkage of the contact integral with the model's effects (`sinkage_of`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.model.nearby import neighbours, slopes
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
+from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
+from smallwheel_ros.physics.contact import contact_sinkage, shape_integral
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, unknown
+
+from .stretches import Loaded, Stretches
+
+U, N, M, PASS, SIDE, LOAD_SCALE, LOAD_ZERO, SLIP, DELAY, PITCH, ZERO, SCALE, WHEELS = range(13)
+LAW, EACH = 3, 2  # numbers of the law; of each wheel from WHEELS on: d_w, l_w
+# Prior deviations of what is learnt from the drive. rates/drive_worlds.py has worlds that are one to
+# three of them off: sinkage x1.23 in a rut, loads 20 % or 6 N of 58 N, slip sinkage 3, 0.2 s, 0.03 m/rad.
+_PASS_STD = 0.3  # of g
+SIDE_STD = 0.3  # of a: soils under the two sides of a vehicle differ by a factor of 1.8
+_LOAD_SCALE_STD = 0.1  # of l
+_LOAD_ZERO_STD = 0.03  # of b
+_SLIP_SINKAGE_STD = 1.0  # of s
+_DELAY_STD = 0.1  # s, of t
+_PITCH_STD = 0.01  # m/rad, of e
+_SINKAGE_SCALE_STD = (
+    0.05  # of f: a range sensor 18 degrees off the vertical along which it is taken to look
+)
+LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
+LOG_DEPTH = math.log(REFERENCE_SINKAGE)
+N_RANGE = 0.05, 2.9
+_EACH_ZERO, _EACH_LOAD = 0.25, 0.5  # what a single sensor is off by, over what all are
+_LEAST_SLIP_FACTOR, _TINY = 0.2, 1e-9
+_AXLE = 0.5  # of the diameter
+
+
+@dataclass(frozen=True)
+class Sinkage:
+    """Of wheels on soils: m, slopes by (ln K at the reference diameter, n, m, ln load), (rows, 4)."""
+
+    value: Array
+    slopes: Array
+    sunk: Flags
+
+
+def sinkage_of(
+    laws: Array,
+    load: Array,
+    wheels: Sequence[Wheel],
+    wheel: Integers,
+    effects: Sequence[Effect] = (),
+    slip: Array | None = None,
+    speed: Array | None = None,
+) -> Sinkage:
+    """Sinkage of wheels under loads (N). laws: rows of ln K at the reference diameter, n, m.
+
+    NaN where slip (1) or speed (m/s) is not known and an effect reads it.
+    """
+    diameter, width = (
+        np.array([getattr(w, a) for w in wheels])[wheel] for a in ("diameter", "width")
+    )
+    if effects:
+        value, by = np.full(load.size, np.nan), np.full((load.size, 4), np.nan)
+        sunk = np.zeros(load.size, dtype=bool)
+        known, read = covariates(effects, load.size, slip, speed)
+        if known.size:
+            contact = np.array([w.contact for w in wheels])[wheel]
+            given = Conditions(load, diameter, width, contact).take(known)
+            found = neighbours(laws[known], replace(given, covariates=read), effects)
+            value[known], by[known] = found.sinkage[: known.size], slopes(found.sinkage).T
+            sunk[known] = found.immobilised[: known.size]
+        return Sinkage(value, by, sunk)
+    pressed = np.array([w.contact == PRESSED for w in wheels])[wheel]
+    across = np.log(diameter / REFERENCE_DIAMETER)
+    modulus = np.exp(laws[:, 0] + laws[:, 2] * across)
+    # A pressed wheel meets the soil on both sides of its lowest point: each carries half.
+    made = contact_sinkage(
+        np.where(pressed, 0.5 * load, load), diameter, width, modulus, laws[:, 1]
+    )
+    z = made.sinkage
+    by_load, by_n = z * made.slope_load, z * made.slope_exponent
+    return Sinkage(
+        z, np.stack([-by_load, by_n, -by_load * across, by_load], axis=1), made.sunk_to_axle
+    )
+
+
+def covariates(
+    effects: Sequence[Effect], count: int, slip: Array | None, speed: Array | None
+) -> tuple[Integers, dict[str, Array]]:
+    """Of so many rows those in which all is known that effects read, and it there."""
+    given = {"slip": slip, "speed": speed}
+    read = {name: given[name] for name in covariates_of(effects)}
+    columns = {name: unknown(count) if v is None else v for name, v in read.items()}
+    known = np.ones(count, dtype=bool)
+    for column in columns.values():
+        known &= np.isfinite(column)
+    return np.flatnonzero(known), {name: column[known] for name, column in columns.items()}
+
+
+@dataclass(frozen=True)
+class Shown(Columns):
+    """h(x) in m, H (rows, size), slope by ln load, and variance (m^2) by what many passes make of a rut."""
+
+    value: Array
+    H: Array
+    by_load: Array
+    doubt: Array
+
+
+class LawModel:
+    """The state's prior and h for the wheels of a vehicle.
+
+    reference: load (N), diameter and width (m) of the wheel that u is of. mean, soil_covariance: of the
+    soil's numbers before any measurement.
+    """
+
+    def __init__(
+        self,
+        prior: SoilPrior,
+        settings: EstimatorSettings,
+        effects: Sequence[Effect],
+        wheels: tuple[Wheel, ...],
+        reference: tuple[float, float, float],
+    ) -> None:
+        self.wheels, self.effects, self.reference = wheels, tuple(effects), reference
+        self.size = WHEELS + EACH * len(wheels)
+        self._across = math.log(reference[1] / REFERENCE_DIAMETER)
+        self.side = np.sign([wheel.lateral_position for wheel in wheels])
+        self.mean = np.zeros(self.size)
+        modulus = math.exp(prior.log_modulus(reference[1]))
+        u = float(np.log(contact_sinkage(*reference, modulus, prior.n).sinkage))
+        self.mean[:LAW] = u, prior.n, prior.m
+        slip_known = any("slip" in effect.drivers for effect in self.effects)
+        nuisances = (
+            _PASS_STD,
+            SIDE_STD,
+            _LOAD_SCALE_STD,
+            _LOAD_ZERO_STD,
+            0.0 if slip_known else _SLIP_SINKAGE_STD,
+            _DELAY_STD,
+            _PITCH_STD,
+            settings.sinkage_zero_std,
+            _SINKAGE_SCALE_STD,
+        )
+        each = _EACH_ZERO * settings.sinkage_zero_std, _EACH_LOAD * _LOAD_SCALE_STD
+        deviations = np.array([0.0] * LAW + [*nuisances] + [*each] * len(wheels))
+        self.soil_covariance = np.diag(np.square(np.maximum(deviations, _TINY)))
+        back = np.linalg.inv(self.law(self.mean)[1][:, :LAW])
+        self.soil_covariance[:LAW, :LAW] = back @ prior.law[1] @ back.T
+
+    def drift(self, law: float, side: float, border: float) -> tuple[Array, Array]:
+        """F and Q of a way. law, side: what is kept of them; border: variance that u gains."""
+        factors, Q = np.ones(self.size), np.zeros((self.size, self.size))
+        factors[:LAW], factors[SIDE] = law, side
+        Q[:LAW, :LAW] = (1.0 - law * law) * self.soil_covariance[:LAW, :LAW]
+        Q[SIDE, SIDE] = (1.0 - side * side) * SIDE_STD**2
+        Q[U, U] += border
+        return np.diag(factors), Q
+
+    def pressure(self, u: Array, n: Array) -> tuple[Array, Array, Array]:
+        """Ln K under the reference wheel that a sinkage exp(u) shows, and its slopes by u and n."""
+        load, diameter, width = self.reference
+        ratio = np.exp(u) / diameter
+        made = shape_integral(n, np.minimum(ratio, _AXLE))
+        level = math.log(load / (width * math.sqrt(diameter)))
+        by_ratio = np.where(ratio < _AXLE, made.slope_ratio, 0.0)
+        log_modulus = level - (n + 0.5) * u - np.log(made.value)
+        return log_modulus, -(n + 0.5) - by_ratio, -u - made.slope_exponent
+
+    def law(self, y: Array) -> tuple[Array, Array]:
+        """Ln pressure at the reference sinkage and diameter, n and m; Jacobian by y, (3, size)."""
+        u, n, m = y[:LAW]
+        log_modulus, by_sinkage, by_exponent = (float(v) for v in self.pressure(u, n))
+        jacobian = np.eye(LAW, self.size)
+        jacobian[0, :LAW] = by_sinkage, by_exponent + LOG_DEPTH, -self._across
+        return np.array([log_modulus + n * LOG_DEPTH - m * self._across, n, m]), jacobian
+
+    def h(self, x: Array, rows: Stretches) -> Shown:
+        """What the sensors of wheels show. x: (size,), or one for each row, (rows, size)."""
+        whole = np.broadcast_to(x, (len(rows), self.size))
+        sunk = self.sinkage(whole, rows)
+        scale = np.exp(whole[:, SCALE])
+        value = scale * sunk.value
+        row = scale[:, None] * sunk.H
+        zero = WHEELS + EACH * rows.wheel
+        index = np.arange(len(rows))
+        row[:, PITCH] = rows.pitch
+        row[:, ZERO] += 1.0
+        row[index, zero] = 1.0
+        row[:, SCALE] += value
+        value = value + whole[:, PITCH] * rows.pitch + whole[:, ZERO] + whole[index, zero]
+        return Shown(value, row, scale * sunk.by_load, scale**2 * sunk.doubt)
+
+    def sinkage(self, y: Array, rows: Loaded) -> Shown:
+        """The sinkage itself, without what is wrong with its sensor; y (rows, size) and H are the soil's."""
+        index, own = np.arange(len(rows)), WHEELS + EACH * rows.wheel + 1
+        u, n, m, passed, sides, scale, off, digs, delay = y[:, : DELAY + 1].T
+        reference, side = self.reference[0], self.side[rows.wheel]
+        weight = np.maximum(rows.load - off * reference, LEAST_SHARE * rows.load)
+        load = weight * np.exp(-scale - y[index, own] - delay * rows.load_rate - side * sides)
+        log_modulus, by_sinkage, by_exponent = self.pressure(u, n)
+        laws = np.stack([log_modulus - m * self._across, n, m], axis=1)
+        static = sinkage_of(
+            laws, load, self.wheels, rows.wheel, self.effects, rows.slip, rows.speed
+        )
+        by_modulus, by_n, by_m, by_log_load = static.slopes.T
+        slip = np.fmax(rows.slip, 0.0)
+        rut = np.exp(rows.passes * passed)
+        factor = rut * np.maximum(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
+        value, by_load = static.value * factor, by_log_load * factor
+        row = np.zeros((len(rows), self.size))
+        row[:, U] = factor * by_modulus * by_sinkage
+        row[:, N] = factor * (by_n + by_modulus * by_exponent)
+        row[:, M] = factor * (by_m - by_modulus * self._across)
+        row[:, LOAD_SCALE] = row[index, own] = -by_load
+        row[:, SIDE] = -by_load * side
+        row[:, LOAD_ZERO] = -by_load * reference / weight
+        row[:, DELAY] = -by_load * rows.load_rate
+        row[:, PASS] = rows.passes * value
+        row[:, SLIP] = static.value * rut * slip
+        return Shown(value, row, by_load, (rows.pass_doubt * passed * value) ** 2)
+
+
+def reference_wheel(
+    rows: Stretches, wheels: Sequence[Wheel], prior: SoilPrior
+) -> tuple[float, float, float]:
+    """Load (N), diameter and width (m) of the reference wheel: the one measured first.
+
+    A wheel that is pressed begins without load, so its reference is the load under which the prior's soil
+    lets it sink to the reference sinkage.
+    """
+    wheel = wheels[int(rows.wheel[0])]
+    load = float(rows.load[0])
+    if wheel.contact != ROLLING:
+        ratio = REFERENCE_SINKAGE / wheel.diameter
+        shape = float(shape_integral(prior.n, ratio).value)
+        modulus = math.exp(prior.log_modulus(wheel.diameter))
+        level = modulus * REFERENCE_SINKAGE ** (prior.n + 0.5) * shape
+        load = level * wheel.width * math.sqrt(wheel.diameter)
+    return load, wheel.diameter, wheel.width

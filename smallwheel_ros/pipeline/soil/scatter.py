@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What stretches differ by beyond the law and their sensors: learnt from innovations of the soil's filter."""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Array
+
+from .model import Shown
+from .stretches import Stretches
+
+LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
+MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
+
+
+class Scatter:
+    """What stretches differ by beyond state and sensors, learnt from innovations.
+
+    A regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2) and `soil`, the variance of
+    ln k at a place. `share`: of that, what is left in the mean over a stretch.
+    """
+
+    _MEMORY, _TOLD = 150.0, 30.0  # stretches; that what is told of the soil's scatter counts for
+
+    def __init__(self, soil_scatter: float, wheels: int) -> None:
+        self._told = soil_scatter**2
+        self.additive, self.soil = 0.0, soil_scatter**2
+        # Mean over a length as long as the correlation of an Ornstein-Uhlenbeck process: its variance, and
+        # that of many such means together, over the variance at a point.
+        self.share, self.together = 2.0 * math.exp(-1.0), 2.0
+        self._normal: Array = np.zeros((2, 2))
+        self._moment: Array = np.zeros(2)
+        self._newest = np.zeros(wheels)  # normalised innovations
+        self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
+
+    def copy(self) -> Scatter:
+        """It as it is now."""
+        own = copy(self)
+        own._newest = self._newest.copy()
+        return own
+
+    @property
+    def places(self) -> tuple[float, float]:
+        """Variances at one place: of ln k, and of the sinkage besides (m^2).
+
+        What is left over may be the ground's or the sensor's: it counts as the ground's.
+        """
+        return self.soil, self.additive / self.share
+
+    def noise(self, rows: Stretches, shown: Shown) -> tuple[Array, Array, Array]:
+        """Variances of stretches alone, as they count among their neighbours, and by sensors and law."""
+        by_load = shown.by_load**2
+        base = rows.variance + by_load * rows.load_variance
+        base = base + (MODEL_ERROR * shown.value) ** 2 + shown.doubt
+        alone = base + self.share * by_load * self.soil + self.additive
+        counts = base + self.together * by_load * self.soil + self._alike * self.additive
+        return alone, counts, base
+
+    @property
+    def _alike(self) -> float:
+        """How much more neighbouring errors count, being alike: (1 + r)/(1 - r)."""
+        alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
+        return float((1.0 + alike) / (1.0 - alike))
+
+    def learn(
+        self, wheel: int, miss: float, state: float, variance: float, base: float, by: float
+    ) -> None:
+        """Take an innovation: shown less expected, variances by state, in all, of sensors and law; slope."""
+        keep = 1.0 - 1.0 / self._MEMORY
+        features = np.array([1.0, by**2 * self.share])
+        square = min(miss**2, LARGEST * variance)
+        self._normal = keep * self._normal + np.outer(features, features) / variance**2
+        self._moment = keep * self._moment + features * (square - state - base) / variance**2
+        normal, moment = self._normal.copy(), self._moment.copy()
+        told = self._TOLD * features[1] ** 2 / variance**2
+        normal[1, 1] += told
+        moment[1] += told * self._told
+        # None is expected that the noise does not show.
+        normal[0, 0] *= 1.0 + self._TOLD / self._MEMORY
+        additive, soil = np.linalg.solve(normal, moment)
+        if additive < 0.0:
+            additive, soil = 0.0, moment[1] / normal[1, 1]
+        floor = 0.25 * self._told
+        if soil < floor:
+            additive, soil = (moment[0] - normal[0, 1] * floor) / normal[0, 0], floor
+        self.additive, self.soil = max(float(additive), 0.0), float(soil)
+        now = min(max(miss / math.sqrt(variance), -3.0), 3.0)
+        before, self._newest[wheel] = self._newest[wheel], now
+        self._products = keep * self._products + [now * before, 0.5 * (now**2 + before**2)]

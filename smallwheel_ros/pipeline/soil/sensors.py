@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What stretches tell of their sensors before a filter hears of them: stuck ones, and the sum of all loads.
+
+A sinkage sensor that shows what no wheel does that rolls over soil is stuck: its readings over five stretches
+differ by less than a fifth of what loads and texture make sinkage vary by; not where that is less than the
+steps of the sensor.
+
+All loads together are the vehicle's weight, whatever the cells show. Over six stretches of each wheel
+
+    off = mean of ln(sum of W / (m g cos pitch)),    std = (0.02^2 + std(ln sum)^2/6)^1/2
+
+0.02: of the mass, by scale, water, dust. Where off is over 10 % either the cells or the mass are wrong, and
+std is |off|; not where a unit explains it. What is missing in the sum may be on wheels that are not listed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from smallwheel_ros.pipeline.checks.loads import UNITS, WEIGHT_OFF
+from smallwheel_ros.pipeline.intake.buffer import NEVER
+from smallwheel_ros.pipeline.tables import Array, Integers
+
+from .stretches import Stretches
+
+_STUCK, _TEXTURE, _STILL = 5, 0.03, 0.2  # stretches; of ln k from place to place at least; share
+# A sinkage goes with the load to the power 1/(n + 1/2), which is this for ordinary sand.
+_USUAL = 0.7
+_WEIGHED, _MASS_STD = 6, 0.02  # stretches of each wheel; of ln mass
+CONTRADICTION = math.log(1.1)  # neither load cells nor a weighed mass are 10 % off
+_GRAVITY = 9.81  # m/s^2
+
+
+class StuckSensors:
+    """Follows the stretches of each wheel. stuck: which wheels' sinkage sensors are."""
+
+    def __init__(self, wheels: int) -> None:
+        self.stuck = np.zeros(wheels, dtype=bool)
+        self._shown: list[deque[tuple[float, ...]]] = [deque(maxlen=_STUCK) for _ in range(wheels)]
+
+    def add(self, rows: Stretches) -> None:
+        """Take stretches in the order in which they closed."""
+        columns = rows.low, rows.high, rows.load, rows.sinkage, rows.step, rows.count
+        for wheel, *now in zip(rows.wheel.tolist(), *(c.tolist() for c in columns), strict=True):
+            shown = self._shown[wheel]
+            shown.append(tuple(now))
+            low, high, load, sinkage, step, count = np.array(shown).T
+            most, loads = float(high.max() - low.min()), float(np.std(np.log(load)))
+            varies = _USUAL * abs(sinkage[-1]) * math.hypot(loads, _TEXTURE)
+            coarse = step[-1] if most < step[-1] < math.inf else 0.0
+            full = len(shown) == _STUCK and count.sum() >= _STUCK
+            self.stuck[wheel] = full and most + coarse < _STILL * varies
+
+    def findings(self, names: Sequence[str]) -> tuple[str, ...]:
+        """In words, with what to check. names: of the wheels."""
+        return tuple(
+            f"{names[wheel]}: its sinkage sensor shows the same wherever it rolls, and is not used: is it"
+            " stuck, dirty, or does it look at the wheel?"
+            for wheel in np.flatnonzero(self.stuck).tolist()
+        )
+
+
+class Weighed(NamedTuple):
+    """Mean loads (N) of the wheels, and what they should add up to with its deviation, N."""
+
+    loads: Array
+    weight: float
+    weight_std: float
+
+
+class Weighing:
+    """Of a vehicle whose wheels' loads are all measured. mass: kg, 0: not known."""
+
+    def __init__(self, wheels: int, mass: float) -> None:
+        self._mass = mass
+        self._unlisted = NEVER, 0.0
+        self._loads: list[deque[tuple[float, float]]] = [
+            deque(maxlen=_WEIGHED) for _ in range(wheels)
+        ]
+
+    def add(self, rows: Stretches) -> Weighed | None:
+        """Take stretches; the weighing, once."""
+        if self._mass <= 0.0:
+            return None
+        columns = rows.wheel.tolist(), rows.load.tolist(), np.cos(rows.pitch).tolist()
+        for wheel, load, upright in zip(*columns, strict=True):
+            self._loads[wheel].append((load, upright))
+        if min(map(len, self._loads)) < _WEIGHED:
+            return None
+        loads, upright = np.array(self._loads).transpose(2, 0, 1)  # of wheels by stretches
+        sums = np.log(loads.sum(axis=0) / (self._mass * _GRAVITY * upright.mean(axis=0)))
+        off, means = float(sums.mean()), loads.mean(axis=1)
+        std = math.hypot(_MASS_STD, float(sums.std()) / math.sqrt(_WEIGHED))
+        weight = float(means.sum()) * math.exp(-off)
+        self._mass = 0.0
+        if any(abs(math.exp(off) / one - 1.0) < WEIGHT_OFF for _, one in UNITS):
+            return Weighed(
+                means, weight, weight * std
+            )  # cells that show kg, say: the mass is right
+        if off < -CONTRADICTION:
+            self._unlisted = int(rows.end.max()), 1.0 - math.exp(off)
+        return Weighed(means, weight, weight * (abs(off) if abs(off) > CONTRADICTION else std))
+
+    def unlisted(self, stamps: Integers) -> Array:
+        """Share of the weight that the listed wheels do not carry, as known at stamps (ns)."""
+        since, share = self._unlisted
+        return np.where(stamps >= since, share, 0.0)

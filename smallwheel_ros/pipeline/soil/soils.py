@@ -1,0 +1,402 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which soil the wheels are on: stretches in, versions of the law out.
+
+Those that end in the same quarter of a second are taken together, at its end, and wait for 0.6 m before they
+are used. The filter as it was up to 4 m ago is kept. With any stretch that comes, all since then are held
+against the law of then, for each border that there may be: with nu the innovations, S = H P H^T + R their
+covariance, g = -by on the stretches beyond the border and 0 before it,
+
+    shift = g^T S^-1 nu / (g^T S^-1 g),    variance = alike(rows) / (g^T S^-1 g)
+
+More than 4.75 sigma (5.5 over more than 0.6 m, 6.25 on one row), over a factor of 1.25, and shown by each wheel
+beyond it, is another soil: the filter goes back to what it was, uses what lies before the border, and opens to the
+prior, or to one of four remembered soils that is likelier of these stretches; what is known of the sensors
+stays. Stretches nearer to the border than their length are used for neither. Over 3 sigma nothing is determined.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.onboard.prior import (
+    EstimatorSettings,
+    SoilPrior,
+    covariates_of,
+)
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.intake.buffer import NEVER
+from smallwheel_ros.pipeline.refused import FilterHealth
+from smallwheel_ros.pipeline.rows.motion import ahead_of
+from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings
+from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
+
+from .filter import Law, SoilFilter
+from .identifiability import Variety
+from .local_law import Version, constants
+from .missing_effect import MissingEffectWatch
+from .model import (
+    LAW,
+    WHEELS,
+    reference_wheel,
+)
+from .saved_state import SoilRecord
+from .sensors import StuckSensors, Weighing
+from .stretches import Stretches, length_of
+
+_PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at 0.8 m/s
+_WAIT, _MOST = 3.0, 8  # lengths that a stretch waits; stretches of a wheel that turns on the spot
+_SETTLED = 10  # stretches of a soil after which it is worth remembering
+_LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
+# 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
+# near normal; one row alone has the tails of single places.
+_ONE_ROW, _LEAST_SIGMA, _LONG = 6.25, 4.75, 5.5
+_WINDOW, _APART = 4.0, 0.5  # m, in which a border is looked for; between laws that are kept
+_DOUBTED = 3.0  # sigma of a border that is suspected: until it is found or gone nothing is determined
+_SHARE, _WILD = (
+    0.3,
+    5.0,
+)  # of the shift that each wheel shows; deviations to which an innovation is cut
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A soil that was met: mean and covariance of (ln z_ref, n, m)."""
+
+    state: Law
+    number: int
+    variety: Variety
+
+
+class _Past(NamedTuple):
+    """The law before stretches were used, from a distance (m) on."""
+
+    distance: float
+    law: SoilFilter
+    rows: list[Stretches]
+
+
+class Soils:
+    """Uses stretches for the soil that they are of.
+
+    versions: of the law, the newest last. changes: found. accepted, outliers: readings used, and left out of
+    their stretch's mean. mass: kg, of the vehicle; 0: not known.
+    """
+
+    def __init__(
+        self,
+        prior: SoilPrior,
+        settings: EstimatorSettings,
+        effects: tuple[Effect, ...],
+        wheels: tuple[Wheel, ...],
+        mass: float = 0.0,
+    ) -> None:
+        covariates_of(effects)  # refuses what cannot be said, before the first message
+        self.prior, self.settings, self.effects, self.wheels = prior, settings, effects, wheels
+        self.mass = mass if settings.loads_measured else 0.0
+        self.length = max(map(length_of, wheels))
+        self.changes = self.outliers = self._met = 0
+        self.sensors = StuckSensors(len(wheels))
+        self._coming: Stretches | None = None  # of the period that is not over
+        self._onward, self._distance, self._since = True, 0.0, NEVER
+        self._leads = np.array(
+            [[not ahead_of(wheels, w, way) for way in (-1.0, 1.0)] for w in wheels]
+        )
+        self.versions = Versions(self._begin())
+
+    def _begin(self) -> Version:
+        """Know nothing but the prior of the soil, whose number is `_met`: its first version."""
+        self.filter: SoilFilter | None = None
+        self.waiting: Stretches | None = None
+        self.health = FilterHealth()
+        self.watch = MissingEffectWatch(self.effects, self.wheels, self.length, self.prior.soil)
+        self.weighing = Weighing(len(self.wheels), self.mass)
+        self.variety = Variety()
+        self.accepted = 0
+        self._border, self._old, self._number = -math.inf, 0, self._met
+        self._known: list[_Known] = []
+        self._past: deque[_Past] = deque()
+        self._doubted = False
+        law, covariance = self.prior.law
+        scatter = self.settings.soil_scatter**2, 0.0
+        return Version(
+            None, law, np.eye(LAW), law, covariance, scatter, self._number,
+            outliers=self.outliers, changes=self.changes, distance=self._distance,
+        )  # fmt: skip
+
+    def take(
+        self, closed: Stretches | None, rows: Readings, anew: Sequence[int] = ()
+    ) -> tuple[Integers, Integers]:
+        """Use the stretches that closed in these rows, those of one period together.
+
+        anew: stamps (ns) from which on nothing counts that was learnt before. Versions at each row: of the
+        soil that it is on, by the stretches before it, and of the newest soil.
+        """
+        first = len(self.versions) - 1
+        stamps: list[int] = []  # from which on each new version holds
+        until = int(rows.stamp[-1])
+        for end, group in self._periods(closed, until):
+            stamps += self._begin_anew(anew, end)
+            before = len(self.versions)
+            self._take(_where(group, group.end > self._since))
+            stamps += [end] * (len(self.versions) - before)
+        stamps += self._begin_anew(anew, until)
+        return self._version_of(rows, first, np.array(stamps, dtype=np.int64))
+
+    def _begin_anew(self, anew: Sequence[int], before: int) -> list[int]:
+        """Begin anew at the stamps (ns) that are new before one; which they are."""
+        new = [stamp for stamp in anew if self._since < stamp < before]
+        for self._since in new:
+            self._met += 1
+            self.versions.append(self._begin())
+        return new
+
+    def _periods(self, closed: Stretches | None, until: int) -> list[tuple[int, Stretches]]:
+        """Stretches by the end (ns) of their period and their way; those of one that is not over wait."""
+        if self._coming is not None:
+            closed = self._coming if closed is None else Stretches.joined([self._coming, closed])
+        if closed is None:
+            return []
+        due = -(-closed.end // _PERIOD) * _PERIOD
+        over = due <= until
+        self._coming = None if over.all() else closed.take(~over)
+        rows, due = _where(closed, over), due[over]
+        cuts = np.flatnonzero((np.diff(due) != 0) | np.diff(rows.onward)) + 1
+        groups = np.split(np.arange(len(rows)), cuts)
+        return [(int(due[group[0]]), rows.take(group)) for group in groups if group.size]
+
+    def _take(self, rows: Stretches) -> None:
+        if not len(rows):
+            return
+        self.outliers += int(rows.dropped.sum())
+        self._distance = float(rows.distance.max())
+        weighed = self.weighing.add(rows)
+        if weighed is not None and self.filter is not None:
+            self.filter.weigh(*weighed)
+        rows = self._moving(rows)
+        if not len(rows):
+            return
+        if self.filter is None:
+            reference = reference_wheel(rows, self.wheels, self.prior)
+            self.filter = SoilFilter(
+                self.prior, self.settings, self.effects, self.wheels, reference
+            )
+        self.watch.take(rows, lambda: constants(self.versions[-1].law))
+        self.health.add(rows, self._squares(rows))
+        onward = bool(rows.onward[-1])
+        if onward is not self._onward:
+            self._onward = onward
+            self._turn_back()
+        clear = _where(rows, rows.place >= self._border + self.length)
+        if not len(clear):
+            return
+        rolls = np.array([wheel.contact == ROLLING for wheel in self.wheels])[clear.wheel]
+        # A rig presses into one place: there is no border on the way down.
+        self._absorb(_where(clear, ~rolls))
+        clear = _where(clear, rolls)
+        if not len(clear):
+            return
+        self.waiting = clear if self.waiting is None else Stretches.joined([self.waiting, clear])
+        leads = self._leads[clear.wheel, clear.onward.astype(int)]
+        if leads.any() and self._changed():
+            return
+        used = self.filter.used
+        self._absorb(self._ready(float(clear.distance[-1]) if used >= _SETTLED else math.inf))
+
+    def _squares(self, rows: Stretches) -> Array:
+        """Squared innovations over their variances; NaN before the law is settled."""
+        law = self.filter
+        if law is None or not law.settled:
+            return np.full(len(rows), np.nan)
+        miss, covariance, _ = law.innovations(rows)
+        return np.asarray(miss**2 / np.diag(covariance))
+
+    def _moving(self, rows: Stretches) -> Stretches:
+        """Those of sensors that are not stuck; what waits of one that turns out to be is dropped."""
+        self.sensors.add(rows)
+        stuck = self.sensors.stuck
+        if self.waiting is not None and stuck.any():
+            self.waiting = self.waiting.take(~stuck[self.waiting.wheel])
+        return _where(rows, ~stuck[rows.wheel])
+
+    def _ready(self, distance: float) -> Stretches | None:
+        """Take out the stretches that have waited long enough."""
+        waiting = self.waiting
+        if waiting is None or not len(waiting):
+            return None
+        ready = waiting.distance < distance - _WAIT * self.length
+        for wheel in np.unique(waiting.wheel).tolist():
+            mine = np.flatnonzero(waiting.wheel == wheel)
+            ready[mine[:-_MOST]] = True
+        if not ready.any():
+            return None
+        self.waiting = _where(waiting, ~ready)
+        return _where(waiting, ready)
+
+    def _absorb(self, rows: Stretches | None, *, quietly: bool = False) -> None:
+        if rows is None or not len(rows) or self.filter is None:
+            return
+        distance = float(rows.distance[-1])
+        if not self._past or distance >= self._past[-1].distance + _APART:
+            self._past.append(_Past(distance, self.filter.copy(), []))
+            while len(self._past) > 1 and self._past[1].distance < distance - _WINDOW:
+                self._past.popleft()
+        self._past[-1].rows.append(rows)
+        self.filter.absorb(rows)
+        if quietly:
+            return
+        self.accepted += int(rows.count.sum())
+        for wheel, load in zip(rows.wheel.tolist(), rows.load.tolist(), strict=True):
+            size = self.wheels[wheel]
+            self.variety = self.variety.with_wheel(size.diameter, load / size.width)
+        self._publish()
+
+    def _publish(self) -> None:
+        law, watch = self.filter, self.watch
+        assert law is not None
+        places, still = law.scatter.places
+        self.versions.append(
+            Version(
+                law.model, *law.law, law.mean, law.covariance, (places + watch.missed_variance, still),
+                self._number, law.settled and not self._doubted, self.accepted, self._border, self._old, self.variety,
+                watch.alarm, watch.missed_variance, self.outliers, self.changes, self._distance,
+            )
+        )  # fmt: skip
+
+    def _turn_back(self) -> None:
+        """The vehicle drives the other way: the last wheels come first, and places count from there."""
+        self._absorb(self._ready(math.inf))
+        self._border = -math.inf
+        self._past.clear()  # places count from here
+
+    def _changed(self) -> bool:
+        """Look for a border: everything ahead of it is off by one factor of k."""
+        while len(self._past) > 1 and not self._past[0].law.settled:
+            self._past.popleft()
+        if not self._past or not self._past[0].law.settled:
+            return False
+        parts = [rows for one in self._past for rows in one.rows]
+        assert self.waiting is not None
+        rows = Stretches.joined([*parts, self.waiting])
+        rows = rows.take(np.argsort(-rows.place, kind="stable"))
+        miss, covariance, by_load = self._past[0].law.innovations(rows)
+        if not (by_load > 0.0).all():
+            return False
+        most = _WILD * np.sqrt(np.diag(covariance))
+        known = np.linalg.inv(covariance)
+        score = -by_load * (known @ np.clip(miss, -most, most))
+        weight = known * np.outer(by_load, by_load)
+        ones = (rows.wheel[:, None] == np.arange(len(self.wheels))).astype(float)
+        size, sigma = _shifts(score, weight)
+        counts = np.cumsum(ones, axis=0)
+        sigma /= np.sqrt(_alike(counts.max(axis=1)))
+        enough = (counts > 0).sum(axis=1) >= min(2, int(ones.any(axis=0).sum()))
+        sigma = np.where(enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)
+        self._doubted = bool(sigma.max() > _DOUBTED)
+        longest = counts.max(axis=1)
+        least = np.where(longest == 1, _ONE_ROW, np.where(longest <= _WAIT, _LEAST_SIGMA, _LONG))
+        found = sigma >= least
+        if not found.any():
+            return False
+        for mine, count in zip(ones.T, counts.T, strict=True):
+            own, _ = _shifts(score * mine, weight * np.outer(mine, mine))
+            found &= (count == 0) | (own / size > _SHARE)
+        if not found.any():
+            return False
+        best = int(np.argmax(np.where(found, sigma, 0.0)))
+        self._change(float(rows.place[best]), float(size[best]))
+        return True
+
+    def _change(self, place: float, shift: float) -> None:
+        """Close the old soil, and go on with the prior or with a soil that is remembered."""
+        assert self.waiting is not None
+        past = [rows for one in self._past for rows in one.rows]
+        self.filter, new = self._past[0].law, []
+        self._past.clear()
+        for rows in (*past, self.waiting):
+            self._absorb(rows.take(rows.place < place - self.length), quietly=True)
+            new.append(rows.take(rows.place >= place))
+        law, new, self.waiting = self.filter, Stretches.joined(new), None
+        self._past.clear()
+        self._publish()
+        self._old = len(self.versions) - 1
+        if law.used >= _SETTLED:
+            state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
+            self._known = [*self._known, _Known(state, self._number, self.variety)][-REMEMBERED:]
+        likely = [law.log_likelihood(None, new)]
+        likely += [law.log_likelihood(known.state, new) for known in self._known]
+        best = int(np.argmax(likely))
+        known = None if best == 0 else self._known[best - 1]
+        law.reopen(None if known is None else known.state, shift, float(new.distance.max()))
+        self.variety = Variety() if known is None else known.variety
+        self._met += known is None
+        self._number = self._met if known is None else known.number
+        self._border, self._doubted = place, False
+        self.changes += 1
+        self.health.forget()
+        self._publish()
+        clear = new.take(new.place >= place + self.length)
+        self._absorb(clear)
+
+    # -- files
+
+    def record(self) -> SoilRecord | None:
+        """What to save of the newest soil; None before anything was learnt of it."""
+        law = self.filter
+        if law is None or not law.used:
+            return None
+        covariance = law.covariance[:WHEELS, :WHEELS]
+        symmetric = 0.5 * (covariance + covariance.T)
+        return SoilRecord(law.model.reference, law.mean[:WHEELS].copy(), symmetric)
+
+    def resume(self, saved: SoilRecord, variety: Variety, accepted: int) -> None:
+        """Go on from a saved soil: before any stretch."""
+        law = SoilFilter(self.prior, self.settings, self.effects, self.wheels, saved.reference)
+        law.resume(saved.mean, saved.covariance, _SETTLED)
+        self.filter, self.variety, self.accepted = law, variety, accepted
+        self._publish()
+
+    # -- out
+
+    def _version_of(
+        self, rows: Readings, first: int, stamps: Integers
+    ) -> tuple[Integers, Integers]:
+        """See `take`. first: number of the version that held before these rows."""
+        version = first + np.searchsorted(stamps, rows.stamp)
+        places = np.array([w.longitudinal_position for w in self.wheels])[rows.wheel]
+        place = rows.distance + np.where(rows.onward, places, -places)
+        since = [self.versions[number] for number in range(first, len(self.versions))]
+        border = np.array([one.border for one in since])[version - first]
+        old = np.array([one.old for one in since])[version - first]
+        return np.where(place < border, old, version), version
+
+    def forget(self, version: Integers) -> None:
+        """Keep versions that rows are on still, of these numbers, the newest and that behind the border."""
+        self.versions.forget({*np.unique(version).tolist(), self.versions[-1].old})
+
+
+def _where(rows: Stretches, keep: Flags) -> Stretches:
+    """Some of the rows; all of them as they are."""
+    found: Stretches = rows if keep.all() else rows.take(keep)
+    return found
+
+
+def _shifts(score: Array, weight: Array) -> tuple[Array, Array]:
+    """Shift of ln k of all rows up to each, and how many deviations that is."""
+    many = np.diag(np.cumsum(np.cumsum(weight, axis=0), axis=1))
+    total = np.maximum(many, 1e-12)
+    sums = np.cumsum(score)
+    return sums / total, np.abs(sums) / np.sqrt(total)
+
+
+def _alike(lengths: Array) -> Array:
+    """Variance of the mean over so many lengths, over that of independent single lengths."""
+    mean_variance = 2.0 / lengths**2 * (lengths - 1.0 + np.exp(-lengths))
+    return np.asarray(lengths * mean_variance / (2.0 * math.exp(-1.0)))

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Readings of a wheel on 0.2 m of its own path become one measurement of the soil.
+
+    stretch   rows from one on to the last before path - start >= length; it ends as well where the
+              vehicle turns back, and then counts from half that length on
+    sinkage   mean of the rows within 3 (sigma + MAD) of their median
+    load      exp(mean ln W), shrunk to the wheel's mean by the share of noise in its spread
+              (regression calibration, Carroll and others 2006)
+    sigma     of one reading, and of ln load, from second differences: a trend is no noise
+
+Rows of a wheel that has not moved since its last row do not count: a wheel that stands tells nothing new.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from smallwheel_ros.onboard.prior import covariates_of
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.tables import (
+    SECOND,
+    Array,
+    Columns,
+    Flags,
+    Integers,
+    Readings,
+    mean,
+    median,
+)
+
+_SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
+# Readings that the learnt noise, and the told one, count for.
+_NOISE_MEMORY, _TOLD_READINGS = 200.0, 20.0
+_WORST_NOISE, _CUT_MEAN = 2.0, 0.742  # squared differences are cut there; mean of what is left
+_KEPT = 3.0  # readings so many deviations from the median are left out
+_LOAD_MEMORY = 100  # stretches
+# Of ln load: between stretches; of a reading until learnt.
+_LEAST_LOAD_SPREAD, _TOLD_LOAD = 0.02, 0.02
+# Path after which a wheel stands on other soil: correlation exp(-path/length). Of a pressed wheel it is new
+# depth, m and m per m of diameter.
+LENGTH, _PRESSED = 0.2, 0.02
+_MOST_ROWS = 2000  # of a pressed wheel, which need not move
+
+
+@dataclass(frozen=True)
+class Loaded(Columns):
+    """Wheels under loads: what the law is asked of.
+
+    load: N, without its cell's noise; load_variance: of its logarithm by that. load_rate: d ln load / dt,
+    1/s. slip, speed: 1, m/s, NaN where not known. passes, pass_doubt: as in `Readings`.
+    """
+
+    wheel: Integers
+    load: Array
+    load_variance: Array
+    load_rate: Array
+    slip: Array
+    speed: Array
+    passes: Array
+    pass_doubt: Array
+
+
+@dataclass(frozen=True)
+class Stretches(Loaded):
+    """A row for each stretch, in the order in which they close.
+
+    end: stamp (ns) of the row that closed it. sinkage: mean, m; variance: m^2, of that by the sensor's
+    noise. pitch: rad. place: of the wheel along the vehicle's path, m. count, dropped: readings in the mean,
+    and left out. low, high: least and most that was shown; step: least difference of two readings, m.
+    """
+
+    end: Integers
+    sinkage: Array
+    variance: Array
+    pitch: Array
+    distance: Array
+    place: Array
+    onward: Flags
+    count: Integers
+    dropped: Integers
+    low: Array
+    high: Array
+    step: Array
+
+
+def length_of(wheel: Wheel) -> float:
+    """Length (m) of a stretch of a wheel, by its contact."""
+    return LENGTH if wheel.contact == ROLLING else _PRESSED * wheel.diameter
+
+
+@dataclass(frozen=True)
+class _Rows(Columns):
+    """What a stretch is made of: columns of `Readings`."""
+
+    stamp: Integers
+    sinkage: Array
+    load: Array
+    slip: Array
+    speed: Array
+    passes: Array
+    pass_doubt: Array
+    pitch: Array
+    distance: Array
+    path: Array
+    onward: Flags
+
+    @classmethod
+    def of(cls, rows: Readings, chosen: Integers) -> _Rows:
+        """These columns of some of the rows."""
+        return cls(**{one.name: getattr(rows, one.name)[chosen] for one in fields(cls)})
+
+
+@dataclass
+class _Wheel:
+    """What is learnt of a wheel, and its open stretch."""
+
+    length: float
+    reading_variance: float
+    load_noise: float = _TOLD_LOAD**2
+    noise_readings: float = _TOLD_READINGS
+    step: float = math.inf
+    load_mean: float = 0.0
+    load_spread: float = _LEAST_LOAD_SPREAD**2
+    stretches: int = 0
+    open: _Rows | None = None
+
+    def calibrated(self, mean: Array, count: Array) -> tuple[Array, Array]:
+        """Load (N) of means of ln load, and the variance of its logarithm."""
+        noise = self.load_noise / count
+        if self.stretches == 0:
+            return np.exp(mean), noise
+        share = np.minimum(noise / max(self.load_spread, 1e-8), 1.0)
+        return np.exp(mean - share * (mean - self.load_mean)), noise * (1.0 - share)
+
+
+@dataclass
+class StretchState:
+    """What is carried from block to block: a `_Wheel` each."""
+
+    wheels: list[_Wheel] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, settings: OnboardSettings) -> StretchState:
+        """Before anything was measured."""
+        variance = settings.estimator.sinkage_std**2
+        return cls([_Wheel(length_of(wheel), variance) for wheel in settings.wheels])
+
+
+@dataclass(frozen=True)
+class Loads(Columns):
+    """Of each row: load (N) without its cell's noise, and its deviation."""
+
+    load: Array
+    load_std: Array
+
+
+def stretches(
+    state: StretchState, rows: Readings, settings: OnboardSettings
+) -> tuple[Stretches | None, Loads]:
+    """Stretches that close in this block, and the loads of its rows without their noise."""
+    found: list[Stretches] = []
+    load, load_std = rows.load.copy(), rows.load_std.copy()
+    usable = np.isfinite(rows.sinkage) & np.isfinite(rows.load) & (rows.load > 0.0)
+    for name in covariates_of(settings.effects):
+        usable &= np.isfinite(getattr(rows, name))
+    for number, wheel in enumerate(settings.wheels):
+        mine = np.flatnonzero((rows.wheel == number) & usable)
+        if not mine.size:
+            continue
+        static = wheel.name in settings.static_loads
+        own = _Rows.of(rows, mine)
+        closed, calm, deviation = _of_wheel(state.wheels[number], own, settings, number)
+        found += closed
+        if not static:
+            load[mine], load_std[mine] = calm, deviation
+    if not found:
+        return None, Loads(load, load_std)
+    whole = Stretches.joined(found)
+    return whole.take(np.lexsort((whole.wheel, whole.end))), Loads(load, load_std)
+
+
+def _of_wheel(
+    state: _Wheel, rows: _Rows, settings: OnboardSettings, number: int
+) -> tuple[list[Stretches], Array, Array]:
+    """Closed stretches of a wheel; loads of its rows as they are known at each, and their deviations."""
+    wheel = settings.wheels[number]
+    ahead = wheel.longitudinal_position
+    before = state.open
+    held = 0 if before is None else len(before)
+    joined = rows if before is None else _Rows.joined([before, rows])
+    path, onward = joined.path, joined.onward
+    moved = np.concatenate([[False], path[1:] > path[:-1]])
+    if wheel.contact != ROLLING:
+        moved[:] = True
+    log_load = np.log(joined.load)
+    calm, deviation = np.empty(len(joined)), np.empty(len(joined))
+    turns = np.flatnonzero(np.diff(onward))
+    found: list[Stretches] = []
+    start = 0
+    while True:
+        end = int(np.searchsorted(path, path[start] + state.length))
+        turn = turns[np.searchsorted(turns, start)] + 1 if (turns >= start).any() else len(joined)
+        stop = min(end, int(turn))
+        part = slice(start, min(stop, len(joined)))
+        moved[start] = True
+        count = np.cumsum(moved[part]).astype(float)
+        means = np.cumsum(np.where(moved[part], log_load[part], 0.0)) / count
+        value, variance = state.calibrated(means, count)
+        calm[part], deviation[part] = value, value * np.sqrt(variance)
+        if stop >= len(joined):
+            break
+        enough = state.length if stop == end else 0.5 * state.length
+        if path[stop] - path[start] >= enough:
+            chosen = np.flatnonzero(moved[part])[:_MOST_ROWS] + start
+            if chosen.size:
+                stretch = joined.take(chosen)
+                found.append(
+                    _close(state, number, stretch, log_load[chosen], joined.stamp[stop], ahead)
+                )
+        start = stop
+    rest = joined.take(slice(start, None))
+    keep = moved[start:].copy()
+    keep[:1] = keep[-1:] = True
+    if wheel.contact != ROLLING and len(rest) > _MOST_ROWS:
+        keep[_MOST_ROWS:-1] = False
+    state.open = rest.take(keep)
+    return found, calm[held:], deviation[held:]
+
+
+def _close(
+    state: _Wheel, number: int, rows: _Rows, log_load: Array, end: int, ahead: float
+) -> Stretches:
+    """One stretch; what it tells of the wheel's noise and loads is learnt before."""
+    sinkage, count = rows.sinkage, len(rows)
+    _learn_noise(state, sinkage, log_load)
+    middle = median(sinkage)
+    off = np.abs(sinkage - middle)
+    kept = off <= _KEPT * (math.sqrt(state.reading_variance) + median(off))
+    in_mean = int(kept.sum())
+    mean_log_load = mean(log_load)
+    _learn_loads(state, mean_log_load, count)
+    load, load_variance = state.calibrated(np.array([mean_log_load]), np.array([float(count)]))
+    onward = bool(rows.onward[-1])
+    place = mean(rows.distance) + (ahead if onward else -ahead)
+    numbers = {
+        "end": end, "wheel": number, "sinkage": mean(sinkage[kept]),
+        "variance": state.reading_variance / in_mean, "load": load[0],
+        "load_variance": load_variance[0], "load_rate": _slope(rows.stamp, log_load),
+        "slip": _known_mean(rows.slip), "speed": _known_mean(rows.speed), "pitch": mean(rows.pitch),
+        "distance": rows.distance[-1], "place": place, "passes": _known_mean(rows.passes),
+        "pass_doubt": _known_mean(rows.pass_doubt), "onward": onward, "count": in_mean,
+        "dropped": count - in_mean, "low": sinkage.min(), "high": sinkage.max(), "step": state.step,
+    }  # fmt: skip
+    return Stretches(**{name: np.array([value]) for name, value in numbers.items()})
+
+
+def _learn_noise(state: _Wheel, sinkage: Array, log_load: Array) -> None:
+    apart = np.abs(np.diff(sinkage))
+    state.step = min(state.step, float(np.min(apart, where=apart > 0.0, initial=math.inf)))
+    if sinkage.size < 3:
+        return
+    weight = min(1.0, sinkage.size / (state.noise_readings + sinkage.size))
+    noise = _noise(sinkage, state.reading_variance) - state.reading_variance
+    state.load_noise += weight * (_noise(log_load, state.load_noise) - state.load_noise)
+    # A sensor that shows whole steps, or one number, is not for that without noise.
+    state.reading_variance = max(state.reading_variance + weight * noise, 1e-10)
+    state.noise_readings = min(state.noise_readings + sinkage.size, _NOISE_MEMORY)
+
+
+def _learn_loads(state: _Wheel, mean: float, count: int) -> None:
+    """Mean and spread of ln load from stretch to stretch, noise included."""
+    state.stretches += 1
+    gain = max(1.0 / state.stretches, 1.0 / _LOAD_MEMORY)
+    if state.stretches == 1:
+        state.load_mean = mean
+        state.load_spread += state.load_noise / count
+        return
+    off = mean - state.load_mean
+    state.load_mean += gain * off
+    state.load_spread += gain * ((1.0 - gain) * off * off - state.load_spread)
+
+
+def _noise(values: Array, believed: float) -> float:
+    """Variance of one reading from second differences, a few wild ones cut."""
+    squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
+    return mean(np.minimum(squares, _WORST_NOISE * believed)) / _CUT_MEAN
+
+
+def _slope(stamp: Integers, values: Array) -> float:
+    """Slope of values over time, 1/s; 0 for too few."""
+    time = (stamp - stamp[0]) / SECOND
+    centred = time - mean(time)
+    square = float(centred @ centred)
+    return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
+
+
+def _known_mean(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return mean(known) if known.size else math.nan

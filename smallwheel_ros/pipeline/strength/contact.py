@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Wheels on the soil under them: sinkage and resistances with their covariance, for many rows at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from smallwheel_ros.effects.base import Effect, WheelState
+from smallwheel_ros.model.nearby import neighbours, slopes
+from smallwheel_ros.model.stages import Stages
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
+from smallwheel_ros.physics.wheel import Strength, Wheel
+from smallwheel_ros.pipeline.soil.local_law import LocalLaws
+from smallwheel_ros.pipeline.soil.model import LOG_DEPTH, covariates, sinkage_of
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers
+
+
+@dataclass(frozen=True)
+class OnSoil(Columns):
+    """Of wheels: load (N), sinkage (m), compaction and other resistance (N).
+
+    covariance: of these three and ln load, by law, the place's deviation of ln k, and load, (rows, 4, 4);
+    own: of that what is the wheel's own. exponent: n. reaching: of the load, by the effects, what the soil
+    carries (N); factor: of the effects on thrust. sunk: to the axle.
+    """
+
+    wheel: Integers
+    load: Array
+    sinkage: Array
+    compaction: Array
+    other: Array
+    covariance: Array
+    own: Array
+    exponent: Array
+    reaching: Array
+    factor: Array
+    sunk: Flags
+
+    def means(self, group: Integers, weight: Array) -> OnSoil:
+        """Means over rows of each group, 0, 1, ..; sunk where one of them is. weight: of the rows."""
+        total = np.bincount(group, weights=weight)
+        columns: dict[str, Array] = {}
+        for field in fields(self):
+            column = getattr(self, field.name)
+            sums = np.zeros((total.size, *column.shape[1:]))
+            np.add.at(sums, group, column * weight.reshape(-1, *[1] * (column.ndim - 1)))
+            columns[field.name] = sums / total.reshape(-1, *[1] * (column.ndim - 1))
+        whole: dict[str, Any] = columns
+        whole["wheel"] = np.rint(columns["wheel"]).astype(np.int64)
+        whole["sunk"] = np.bincount(group, weights=self.sunk) > 0.0
+        return OnSoil(**whole)
+
+    def variance(self, **by: Array | float) -> Array:
+        """Of a quantity with slopes by `sinkage`, `compaction`, `other` and `log_load`."""
+        row = np.zeros((len(self), 4))
+        for i, name in enumerate(("sinkage", "compaction", "other", "log_load")):
+            row[:, i] = by.get(name, 0.0)
+        return np.asarray(np.maximum(np.einsum("ri,rij,rj->r", row, self.covariance, row), 0.0))
+
+
+def on_soil(
+    wheels: tuple[Wheel, ...], wheel: Integers, laws: LocalLaws, shown: Array, shown_std: Array,
+    *, scatter: float, effects: tuple[Effect, ...] = (),
+    slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
+) -> OnSoil:  # fmt: skip
+    """Put wheels on soils. shown, shown_std: loads by their cells without their noise, N.
+
+    scatter: deviation of ln k from place to place. NaN where slip (1) or speed (m/s) is not known and an
+    effect reads it.
+    """
+    known, read = covariates(effects, shown.size, slip, speed)
+    if known.size < shown.size:
+        some = on_soil(
+            wheels, wheel[known], laws.take(known), shown[known], shown_std[known], scatter=scatter,
+            effects=effects, slip=read.get("slip"), speed=read.get("speed"),
+            strength=strength,
+        )  # fmt: skip
+        return _among(some, known, wheel)
+    load = laws.load(shown)
+    law = laws.law.copy()
+    law[:, 0] -= law[:, 1] * LOG_DEPTH
+    reaching: Array = load.copy()
+    factor: Array = np.ones(load.size)
+    # Of sinkage, compaction, other, ln load by ln K, n, m, ln load.
+    by_law = np.zeros((load.size, 4, 4))
+    by_law[:, 3, 3] = 1.0
+    diameter, width = (
+        np.array([getattr(w, a) for w in wheels])[wheel] for a in ("diameter", "width")
+    )
+    rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
+    if effects and load.size:
+        contact = np.array([w.contact for w in wheels])[wheel]
+        conditions = Conditions(load, diameter, width, contact, None, read)
+        shear: tuple[()] | tuple[float, float, float] = ()
+        if strength is not None:
+            three = strength.cohesion, strength.friction_angle, strength.shear_displacement
+            shear = three[0].value, three[1].value, three[2].value
+        found = neighbours(law, conditions, effects, shear)
+        table = np.stack([found.sinkage, found.compaction_resistance, found.true_resistance])
+        table[2] -= table[1]
+        table[1:, np.tile(~rolling, 9)] = 0.0
+        by_law[:, :3] = np.stack([slopes(column) for column in table]).transpose(2, 0, 1)
+        sinkage, compaction, other = (np.asarray(column[: load.size]) for column in table)
+        sunk = found.immobilised[: load.size]
+        if strength is not None and rolling.any():
+            stages = Stages(effects, conditions)
+            k = np.exp(law[:, 0] - law[:, 2] * np.log(REFERENCE_DIAMETER))
+            on, size, modulus, n = stages.loaded(k, law[:, 1], law[:, 2])
+            soil = (np.full(load.size, shear[0]), np.full(load.size, shear[1])) if shear else ()
+            state = WheelState(on, size, width, found.true_sinkage[: load.size], modulus, n, *soil)
+            factor = np.where(rolling, stages.product("thrust_factor", state), factor)
+            reaching = np.where(rolling, on, load)
+    else:
+        made = sinkage_of(law, load, wheels, wheel)
+        sinkage, sunk, other = made.value, made.sunk, np.zeros(load.size)
+        by_law[:, 0] = made.slopes
+        # R = b K z^(n + 1)/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
+        power, log_z = law[:, 1] + 1.0, np.log(sinkage)
+        across = np.log(diameter / REFERENCE_DIAMETER)
+        compaction = width * np.exp(law[:, 0] + law[:, 2] * across + power * log_z) / power
+        compaction = np.where(rolling, compaction, 0.0)
+        direct = np.stack(
+            [np.ones(load.size), log_z - 1.0 / power, across, np.zeros(load.size)], axis=1
+        )
+        along = direct + (power / sinkage)[:, None] * made.slopes
+        by_law[:, 1] = compaction[:, None] * along
+    # From here on by ln pressure, n, m and ln load.
+    by_law[:, :3, 1] -= by_law[:, :3, 0] * LOG_DEPTH
+    spread = laws.with_load(shown)
+    alone = np.zeros((load.size, 4, 4))
+    alone[:, 0, 0], alone[:, 3, 3] = scatter**2, (shown_std / shown) ** 2
+    own = by_law @ alone @ by_law.transpose(0, 2, 1)
+    both = by_law @ spread @ by_law.transpose(0, 2, 1) + own
+    return OnSoil(
+        wheel, load, sinkage, compaction, other, both, own, law[:, 1], reaching, factor, sunk
+    )
+
+
+def _among(some: OnSoil, known: Integers, wheel: Integers) -> OnSoil:
+    """Rows of some wheels among those of which nothing is known."""
+    columns = {}
+    for field in fields(some):
+        column = getattr(some, field.name)
+        blank = np.nan if column.dtype == float else False
+        columns[field.name] = np.full((wheel.size, *column.shape[1:]), blank, dtype=column.dtype)
+        columns[field.name][known] = column
+    columns["wheel"] = wheel
+    return OnSoil(**columns)

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The soil's strength and the grip at a place, from what a vehicle's wheels pull: one filter (filterpy).
+
+State x, with the standard deviations of its prior:
+
+    c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; of
+                      ln K as well what forms of the shear curve differ by     0.3
+                      of phi for the margin as well what any ground differs by 0.25
+    rho               motion resistance that the law does not give, over load  0.02
+    d                 error of the measured slips, common to all wheels        0.025 in each step
+    eta               share of its rolling displacement by which a wheel shears soil  1, about 0.5
+    f                 friction of the drives at the rim, over load             0.01, about 0.005
+    b                 zero of the imu, as a force forward per mass             1.5 degrees of g
+    d_1 .. d_W        error of each wheel's slip: its radius                   0.01
+    t_1 .. t_W        ln of the scale of each wheel's torque                   0.1
+    g_0 .. g_N        ln of the grip, in cells of 0.1 m of the ground from under the first wheel to
+                      under the last one                                       0.25
+
+Prediction, for each cell that the vehicle moves on: the wheels behind come to the cells of those before
+them, g_0 <- a g_0 with a = exp(-0.1 m / 0.7 m); Q: of g_0 (1 - a^2) 0.25^2, of d its prior's, and of c, phi
+and ln K so much that they are open again after 200 m.
+
+Measurements, of means over a step, all at once (thrust H_w, resistance B_w, torque T_w: `shear`):
+
+    pull      P_w = h H_w - B_w - E_w - rho W_w          h, E_w: of the model's effects
+    balance   sum over wheels P_w = M (a -+ b)           a: specific force g sin(slope) + dv/dt, - forward
+    torque    e^t_w h T_w / r + f W_w, a force at the rim
+
+H is taken at the slip at which the predicted law gives the pull that was measured: that pull is asked for,
+and slip answers to it and to the grip. The update is iterated (Bell and Cathey 1993): thrust is far from
+straight in slip, K and grip. A measurement that is 4 deviations off opens the grip of all cells again, and
+counts as little as it is likely.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+
+from smallwheel_ros.physics.wheel import Strength, Wheel
+from smallwheel_ros.pipeline.rows.level import news
+from smallwheel_ros.pipeline.tables import Array
+
+from .forces import (
+    COHESION,
+    FRICTION,
+    LEVEL,
+    LOSS,
+    OTHER,
+    ROLLING,
+    SHEAR,
+    SLIP,
+    WHEELS,
+    Force,
+    Rolling,
+    forces,
+)  # fmt: skip
+from .steps import CELL
+
+STRENGTH = 4  # numbers of the state that belong to the soil
+GRIP_STD, SLIP_STD, LEVEL_STD, FORM_SHEAR = 0.25, 0.025, 0.257, 0.3
+_OTHER_STD, _TORQUE_SCALE_STD, _RADIUS_STD = 0.02, 0.1, 0.01
+_LOSS, _LOSS_STD, _ROLLING, _ROLLING_STD = 0.005, 0.01, 1.0, 0.5
+_LOW, _HIGH, _MOST = (-300.0, 0.1, math.log(2e-3)), (6000.0, 1.0, math.log(0.1)), 2.0
+_LEAST_STD = (1.0, 1e-4, 1e-3)
+_LAW_ERROR, _TORQUE_ERROR, _LEAST_TORQUE = 0.02, 0.05, 0.25  # of the load; N at the rim
+_GRIP_LENGTH, _OPEN_AFTER = 0.7, 200.0  # m
+_ITERATIONS, _EXACT, _SURPRISE = 6, 1e-2, 4.0
+_ONE_SITE = math.sqrt(0.5)  # correlation of the strengths of two soils that one vehicle crosses
+Forces = tuple[Force, Force, Force]
+_NEWTON_STEPS, _NEWTON_MOST, _LEAST_SLOPE = 2, 0.1, 0.1  # slip a step; of the load a unit of slip
+
+
+class StrengthFilter:
+    """See the module. kalman: filterpy's; its x and P are the state."""
+
+    def __init__(self, strength: Strength, wheels: tuple[Wheel, ...], mass: float) -> None:
+        self.mass = mass
+        places = np.array([wheel.longitudinal_position for wheel in wheels])
+        first, last = (places.max(), places.min()) if places.size else (0.0, 0.0)
+        self._behind = np.rint((first - places) / CELL).astype(int)
+        self._ahead = np.rint((places - last) / CELL).astype(int)
+        self.cells = self._behind
+        count = int(self._behind.max(initial=0)) + 1
+        self._grip = WHEELS + 2 * len(wheels)
+        shear = min(max(strength.shear_displacement.value, 2e-3), 0.1)
+        own = (
+            strength.cohesion.standard_deviation, strength.friction_angle.standard_deviation,
+            math.hypot(strength.shear_displacement.standard_deviation / shear, FORM_SHEAR),
+        )  # fmt: skip
+        rest = [_OTHER_STD, SLIP_STD, _ROLLING_STD, _LOSS_STD, LEVEL_STD]
+        rest += [_RADIUS_STD] * len(wheels) + [_TORQUE_SCALE_STD] * len(wheels) + [GRIP_STD] * count
+        spread = np.array([*np.maximum(own, _LEAST_STD), *rest])
+        mean = np.zeros(spread.size)
+        mean[[COHESION, FRICTION]] = strength.cohesion.value, strength.friction_angle.value
+        mean[[SHEAR, ROLLING, LOSS]] = math.log(shear), _ROLLING, _LOSS
+        self.prior_mean, self.prior_std = mean[:STRENGTH], spread[:STRENGTH]
+        self.kalman = ExtendedKalmanFilter(dim_x=mean.size, dim_z=1)
+        self.kalman.x, self.kalman.P = mean, np.diag(np.square(spread))
+        self._moved, self._way, self._count, self._begun = 0.0, 1.0, count, False
+        self._level, self._drag = (0.0, LEVEL_STD), 0.0
+
+    def move(self, distance: float, forward: bool, slip_std: float) -> None:
+        """Predict over a distance (m): to the next cells of ground, and to a new error of slip."""
+        self._way = 1.0 if forward else -1.0
+        cells = self._behind if forward else self._ahead
+        if self._begun and not np.array_equal(cells, self.cells):
+            self._open()
+        self._begun = True
+        self.cells = cells
+        self._moved += distance
+        steps = int(self._moved / CELL + 0.5)
+        self._moved -= steps * CELL
+        for _ in range(min(steps, 2 * self._count)):
+            self._predict(True, slip_std)
+        if not steps:
+            self._predict(False, slip_std)
+
+    def _predict(self, onward: bool, slip_std: float) -> None:
+        kalman, size, grip = self.kalman, self.kalman.x.size, self._grip
+        F, Q = np.eye(size), np.zeros((size, size))
+        F[SLIP, SLIP], Q[SLIP, SLIP] = 0.0, slip_std**2
+        if onward:
+            kept = math.exp(-CELL / _GRIP_LENGTH)
+            F[grip:, grip:] = np.eye(self._count, k=-1)
+            F[grip, grip], Q[grip, grip] = kept, GRIP_STD**2 * (1.0 - kept**2)
+            drift = np.square(self.prior_std[:OTHER]) * 2.0 * CELL / _OPEN_AFTER
+            Q[range(OTHER), range(OTHER)] = drift
+        kalman.F, kalman.Q = F, Q
+        kalman.predict()
+
+    def level(self, zero: Array | None, drag: float) -> None:
+        """Use what is known of the imu's zero: what is new in (value, deviation), m/s^2, since the last one.
+
+        drag: m/s^2 by which wheels that are not listed may hold the vehicle back; it counts once.
+        """
+        kalman = self.kalman
+        wider, value, precision = max(drag**2 - self._drag**2, 0.0), 0.0, 0.0
+        self._drag = max(self._drag, drag)
+        if zero is not None:
+            less, value, precision = news(self._level, (float(zero[0]), float(zero[1])))
+            wider, self._level = wider + less, (float(zero[0]), float(zero[1]))
+        if wider > 0.0:
+            kalman.P = kalman.P.copy()  # versions keep the one before
+            kalman.P[LEVEL, LEVEL] += wider
+        if precision > 0.0:
+            H = np.zeros((1, kalman.x.size))
+            H[0, LEVEL] = 1.0
+            kalman.dim_z = 1
+            R = np.array([[1.0 / precision]])
+            kalman.update(
+                np.array([value / precision]), lambda _: H, lambda x: x[LEVEL : LEVEL + 1], R=R
+            )
+
+    def _open(self) -> None:
+        """Believe again in any grip of the cells; what they have in common with the rest goes."""
+        P, grip = self.kalman.P.copy(), self._grip
+        self.kalman.P = P  # versions keep the one before
+        before = np.diag(P)[grip:].copy()
+        P[grip:, :grip] = P[:grip, grip:] = 0.0
+        P[grip:, grip:] = np.diag(before + GRIP_STD**2)
+
+    def update(
+        self,
+        at: Rolling,
+        torque: Array,
+        pull: Array,
+        pull_std: Array,
+        force: float,
+        force_std: float,
+    ) -> None:
+        """Use a step: torque (N m) and pull (N) of wheels, force (m/s^2) of the vehicle; NaN: not known."""
+        turned, pulled = np.isfinite(torque), np.isfinite(pull)
+        balanced = math.isfinite(force) and self.mass > 0.0
+        of_all = np.array([self.mass * force] if balanced else [])
+        z = np.concatenate([of_all, (2.0 * torque / at.diameter)[turned], pull[pulled]])
+        if not z.size:
+            return
+        here = forces(self.kalman.x, self.cells, at)
+        _, of_pull, of_rim = here
+        law, own = np.square(_LAW_ERROR * at.on.reaching), of_pull.own(at.on)
+        whole = [(self.mass * force_std) ** 2 + float((law + own).sum())] if balanced else []
+        by_torque = np.square(_TORQUE_ERROR * at.on.reaching) + of_rim.own(at.on) + _LEAST_TORQUE**2
+        noise = np.concatenate([whole, by_torque[turned], (law + own + pull_std**2)[pulled]])
+
+        def shown(made: Forces) -> tuple[Array, Array]:
+            _, pulls, rims = made
+            row = pulls.row.sum(axis=0)[None]
+            row[0, LEVEL] = self._way * self.mass
+            value = np.atleast_1d(pulls.value.sum() + row[0, LEVEL] * self.kalman.x[LEVEL])
+            n = 1 if balanced else 0
+            values = np.concatenate([value[:n], rims.value[turned], pulls.value[pulled]])
+            return values, np.concatenate([row[:n], rims.row[turned], pulls.row[pulled]])
+
+        _, H = shown(self._asked(at, here, force, torque, pull))
+        value, _ = shown(here)
+        variance = np.einsum("ri,ij,rj->r", H, self.kalman.P, H)
+        surprise = np.square((z - value) / _SURPRISE)
+        if (surprise > variance + noise).any():
+            self._open()
+            variance = np.einsum("ri,ij,rj->r", H, self.kalman.P, H)
+            # What no grip explains counts as little as it is likely.
+            noise = noise + np.maximum(surprise - variance - noise, 0.0)
+        self._iterate(z, noise, value, H, lambda: shown(forces(self.kalman.x, self.cells, at))[0])
+
+    def _asked(self, at: Rolling, made: Forces, force: float, torque: Array, pull: Array) -> Forces:
+        """Forces at slips, all shifted alike, at which the predicted law gives what the wheels pull together.
+
+        Slopes are taken there. What is pulled is asked for by slope and speed; the slip that was measured
+        follows from it and from the grip of the place. Slopes taken at it read places of different grip as
+        one curve of pull over slip: too flat, and with too little friction. made: at the slip measured.
+        """
+        for _ in range(_NEWTON_STEPS):
+            _, pulls, rims = made
+            if math.isfinite(force) and self.mass > 0.0:
+                zero = self._way * self.kalman.x[LEVEL]
+                missing = self.mass * (force - zero) - pulls.value.sum()
+                slope = pulls.by_slip.sum()
+            else:
+                by_pull = np.isfinite(pull)
+                off = np.where(by_pull, pull - pulls.value, 2.0 * torque / at.diameter - rims.value)
+                missing = np.nansum(off)
+                slope = np.where(by_pull, pulls.by_slip, rims.by_slip)[np.isfinite(off)].sum()
+            more = missing / max(slope, _LEAST_SLOPE * at.on.reaching.sum())
+            slip = at.slip + min(max(more, -_NEWTON_MOST), _NEWTON_MOST)
+            at = replace(at, slip=np.clip(slip, -1.0, 1.0))
+            made = forces(self.kalman.x, self.cells, at)
+        return made
+
+    def _iterate(
+        self, z: Array, noise: Array, value: Array, H: Array, predict: Callable[[], Array]
+    ) -> None:
+        kalman = self.kalman
+        kalman.dim_z = z.size
+        before, covariance = kalman.x, kalman.P
+        for _ in range(_ITERATIONS):
+            straight = value + H @ (before - kalman.x)
+            kalman.x, kalman.P = before.copy(), covariance.copy()
+            kalman.update(z, lambda _: H, lambda _, v=straight: v, R=np.diag(noise))
+            kalman.x = bounded(kalman.x)
+            line = straight + H @ (kalman.x - before)
+            value = predict()
+            if (np.abs(value - line) < _EXACT * np.sqrt(noise)).all():
+                break
+        kalman.P = 0.5 * (kalman.P + kalman.P.T)
+
+    @property
+    def strength(self) -> tuple[Array, Array]:
+        """Mean and covariance of (c, phi, ln K, rho)."""
+        return self.kalman.x[:STRENGTH].copy(), self.kalman.P[:STRENGTH, :STRENGTH].copy()
+
+    @strength.setter
+    def strength(self, known: tuple[Array, Array]) -> None:
+        self.kalman.x[:STRENGTH] = known[0]
+        self.kalman.P[:STRENGTH, :] = self.kalman.P[:, :STRENGTH] = 0.0
+        self.kalman.P[:STRENGTH, :STRENGTH] = known[1]
+
+    def hand_over(self) -> None:
+        """Go on on another soil that was not met yet: half of the variance is the site's."""
+        mean, covariance = self.strength
+        left = (1.0 - _ONE_SITE**2) * np.diag(np.square(self.prior_std))
+        off = mean - self.prior_mean
+        self.strength = self.prior_mean + _ONE_SITE * off, _ONE_SITE**2 * covariance + left
+
+
+def bounded(x: Array) -> Array:
+    """Return the nearest state in which a soil has a strength."""
+    inside = np.clip(x, -_MOST, _MOST)
+    inside[:OTHER] = np.clip(x[:OTHER], _LOW, _HIGH)
+    return inside

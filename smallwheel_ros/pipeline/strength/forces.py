@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Forces of rows of wheels by the state of the strength's filter (`strength`), with their slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.physics.force_slopes import SlopedForces, sloped_forces
+from smallwheel_ros.pipeline.tables import Array, Integers
+
+from .contact import OnSoil
+
+# Places in the state; from WHEELS on errors of the wheels' slips, then scales of torques, then grips.
+COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, LOSS, LEVEL, WHEELS = range(9)
+OF_SOIL = [COHESION, FRICTION, SHEAR, ROLLING]
+_WIDEST = 1.0  # variance of ln thrust up to which it is taken to be lognormal
+_DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
+
+
+@dataclass(frozen=True)
+class Rolling:
+    """Wheels that roll, rows: number among the rolling ones, contact, and slip."""
+
+    order: Integers
+    on: OnSoil
+    diameter: Array
+    width: Array
+    slip: Array
+
+
+@dataclass(frozen=True)
+class Force:
+    """A force of each row (N), with its slopes by the state (rows, size), slip, ln load and sinkage."""
+
+    value: Array
+    row: Array
+    by_slip: Array
+    by_load: Array
+    by_sinkage: Array
+
+    def own(self, on: OnSoil) -> Array:
+        """Variance (N^2) by what is the wheel's own: place and load."""
+        zz, zw, ww = on.own[:, 0, 0], on.own[:, 0, 3], on.own[:, 3, 3]
+        a, b = self.by_sinkage, self.by_load
+        return np.maximum(a * a * zz + 2.0 * a * b * zw + b * b * ww, 0.0)
+
+
+@dataclass(frozen=True)
+class Believed:
+    """What a filter believes from a step on: x, P, and the cell of each wheel in the state.
+
+    Or, stacked, what it believed at each of many rows: all with an axis of rows before the others.
+    """
+
+    x: Array
+    P: Array
+    cells: Integers
+    slips: Array  # of the step just over, of each rolling wheel; NaN: it was not in it
+    end: float | Array  # s
+
+    @classmethod
+    def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:
+        """What was believed at rows, by the numbers of their versions among those that are given."""
+        x, P, cells, slips, end = (
+            np.array([getattr(one, name) for one in versions])[index]
+            for name in ("x", "P", "cells", "slips", "end")
+        )
+        return cls(x, P, cells, slips, end)
+
+    def forces(self, at: Rolling, *, exact_slip: bool = False) -> tuple[Force, Force, Force]:
+        """Thrust, pull and what the torque shows, at the rim. exact_slip: without errors of slips."""
+        return forces(self.x, self.cells, at, exact_slip=exact_slip)
+
+    def spread(self, push: Force, row: Array) -> Array:
+        """Mean square deviation (N^2) of forces that a thrust is in: what soil and grip hold is lognormal."""
+        grip = WHEELS + 2 * self.cells.shape[-1]
+        safe = np.where(push.value == 0.0, 1.0, push.value)
+        factors = np.where(push.value[:, None] == 0.0, 0.0, push.row / safe[:, None])
+        factors[:, OTHER:grip] = 0.0
+        share = np.minimum(self.product(factors, factors), _WIDEST)
+        more = np.expm1(2.0 * share) - 2.0 * np.expm1(0.5 * share) - share
+        return np.asarray(self.product(row, row) + more * push.value**2)
+
+    def product(self, one: Array, other: Array) -> Array:
+        """Covariance of what rows of slopes by the state give."""
+        shared: Array = np.matmul(one[:, None, :], self.P)[:, 0, :]
+        return np.asarray((shared * other).sum(axis=1))
+
+
+def forces(
+    x: Array, cells: Integers, at: Rolling, *, exact_slip: bool = False
+) -> tuple[Force, Force, Force]:
+    """Forces of wheels by a state, or by one for each row; see `Believed.forces`."""
+    on, order, count = at.on, at.order, at.order.size
+    size, wheels = x.shape[-1], cells.shape[-1]
+    index, more = np.arange(count), _DEEPER * at.diameter
+    x = np.broadcast_to(x, (count, size))
+    cell = WHEELS + 2 * wheels + np.broadcast_to(cells, (count, wheels))[index, order]
+    own, scale = WHEELS + order, WHEELS + wheels + order
+    slip = at.slip if exact_slip else at.slip + x[:, SLIP] + x[index, own]
+    made = _twice(on, at, slip, more, x, np.exp(x[index, cell]))
+    cohesion, sine = x[:, COHESION], np.sin(2.0 * x[:, FRICTION])
+    found = []
+    for i in range(3):
+        value, deeper = made.values[i, :count], made.values[i, count:]
+        slopes = made.slopes[i, :, :count]
+        factor = on.factor if i != 1 else np.ones(count)
+        if i == 1:  # drawbar pull: thrust with the effects' factor, less resistance
+            value = value + (on.factor - 1.0) * made.values[0, :count]
+            deeper = deeper + (on.factor - 1.0) * made.values[0, count:]
+            slopes = slopes + (on.factor - 1.0) * made.slopes[0, :, :count]
+        value, deeper, slopes = factor * value, factor * deeper, factor * slopes
+        row = np.zeros((count, size))
+        row[:, OF_SOIL] = slopes[:4].T
+        row[index, cell] = cohesion * slopes[0] + 0.5 * sine * slopes[1]
+        if not exact_slip:
+            row[:, SLIP] = row[index, own] = slopes[4]
+        by_load = value - cohesion * slopes[0]
+        found.append(Force(value, row, slopes[4], by_load, (deeper - value) / more))
+    thrust, pull, rim = found
+    beyond = x[:, OTHER] * on.reaching
+    pull.row[:, OTHER] = -on.reaching
+    pull = Force(
+        pull.value - on.other - beyond,
+        pull.row,
+        pull.by_slip,
+        pull.by_load - beyond,
+        pull.by_sinkage,
+    )
+    gain, lost = np.exp(x[index, scale]), x[:, LOSS] * on.reaching
+    by_state = gain[:, None] * rim.row
+    by_state[index, scale], by_state[:, LOSS] = gain * rim.value, on.reaching
+    rim = Force(
+        gain * rim.value + lost, by_state, gain * rim.by_slip, gain * rim.by_load + lost,
+        gain * rim.by_sinkage,
+    )  # fmt: skip
+    return thrust, pull, rim
+
+
+def _twice(
+    on: OnSoil, at: Rolling, slip: Array, more: Array, x: Array, grip: Array
+) -> SlopedForces:
+    """Forces at the sinkage, and a little deeper, one after the other."""
+    own = (on.reaching, at.diameter, at.width, slip, on.exponent, grip)
+    load, diameter, width, slips, exponent, grips = (np.concatenate([a, a]) for a in own)
+    sinkage = np.concatenate([on.sinkage, on.sinkage + more])
+    c, phi, shear, rolls = np.tile(x[:, OF_SOIL].T, 2)
+    return sloped_forces(
+        load, sinkage, diameter, width, slips, exponent, c, phi, shear, rolls, grips
+    )

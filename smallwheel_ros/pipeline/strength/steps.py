@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows become steps of the path: means over 0.1 m, of each wheel that rolls.
+
+A step ends where the vehicle is 0.1 m on, where the rims have turned 0.3 m on one spot, after a pause of
+2 s, where the way changes, and at another soil. Its slip is that of mean speed and mean rim speed: the mean
+of single slips is bent by their noise. A wheel that stands adds nothing to a step and ends none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.pipeline.rows.align import slip_of
+from smallwheel_ros.pipeline.rows.level import Level
+from smallwheel_ros.pipeline.soil.local_law import local_laws
+from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
+
+from .contact import OnSoil, on_soil
+
+CELL, _SPINS, _PAUSE = 0.1, 0.3, 2 * SECOND
+_ALIKE = 0.3  # s over which the errors of an odometry are alike
+_FORCE_STD, _LAG = 0.07, 0.2  # m/s^2 of a mean specific force; s by which an acceleration is late
+
+
+@dataclass(frozen=True)
+class _Rows(Columns):
+    """Readings of wheels that roll, with their loads without noise, and their law."""
+
+    readings: Readings
+    load: Array
+    load_std: Array
+    version: Integers
+    soil: Integers
+
+    def __len__(self) -> int:
+        return len(self.version)
+
+    def take(self, rows: object) -> _Rows:
+        """Some of the rows."""
+        own = (getattr(self, name)[rows] for name in ("load", "load_std", "version", "soil"))
+        return _Rows(self.readings.take(rows), *own)
+
+    @classmethod
+    def joined(cls, parts: list[_Rows]) -> _Rows:  # type: ignore[override]
+        """All rows of the parts."""
+        names = ("load", "load_std", "version", "soil")
+        own = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+        return _Rows(Readings.joined([part.readings for part in parts]), *own)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps of the path, and rows of the wheels in each.
+
+    (steps,): end, stamp (ns) of the row that ends each; length, m; force, m/s^2 along the travel, NaN where
+    not known, and its deviation; level: zero of the imu ahead, and its deviation, m/s^2, (steps, 2);
+    unlisted: share of the weight that is on no wheel of the list. Of wheels, rows by step: slip with its
+    deviation, torque, pull, contact.
+    """
+
+    end: Integers
+    length: Array
+    forward: Flags
+    force: Array
+    force_std: Array
+    soil: Integers
+    step: Integers  # of each wheel's row
+    wheel: Integers
+    slip: Array
+    slip_std: Array
+    torque: Array  # N m, in the way of the travel
+    pull: Array
+    pull_std: Array
+    contact: OnSoil
+    level: Array | None = None
+    unlisted: Array | None = None
+
+
+class Excitation(NamedTuple):
+    """Smallest and largest load (N) and |slip| of what was measured; the load is inf before it."""
+
+    load: tuple[float, float] = (math.inf, 0.0)
+    slip: tuple[float, float] = (1.0, 0.0)
+
+    def widened(self, load: Array, slip: Array) -> Excitation:
+        """Widen by wheels."""
+        return Excitation(
+            (min(self.load[0], float(load.min())), max(self.load[1], float(load.max()))),
+            (min(self.slip[0], float(slip.min())), max(self.slip[1], float(slip.max()))),
+        )
+
+
+@dataclass
+class StepState:
+    """Rows of the open step, and what is known of the imu's zero."""
+
+    open: _Rows | None = None
+    level: Level = field(default_factory=Level)
+
+
+def steps(
+    state: StepState, rows: Readings, load: Array, load_std: Array, version: Integers,
+    soils: Soils, settings: OnboardSettings,
+) -> Steps | None:  # fmt: skip
+    """Steps that end in this block; None: none does."""
+    state.level.take(rows)
+    carried = version if state.open is None else np.concatenate([version, state.open.version])
+    soils.forget(carried)
+    rolling = np.array([w.contact == ROLLING for w in settings.wheels])[rows.wheel]
+    use = rolling & ~rows.stands & np.isfinite(rows.speed) & np.isfinite(rows.rim_speed)
+    number = np.array([soils.versions[v].number for v in version[use].tolist()], dtype=np.int64)
+    new = _Rows(rows.take(use), load[use], load_std[use], version[use], number)
+    whole = new if state.open is None else _Rows.joined([state.open, new])
+    if not len(whole):
+        return None
+    bounds, kept, way, whole_start = _bounds(whole)
+    state.open = whole.take(slice(whole_start, None))
+    if not kept:
+        return None
+    made = _means(whole, bounds, way, soils, settings)
+    level = state.level.at(made.end)
+    state.level.forget(int(made.end[-1]))
+    return replace(made, level=level, unlisted=soils.weighing.unlisted(made.end))
+
+
+def _bounds(rows: _Rows) -> tuple[list[tuple[int, int, int]], int, list[float], int]:
+    """First, last + 1 and ending row of each step; how many; their lengths (m); where the open one begins."""
+    of = rows.readings
+    distance = np.maximum.accumulate(of.distance)
+    gaps = np.diff(of.stamp, prepend=of.stamp[0])
+    turned = np.cumsum(np.abs(of.rim_speed) * gaps / SECOND)
+    paused = (gaps > _PAUSE) | np.concatenate([[False], np.diff(of.forward)])
+    another = np.concatenate([[False], np.diff(rows.soil) != 0])
+    breaks = np.flatnonzero(paused | another)
+    found: list[tuple[int, int, int]] = []
+    ways: list[float] = []
+    start, count = 0, len(rows)
+    while start < count:
+        i = int(np.searchsorted(distance, distance[start] + CELL))
+        spin = turned[start] + _SPINS
+        i = max(min(i, int(np.searchsorted(turned, spin))), start + 1)
+        later = breaks[np.searchsorted(breaks, start + 1) :]
+        cut = int(later[0]) if later.size else count
+        stop = min(i, cut)
+        if stop >= count:
+            break
+        way = float(distance[stop - 1 if stop == cut else stop] - distance[start])
+        if not (stop == cut and (another[stop] or way < 0.5 * CELL)):
+            found.append((start, stop, stop))
+            ways.append(way)
+        start = stop
+    return found, len(found), ways, start
+
+
+def _means(
+    rows: _Rows, bounds: list[tuple[int, int, int]], way: list[float], soils: Soils,
+    settings: OnboardSettings,
+) -> Steps:  # fmt: skip
+    of, wheels = rows.readings, len(settings.wheels)
+    step = np.full(len(rows), -1)
+    for place, (start, stop, _) in enumerate(bounds):
+        step[start:stop] = place
+    inside = np.flatnonzero(step >= 0)
+    key = step[inside] * wheels + of.wheel[inside]
+    keys, group = np.unique(key, return_inverse=True)
+
+    def mean(column: Array) -> Array:
+        values = column[inside]
+        known = np.isfinite(values)
+        count = np.bincount(group[known], minlength=keys.size)
+        total = np.bincount(group[known], weights=values[known], minlength=keys.size)
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+    count = np.bincount(group, minlength=keys.size)
+    number, wheel = keys // wheels, keys % wheels
+    starts, ends = (np.array([b[i] for b in bounds]) for i in (0, 1))
+    duration = (of.stamp[ends - 1] - of.stamp[starts]) / SECOND
+    alone = np.minimum(count, np.maximum(1.0, duration[number] / _ALIKE))
+    speed_std = mean(of.speed_std) / np.sqrt(alone)
+    slip, slip_std, _ = slip_of(
+        mean(of.speed), speed_std, mean(of.rim_speed), mean(of.rim_std), 0.0
+    )
+    sign = np.where(of.forward, 1.0, -1.0)
+    good = np.isfinite(slip) & np.isfinite(mean(rows.load))
+    contact = _contacts(rows, inside, group, good, (slip, mean(of.speed)), soils, settings)
+    sound = ~contact.sunk & np.isfinite(contact.sinkage)
+    good[good] = sound
+    slope, gained = _of_vehicle(step, sign * of.slope), _of_vehicle(step, sign * of.gained)
+    ahead, behind = (sign * of.gained)[ends - 1], (sign * of.gained)[starts]
+    late = np.abs(ahead - behind) * np.minimum(_LAG / np.maximum(duration, 1e-3), 1.0)
+    noise = settings.noise.drawbar_pull / np.sqrt(np.maximum(count, 1))
+    return Steps(
+        of.stamp[ends], np.array(way), of.forward[starts], slope + gained,
+        np.hypot(_FORCE_STD, np.nan_to_num(late)), rows.soil[starts], number[good], wheel[good],
+        slip[good], slip_std[good], mean(sign * of.torque)[good], mean(of.pull)[good], noise[good],
+        contact.take(sound),
+    )  # fmt: skip
+
+
+def _contacts(
+    rows: _Rows, inside: Integers, group: Integers, good: Flags, at: tuple[Array, Array], soils: Soils,
+    settings: OnboardSettings,
+) -> OnSoil:  # fmt: skip
+    """Mean contact of the wheels of steps that are good: under the mean load on each version of the law."""
+    some = good[group] & np.isfinite(rows.load[inside])
+    row, of = inside[some], (np.cumsum(good) - 1)[group[some]]
+    versions, version = np.unique(rows.version[row], return_inverse=True)
+    parts, first, part = np.unique(
+        of * versions.size + version, return_index=True, return_inverse=True
+    )
+    count = np.bincount(part).astype(float)
+    load, load_std = (
+        np.bincount(part, weights=column[row]) / count for column in (rows.load, rows.load_std)
+    )
+    within, lead = parts // versions.size, rows.readings.take(row[first])
+    slip, speed = (column[good][within] for column in at)
+    contact = on_soil(
+        settings.wheels, lead.wheel,
+        local_laws(soils.versions, settings.wheels, lead, rows.version[row[first]]), load, load_std,
+        scatter=settings.estimator.soil_scatter, effects=settings.effects,
+        strength=settings.strength if settings.effects else None, slip=slip, speed=speed,
+    )  # fmt: skip
+    return contact.means(within, count)
+
+
+def _of_vehicle(step: Integers, values: Array) -> Array:
+    """Means over all rows of each step; NaN where one is not known."""
+    inside = step >= 0
+    count = np.bincount(step[inside])
+    total = np.bincount(step[inside], weights=values[inside])
+    return np.asarray(total / np.maximum(count, 1))

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The soils' strength by steps of the path: what is believed at each, for the present pull and the margin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
+from smallwheel_ros.pipeline.intake.buffer import NEVER
+from smallwheel_ros.pipeline.tables import Array, Integers
+from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
+
+from .contact import OnSoil
+from .filter import StrengthFilter
+from .forces import Believed, Rolling
+from .steps import Excitation, Steps
+
+# rad, of any ground: wet ice has a friction angle of 0.1, dry sands and loams 0.47 to 0.6, asphalt 0.7.
+_ANY_FRICTION_STD = 0.25
+_DRAG = 0.2  # of the load on a wheel that is only dragged along
+RECENT = 2.0  # s: a step that ended longer ago says nothing of now
+
+
+class Strengths:
+    """Uses steps of the path for the strength. believed: versions, the newest last.
+
+    Two filters: `now`, of everything, from the prior of the soil that is named, for the present pull;
+    `reserve`, for the margin, from that of any ground, and of the balance alone once there is one: a wheel's
+    torque or pull tells of its own place.
+    """
+
+    def __init__(
+        self, strength: Strength, wheels: tuple[Wheel, ...], rolling: Integers, mass: float
+    ) -> None:
+        self.mass, self._count = mass, rolling.size
+        self._order = np.full(len(wheels), -1)  # of each wheel among those that roll
+        self._order[rolling] = np.arange(rolling.size)
+        self._sizes = np.array([(wheel.diameter, wheel.width) for wheel in wheels]).reshape(-1, 2)
+        self._own = tuple(wheels[i] for i in rolling.tolist())
+        named = strength.friction_angle
+        any_ground = Quantity(named.value, math.hypot(named.standard_deviation, _ANY_FRICTION_STD))
+        self._priors = strength, replace(strength, friction_angle=any_ground)
+        self._since = NEVER
+        self._begin(0)
+        self.believed = Versions(self._now(np.full(rolling.size, np.nan), -math.inf))
+
+    def _begin(self, soil: int) -> None:
+        """Know nothing but the priors, on a soil."""
+        self.now, self.reserve = (
+            StrengthFilter(prior, self._own, self.mass) for prior in self._priors
+        )
+        self._balanced = False
+        self._soil = soil
+        self._soils: dict[int, list[tuple[Array, Array]]] = {}
+        self.steps = 0
+        self.sources: set[str] = set()
+        self.excitation = Excitation()
+
+    def take(self, steps: Steps, anew: Sequence[int] = ()) -> Integers:
+        """Use steps; stamps from which on each new version holds.
+
+        anew: stamps (ns) from which on nothing counts that was learnt before, nor the step that is open then.
+        """
+        self.believed.forget(())
+        for number in range(steps.end.size):
+            mine = np.flatnonzero(steps.step == number)
+            new = [stamp for stamp in anew if self._since < stamp < steps.end[number]]
+            if new:
+                self._since = new[-1]
+                self._begin(int(steps.soil[number]))
+                mine = mine[:0]
+            if int(steps.soil[number]) != self._soil:
+                self._change(int(steps.soil[number]))
+            if mine.size:
+                self._take(steps, number, mine)
+            else:
+                newest = self.believed[-1][0]
+                self._publish(newest.slips, newest.end)
+        return steps.end
+
+    def rolling(self, wheel: Integers, on: OnSoil, slip: Array) -> Rolling:
+        """Rows of wheels that roll, as the filters' forces take them. wheel: numbers among all wheels."""
+        diameter, width = self._sizes[wheel].T
+        return Rolling(self._order[wheel], on, diameter, width, slip)
+
+    def _take(self, steps: Steps, number: int, mine: Integers) -> None:
+        at = self.rolling(steps.wheel[mine], steps.contact.take(mine), steps.slip[mine])
+        force = float(steps.force[number]) if mine.size == self._count else math.nan
+        torque, pull = steps.torque[mine], steps.pull[mine]
+        single = bool(np.isfinite(torque).any() or np.isfinite(pull).any())
+        balance = math.isfinite(force) and self.mass > 0.0
+        self._balanced |= balance
+        slip_std, length = float(steps.slip_std[mine].max()), float(steps.length[number])
+        forward = bool(steps.forward[number])
+        told = force, float(steps.force_std[number])
+        zero = None if steps.level is None else steps.level[number]
+        drag = 0.0 if steps.unlisted is None else _DRAG * GRAVITY * float(steps.unlisted[number])
+        nothing = np.full(mine.size, np.nan)
+        for one in (self.now, self.reserve):
+            one.move(length, forward, slip_std)
+            one.level(zero, drag)
+            alone = one is self.reserve and self._balanced
+            turned, pulled = (nothing, nothing) if alone else (torque, pull)
+            one.update(at, turned, pulled, steps.pull_std[mine], *told)
+        slips = np.full(self._count, np.nan)
+        slips[at.order] = at.slip
+        if single or balance:
+            self.steps += 1
+            self.excitation = self.excitation.widened(at.on.load, np.abs(at.slip))
+            self.sources |= {"balance"} if balance else set()
+            self.sources |= {"torque"} if np.isfinite(torque).any() else set()
+            self.sources |= {"pull"} if np.isfinite(pull).any() else set()
+        self._publish(slips, float(steps.end[number]) / 1e9)
+
+    def _publish(self, slips: Array, end: float | Array) -> None:
+        self.believed.append(self._now(slips, end))
+
+    def _now(self, slips: Array, end: float | Array) -> tuple[Believed, Believed]:
+        two = [
+            Believed(one.kalman.x, one.kalman.P, one.cells, slips, end)
+            for one in (self.now, self.reserve)
+        ]
+        return two[0], two[1]
+
+    def at(self, versions: Integers) -> tuple[Believed, Believed]:
+        """What was believed, and what the margin goes by, at rows of versions."""
+        kinds, index = np.unique(versions, return_inverse=True)
+        pairs = [self.believed[version] for version in kinds.tolist()]
+        now, reserve = (Believed.stacked(one, index) for one in zip(*pairs, strict=True))
+        return now, reserve
+
+    def record(self) -> dict[str, Any] | None:
+        """What to save; None before anything was measured."""
+        if not self.steps:
+            return None
+        mean, covariance = zip(self.now.strength, self.reserve.strength, strict=True)
+        return {
+            "prior": self._prior_numbers,
+            "mean": np.array(mean).tolist(),
+            "covariance": np.array(covariance).tolist(),
+            "steps": self.steps,
+            "sources": sorted(self.sources),
+            # None: on the newest soil nothing was measured yet.
+            "excitation": None
+            if self.excitation == Excitation()
+            else [list(bounds) for bounds in self.excitation],
+        }
+
+    def restore(self, record: Any) -> None:
+        """Go on from a `record`, None: from the prior. Before any step.
+
+        Raises ValueError, and changes nothing, where it is of another prior.
+        """
+        if record is None:
+            return
+        if len(record["prior"]) != len(self._prior_numbers) or not np.allclose(
+            record["prior"], self._prior_numbers, rtol=1e-9
+        ):
+            raise ValueError("saved under another prior of the soil's strength")
+        told = zip(record["mean"], record["covariance"], strict=True)
+        for one, (mean, covariance) in zip((self.now, self.reserve), told, strict=True):
+            one.kalman.x, one.kalman.P = one.kalman.x.copy(), one.kalman.P.copy()
+            one.strength = np.array(mean), np.array(covariance)
+        self.steps, self.sources = record["steps"], set(record["sources"])
+        if record["excitation"] is not None:
+            load, slip = record["excitation"]
+            self.excitation = Excitation(tuple(load), tuple(slip))
+        self._publish(np.full(self._count, np.nan), -math.inf)
+
+    @property
+    def _prior_numbers(self) -> list[float]:
+        filters = self.now, self.reserve
+        return [n for one in filters for n in (*one.prior_mean.tolist(), *one.prior_std.tolist())]
+
+    def _change(self, soil: int) -> None:
+        """Go on on another soil, with what is known of it, or else by what the last one tells."""
+        filters = self.now, self.reserve
+        self._soils.pop(self._soil, None)
+        self._soils[self._soil] = [one.strength for one in filters]
+        self._soils = dict(list(self._soils.items())[-REMEMBERED:])
+        known = self._soils.get(soil)
+        for i, one in enumerate(filters):
+            one.kalman.x, one.kalman.P = one.kalman.x.copy(), one.kalman.P.copy()
+            if known is None:
+                one.hand_over()
+            else:
+                one.strength = known[i]
+        if known is None:
+            self.excitation = Excitation()
+        self._soil = soil

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The strength as it is believed, in the terms of the field; what is determined of it, and what is not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.soil.identifiability import DETERMINED
+from smallwheel_ros.pipeline.tables import Array
+
+from .filter import FORM_SHEAR, STRENGTH
+from .forces import COHESION, FRICTION, OTHER, SHEAR, Believed
+from .steps import Excitation
+from .strengths import Strengths
+
+# Of the prior's deviation of friction, at most: then data tell as much of what is held as the prior does.
+# Another soil begins with at least as much left, so that something has to tell of it.
+_HELD = math.sqrt(0.5)
+_SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest; apart
+_NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
+_LIMITS = {"thrust": _HELD}
+_NEEDS = {
+    "balance": "vehicle.mass is not given; it would tell friction and the reserve on slopes",
+    "slope": "not yet: it needs load and slip of all wheels, and a slope (imu_topic, or odom with pitch)",
+    "torque": "<wheel>.torque_per_effort is not given; it would tell what each wheel pulls at this moment",
+}
+
+
+@dataclass(frozen=True)
+class StrengthEstimate:
+    """The soil's strength as it is believed now; SI units, every number finite.
+
+    cohesion, friction_angle, shear_displacement: Pa, rad, m; the last with what forms of the shear curve mean
+    by it. other_resistance: that the law does not give, as a share of the load. steps: of the path that it
+    rests on; 0: it is the configured one. sources: of balance, torque and pull, those that have told of it.
+    remaining: posterior over prior standard deviation of each, and of `thrust`. status: in words, what is not
+    determined and why; empty when everything is.
+    """
+
+    cohesion: Quantity
+    friction_angle: Quantity
+    shear_displacement: Quantity
+    other_resistance: Quantity
+    steps: int
+    sources: frozenset[str]
+    remaining: Mapping[str, float]
+    status: tuple[str, ...]
+
+    @property
+    def determined(self) -> bool:
+        """Whether what is held is: then the margin on a measured soil is the filter's, not any ground's."""
+        return self.remaining["thrust"] <= _HELD
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """For each number in words whether it is determined, and how far."""
+        return {
+            name: ("determined" if left <= _LIMITS.get(name, DETERMINED) else "not determined")
+            + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
+            for name, left in self.remaining.items()
+        }
+
+
+def strength_of(strengths: Strengths) -> StrengthEstimate:
+    """The newest, by the filter of the reserve."""
+    believed = strengths.believed[-1][1]
+    mean = believed.x[:STRENGTH]
+    deviation = _deviations(believed)
+    remaining = dict(zip(_NAMES, (deviation / strengths.reserve.prior_std).tolist(), strict=True))
+    # The most that is held under a load, c A + W tan(phi): nearly all of it is friction.
+    remaining["thrust"] = remaining["friction_angle"]
+    return StrengthEstimate(
+        **constants_of(believed),
+        other_resistance=Quantity(float(mean[OTHER]), float(deviation[OTHER])),
+        steps=strengths.steps,
+        sources=frozenset(strengths.sources),
+        remaining=remaining,
+        status=_in_words(remaining, strengths.excitation, strengths.steps),
+    )
+
+
+def constants_of(believed: Believed) -> dict[str, Quantity]:
+    """Cohesion (Pa), friction angle (rad), shear displacement (m), as a filter believes them."""
+    mean, deviation = believed.x, _deviations(believed)
+    shear = math.exp(float(mean[SHEAR]))
+    return {
+        "cohesion": Quantity(max(float(mean[COHESION]), 0.0), float(deviation[COHESION])),
+        "friction_angle": Quantity(float(mean[FRICTION]), float(deviation[FRICTION])),
+        "shear_displacement": Quantity(
+            shear, shear * math.hypot(float(deviation[SHEAR]), FORM_SHEAR)
+        ),
+    }
+
+
+def _deviations(believed: Believed) -> Array:
+    """Standard deviations of the numbers of the soil's strength."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(believed.P)[:STRENGTH], 0.0)))
+
+
+def is_determined(P: Array, prior_std: Array) -> bool:
+    """Whether what is held, nearly all of it friction, is: half of the prior's variance is gone."""
+    left = math.sqrt(max(float(P[FRICTION, FRICTION]), 0.0))
+    return left <= _HELD * float(prior_std[FRICTION])
+
+
+def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
+    """By source of the strength that is not in use: what it needs, and what it would bring."""
+    found = {}
+    if "balance" not in sources:
+        found["balance"] = _NEEDS["slope" if mass else "balance"]
+    if "torque" not in sources and not torque:
+        found["torque"] = _NEEDS["torque"]
+    return found
+
+
+def _in_words(
+    remaining: Mapping[str, float], excitation: Excitation, steps: int
+) -> tuple[str, ...]:
+    if not steps:
+        return (
+            "thrust is not determined: no balance, torque or drawbar pull was measured; the strength "
+            "is the configured one",
+        )
+    (lightest, heaviest), (least, most) = excitation.load, excitation.slip
+    so_far = f"{steps} steps of the path so far do not suffice"
+    words = []
+    slip_varied = most - least > _SAME_SLIP
+    why = so_far if slip_varied else f"slip hardly varied ({least:.2f} to {most:.2f})"
+    if remaining["friction_angle"] > DETERMINED:
+        words.append(f"friction angle is not determined: {why}")
+    if remaining["cohesion"] > DETERMINED:
+        apart = so_far
+        if heaviest <= _SAME_LOAD * lightest:
+            apart = f"load hardly varied ({lightest:.3g} to {heaviest:.3g} N)"
+        words.append(f"cohesion is not determined apart from the friction angle: {apart}")
+    if remaining["shear_displacement"] > DETERMINED:
+        words.append(f"shear displacement is not determined: {why}")
+    return tuple(words)

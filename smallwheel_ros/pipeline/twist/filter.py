@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The filter behind `twist`: nine states of a vehicle whose rims slip, driven by its imu.
+
+    d vx/dt =  w vy + ax - bx - cx w^2       imu on a body that turns (Yi et al. 2009, IEEE T-RO 25(5));
+    d vy/dt = -w vx + ay - by - cy w^2       b: slope and zero, c: place of the imu
+    rim     = vx - chi y w + s               of each side, y left of the middle; chi: effective over
+                                             geometric track (Martinez et al. 2005, Pentzer et al. 2014)
+    0       = vy + sy                        no motion sideways (Dissanayake et al. 2001), as soft as
+                                             the rims are
+    ds/dt   = -s / 2 s + noise               deviation of s: slip |rim|
+    slip^2  = mean of s^2 / rim^2 over a minute, each weighted by what the sensors told of it, and a
+                                             beginning
+    rim     is taken less a steady share of it, which only a speed over ground teaches: where that comes and
+            goes, what it taught is used in its gaps. By pull as well it was no better (docs/odometry.md)
+    var vx  = P + (slip vx)^2 + (delay a)^2  slip that does not change is seen by no imu: taken as large
+                                             as the slip that does; delays that are not known
+
+With r = 1 - var s / (slip rim)^2, the share of a slip that the sensors told, s^2 is r (slip rim)^2 on the
+mean: s^2 - r (1 - r) (slip rim)^2 at a weight of r^2 tells slip. Expectation-maximisation takes s^2 + var s
+at a weight of 1, in which var s is what was believed before: what it began with stays for minutes. What rims
+scatter by, and how late they may come, are learnt beside it.
+
+Rims that jump while the accelerometer feels nothing put s, and with it slip, up; then the imu carries vx for
+some seconds and its variance grows. What is missing is left out: without an accelerometer the velocity may
+change by 1 m/s in a second, without a gyro the rims alone tell the turn. No constant was fitted to a vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import SECOND, Array, Flags
+
+_VX, _VY, _BX, _BY, _CX, _CY, _SL, _SR, _SY = range(9)
+_CHI_STD = 0.5  # 1 steered or on one axle, 1.5 to 2 skid steering
+_LEAST_CHI, _MOST_CHI = 0.8, 5.0  # its least is the track itself
+_MEMORY = 60.0  # s of driving over which slip, delay and track are learnt
+_SLIP_TIME = 2.0  # s that a slip lasts
+_SLIP = 0.3  # to begin with, known by a factor of 3: 0.03 is asphalt, 1 is ice
+_SLIP_WEIGHT = 4.0 * _SLIP_TIME / (2.0 * math.log(3.0)) ** 2  # s of slips that tell as much
+_LEAST_SLIP = 0.02  # effective radii are known no better
+_TILT, _TILT_TIME = 0.3, 10.0  # m/s^2: slope of 2 degrees and zero of the accelerometer; s
+_SHARE = 0.1  # of the rims' speed: steady slip and radii, before a speed over ground has told them
+_SHARE_TIME = 300.0  # s over which that is open again: another ground
+_LEVER = 0.3  # m of the imu off the point about which the vehicle turns
+_CREEP = 0.01  # m/s: of a slip, at any speed
+_DRIVES = 0.2  # m/s at the rim, under which slip is noise
+_RIM_STD, _LEAST_RIM_STD = 0.03, 0.003  # m/s, of one reading, at most and at least
+_SPEED_STD = 0.02  # m/s: at least, of a speed over ground
+_SYNC, _SYNC_WEIGHT = 0.1, 0.5  # s: what is not known of delays, by a factor of 2
+_MOST_DELAY = 1.0  # s
+_SLIPS = 16.0  # squared deviations: what is further off slips, and is not late
+_UNFELT = 1.0  # m^2/s^3: an acceleration that is not measured, 1 m/s in a second
+_STILL = 1.0  # s of rims at 0 after which the vehicle is taken to stand
+_STEP = 0.02  # s: changes of rims are judged over no less
+_EYE = np.eye(9)
+_SEEN = np.zeros((3, 9))  # rims, and no motion sideways
+_SEEN[0, [_VX, _SL]] = _SEEN[1, [_VX, _SR]] = _SEEN[2, [_VY, _SY]] = 1.0
+_MIDDLE = _SEEN[:2].mean(axis=0)
+LONGEST = SECOND  # ns between rims over which the filter goes on
+
+
+class TwistFilter:
+    """One stamp of the rims after the other.
+
+    places: (2,) m, of the sides' wheels left of the middle. chi: effective over geometric track at first.
+    """
+
+    def __init__(self, places: Array, chi: float) -> None:
+        self.places, self.half = places, 0.5 * float(places[0] - places[1])
+        self.x: Array = np.zeros(9)
+        self.P: Array = np.diag([0.25, 0.01, *[_TILT**2] * 2, *[_LEVER**2] * 2, 0.0, 0.0, 0.0])
+        self.slip = _SLIP  # deviation of the slip speed over the rim's speed, as now believed
+        self.slip2 = self.weight = 0.0  # sums behind it
+        self.delay = _SYNC  # s by which rims may come late or early
+        self.delay_sum = self.delay_weight = 0.0  # sums behind it, of its logarithm
+        self.chi, self.chi_var = chi, _CHI_STD**2
+        self.share, self.share_var = 0.0, 0.0  # of the rims' speed that is lost throughout
+        self.unseen = 0.0  # s since a speed over ground came
+        self.turn2 = 0.1**2  # square of what the rims' yaw rate missed, over 10 s of turning
+        self.shakes2 = 0.1**2  # of the accelerometer, variance of one reading
+        self.gained = 0.0  # m/s^2, over the last 0.3 s
+        self.force = math.nan, math.nan  # of the last row
+        self.rims: Array = np.full(2, np.nan)
+        self.before: Array = np.full(2, np.nan)  # rims of the row before
+        self.rim2 = _RIM_STD**2  # variance of a rim's reading
+        self.held = [0, 0]  # how often a side's rim has been the same to the last digit
+        self.stands = 1.0  # rows for which a rim's value stands, over their last ten changes
+        self.jump2 = 0.0  # m^2/s^2: square of what rims in steps jump by, after they were held
+        self.still = 0.0  # s for which both rims have been 0
+        self.turns = True  # whether a gyro tells of the turn
+        self.period, self.count = 0.02, 0
+
+    def _begin(self, rims: Array) -> None:
+        """After a gap: velocity and slips anew; tilt, lever, slip and track stay."""
+        var = (self.slip * float(np.nanmax(np.abs(rims)))) ** 2
+        for i, mean, own in ((_VX, float(np.nanmean(rims)), 0.25), (_VY, 0.0, 0.01)):
+            self._set(i, mean, own + var)
+        for i in (_SL, _SR, _SY):
+            self._set(i, 0.0, var)
+        self.gained = 0.0
+        self.force = math.nan, math.nan
+        self.rims, self.before = np.full((2, 2), np.nan)
+
+    def _set(self, i: int, mean: float, variance: float) -> None:
+        self.P[i] = self.P[:, i] = 0.0
+        self.x[i], self.P[i, i] = mean, variance
+
+    def step(self, apart: int, rims: Array, felt: Array, speed: float, speed_std: float) -> None:
+        """Take a row: ns since the last one, rims (2,) or NaN, yaw rate and force (3,) or NaN."""
+        dt = apart / SECOND
+        self._teach(min(dt, LONGEST / SECOND), float(np.mean(rims)), speed, speed_std)
+        rims = self._rolled(rims)
+        if apart > LONGEST:
+            self._begin(rims)
+            dt = _STEP
+        else:
+            self.count = min(self.count + 1, 20)
+            self.period += (dt - self.period) / self.count
+        there = ~np.isnan(rims)
+        known = np.where(there, rims, self.x[_VX])
+        turn = float(felt[0])
+        self.turns = not math.isnan(turn)
+        if not self.turns:
+            turn = (known[1] - known[0]) / (2.0 * self.chi * self.half) if there.all() else 0.0
+        moved = rims - self.rims
+        moved[np.isnan(moved)] = 0.0
+        change = float(moved.sum()) / 2.0
+        self._steps(moved)
+        self._scatters(dt, rims)
+        self.still = self.still + dt if not rims[there].any() else 0.0
+        self.rims, self.before = rims, self.rims
+        scale = self._on(dt, known, turn, felt[1:])
+        self._see(dt, there, rims, turn, change / max(dt, _STEP))
+        if not math.isnan(speed):
+            R = max(speed_std, _SPEED_STD) ** 2 + (_SYNC * change / max(dt, _STEP)) ** 2
+            self._update(_EYE[:1], np.array([speed]), np.array([[R]]))
+        if np.nanmax(np.abs(rims)) > _DRIVES:
+            self._learn(dt, there, rims, turn, scale)
+
+    def _rolled(self, rims: Array) -> Array:
+        """Rims less the share that is lost throughout."""
+        return np.asarray((1.0 - self.share) * rims)
+
+    def _teach(self, dt: float, rim: float, speed: float, speed_std: float) -> None:
+        """Learn the steady share by a speed over ground; slips last, so that readings are not independent."""
+        self.unseen += dt
+        if self.share_var:
+            self.share_var += dt * _SHARE**2 / _SHARE_TIME
+        if math.isnan(speed + rim) or abs(rim) < _DRIVES:
+            return
+        before = self.share_var or _SHARE**2
+        one = self.slip**2 + (max(speed_std, _SPEED_STD) / rim) ** 2
+        noise = one * max(2.0 * _SLIP_TIME / self.unseen, 1.0)
+        gain = before / (before + noise)
+        self.share += gain * ((rim - speed) / rim - self.share)
+        self.share_var = (1.0 - gain) * before
+        self.unseen = 0.0
+
+    def _steps(self, moved: Array) -> None:
+        """Rims in steps hold, more than once, and jump: over their last ten changes, not from 0."""
+        for i, by in enumerate(moved.tolist()):
+            if by != 0.0 and self.rims[i] != 0.0:
+                self.jump2 += 0.1 * ((by * by if self.held[i] > 1 else 0.0) - self.jump2)
+                self.stands += 0.1 * (self.held[i] + 1 - self.stands)
+            self.held[i] = self.held[i] + 1 if by == 0.0 else 0
+
+    def _scatters(self, dt: float, rims: Array) -> None:
+        """Variance of a rim's reading, by its neighbours; what it gains evenly is none."""
+        bend2 = float(np.mean((rims - 2.0 * self.rims + self.before) ** 2)) / 6.0
+        if not math.isnan(bend2):
+            bend2 = min(max(bend2, _LEAST_RIM_STD**2), _RIM_STD**2)
+            self.rim2 += min(dt / 5.0, 1.0) * (bend2 - self.rim2)
+
+    def _on(self, dt: float, rims: Array, turn: float, force: Array) -> Array:
+        """On by the imu; returns the speeds that slips go by, (3,)."""
+        x = self.x
+        keep, tilt = math.exp(-dt / _SLIP_TIME), math.exp(-dt / _TILT_TIME)
+        F = _EYE.copy()
+        F[_BX, _BX] = F[_BY, _BY] = tilt
+        F[_SL, _SL] = F[_SR, _SR] = F[_SY, _SY] = keep
+        ahead, aside = force.tolist()
+        push = 0.0, 0.0
+        if math.isnan(ahead):
+            noise = _UNFELT * dt
+            self.gained += min(dt / 0.3, 1.0) * (_UNFELT - self.gained)
+        else:
+            push = ahead * dt, aside * dt
+            before = self.force
+            change2 = 0.0
+            if not math.isnan(before[0]):
+                change2 = (ahead - before[0]) ** 2 + (aside - before[1]) ** 2
+            self.shakes2 += min(dt / 5.0, 1.0) * (change2 / 4.0 - self.shakes2)
+            noise = (
+                0.1**2 * dt + 4.0 * self.shakes2 * dt**2
+            )  # vibration is not white: twice its deviation
+            self.gained += min(dt / 0.3, 1.0) * (ahead - float(x[_BX]) - self.gained)
+            c, s, out = math.cos(turn * dt), math.sin(turn * dt), -turn * turn * dt
+            F[_VX, _VX], F[_VX, _VY], F[_VX, _BX], F[_VX, _CX] = c, s, -dt, out
+            F[_VY, _VX], F[_VY, _VY], F[_VY, _BY], F[_VY, _CY] = -s, c, -dt, out
+        self.force = ahead, aside
+        left, right = (abs(rim) + 0.5 * math.sqrt(self._jumps2) for rim in rims.tolist())
+        low = 0.5 * abs(float(x[_VX]))  # a wheel that is locked slips, too
+        scale = np.array([max(left, low), max(right, low), max(left, right, low)])
+        self.x = F @ x
+        self.x[0] += push[0]
+        self.x[1] += push[1]
+        tilts = _TILT**2 * (1.0 - tilt * tilt)
+        self.P = F @ self.P @ F.T
+        added = self.P.reshape(-1)[::10]  # the diagonal
+        added[:4] += (noise, noise, tilts, tilts)
+        added[_SL:] += ((self.slip * scale) ** 2 + _CREEP**2) * (1.0 - keep * keep)
+        return scale
+
+    @property
+    def _jumps2(self) -> float:
+        return self.jump2 if self.still < _STILL else 0.0
+
+    def _see(self, dt: float, there: Flags, rims: Array, turn: float, change: float) -> None:
+        """Rims, and no motion sideways. change: of the rims, m/s^2."""
+        left, right = (self.places * turn).tolist()
+        late = (self.delay * change) ** 2
+        # What holds for a while is off by any part of the next jump.
+        own = self.rim2 + late + self._jumps2 / 3.0
+        both = self.chi_var * left * right + late
+        R = np.array(
+            [
+                [own + self.chi_var * left * left, both, 0.0],
+                [both, own + self.chi_var * right * right, 0.0],
+                [0.0, 0.0, _RIM_STD**2],
+            ]
+        )
+        if not self.turns:  # the sides' difference tells nothing then
+            way = np.sign(self.places)
+            R[:2, :2] += (0.1 + abs(self.half * turn)) ** 2 * way[:, None] * way
+        z = np.array([rims[0] + self.chi * left, rims[1] + self.chi * right, 0.0])
+        if there.all():
+            if not math.isnan(self.force[0]):
+                self._delays(dt, float(z[0] + z[1]) / 2.0, float(R[:2, :2].mean()), late)
+            self._update(_SEEN, z, R)
+        else:
+            rows = np.flatnonzero([*there, True])
+            self._update(_SEEN[rows], z[rows], R[rows[:, None], rows])
+
+    def _delays(self, dt: float, middle: float, R: float, late: float) -> None:
+        """Learn the delay by what the rims' middle (m/s) is off from what the imu expects.
+
+        R: its variance; late: what delay has in it. In its logarithm, by the slope of the likelihood and
+        Fisher's information. It is anywhere within the time for which a rim's value stands, at least.
+        """
+        S = float(_MIDDLE @ self.P @ _MIDDLE) + R
+        off2, share = (middle - float(_MIDDLE @ self.x)) ** 2 / S, late / S
+        fade, now = math.exp(-dt / _MEMORY), 2.0 * math.log(self.delay / _SYNC)
+        told = 0.5 * share * share
+        self.delay_weight = fade * self.delay_weight + told
+        self.delay_sum = (
+            fade * self.delay_sum + told * now + 0.5 * share * (min(off2, _SLIPS) - 1.0)
+        )
+        log = 0.5 * self.delay_sum / (self.delay_weight + _SYNC_WEIGHT)
+        least = min(self.stands * self.period / math.sqrt(12.0), _SYNC)
+        self.delay = max(_SYNC * math.exp(min(log, math.log(_MOST_DELAY / _SYNC))), least)
+
+    def _learn(self, dt: float, there: Flags, rims: Array, turn: float, scale: Array) -> None:
+        """Slip and track, by what the filter now thinks."""
+        fade = math.exp(-dt / _MEMORY)
+        self.slip2 *= fade
+        self.weight *= fade
+        for i in np.flatnonzero(there).tolist():
+            rim2, s = float(scale[i]) ** 2, float(self.x[_SL + i])
+            if not rim2 > 0.0:  # a side at rest tells nothing of its slip
+                continue
+            usual = self.slip**2 * rim2 + _CREEP**2
+            share = min(max(1.0 - float(self.P[_SL + i, _SL + i]) / usual, 0.0), 1.0)
+            seen = s * s - share * (1.0 - share) * usual - share**2 * _CREEP**2
+            self.slip2 += dt * seen / rim2
+            self.weight += dt * share**2
+        self._believe()
+        if not (there.all() and self.turns):
+            return
+        h, half = float(rims[1] - rims[0]) / 2.0, self.half * turn
+        if abs(turn) > 0.1 or abs(h) > 0.1:
+            missed = h / (self.chi * self.half) - turn
+            self.turn2 += min(dt / 10.0, 1.0) * (missed * missed - self.turn2)
+            r = (0.1 + 0.2 * abs(h)) ** 2 / max(dt, 1e-6)  # one reading a second, whatever the rate
+            self.chi_var += dt * 0.01**2
+            gain = self.chi_var * half / (half * half * self.chi_var + r)
+            self.chi += gain * (h - self.chi * half)
+            self.chi = min(
+                max(self.chi, _LEAST_CHI), _MOST_CHI
+            )  # a gyro of the wrong sign stays so
+            self.chi_var *= 1.0 - gain * half
+
+    def _believe(self) -> None:
+        """Slip by what was seen of it and what it began with, in its logarithm: two steps of Newton's."""
+        seen, beginning = max(self.slip2, self.weight * _LEAST_SLIP**2), 2.0 * math.log(_SLIP)
+        log = 2.0 * math.log(self.slip)
+        for _ in range(2):
+            more = seen * math.exp(-log)
+            less = self.weight + _SLIP_WEIGHT * (log - beginning)
+            log += max((more - less) / (more + _SLIP_WEIGHT), -1.0)
+        self.slip = math.exp(0.5 * log)
+
+    def _update(self, H: Array, z: Array, R: Array) -> None:
+        """Measurements z = H x with covariance R. P stays symmetric; R is never near 0."""
+        HP = H @ self.P
+        G = np.linalg.solve(HP @ H.T + R, HP).T
+        self.x = self.x + G @ (z - H @ self.x)
+        P = self.P - G @ HP
+        self.P = 0.5 * (P + P.T)
+
+    def told(self, rims: Array, later: list[tuple[float, Array]]) -> tuple[float, ...]:
+        """What the row tells: vx, its variance, vy's, yaw rate, its variance, slip, period.
+
+        later: seconds since the rims' instant and what was felt in each, for rims that come late.
+        """
+        x, slip, rims = self.x, self.slip, self._rolled(rims)
+        vx, vy, var_x, var_y = float(x[0]), float(x[1]), float(self.P[0, 0]), float(self.P[1, 1])
+        for dt, felt in later:
+            turn, ahead, aside = felt.tolist()
+            noise = _UNFELT * dt
+            if not math.isnan(turn + ahead + aside):
+                ahead, aside = (
+                    ahead - x[_BX] - x[_CX] * turn**2,
+                    aside - x[_BY] - x[_CY] * turn**2,
+                )
+                vx, vy = vx + dt * float(ahead + turn * vy), vy + dt * float(aside - turn * vx)
+                noise = 0.1**2 * dt + 4.0 * self.shakes2 * dt**2
+            var_x, var_y = var_x + noise, var_y + noise
+        var_x += (self.delay * self.gained) ** 2 + (slip**2 + self.share_var) * vx**2
+        effective = self.chi * self.half
+        left, right = rims.tolist()
+        if math.isnan(left + right):  # what one side has more than the middle is the turn
+            side, rim = (1, right) if math.isnan(left) else (0, left)
+            arm = self.chi * float(self.places[side])
+            yaw = (vx - rim) / arm
+            noise = (var_x + _RIM_STD**2) / arm**2
+        else:
+            yaw = (right - left) / (2.0 * effective)
+            noise = (_RIM_STD / effective) ** 2
+        # Rims in steps are in what was missed already, but where they seem to go straight.
+        noise += max(self.turn2 * min(1.0, (yaw / 0.1) ** 2), 0.5 * self._jumps2 / effective**2)
+        if not self.turns:  # nothing has told the track
+            noise += yaw * yaw * self.chi_var / self.chi**2
+        return vx, var_x, var_y + vy**2, yaw, noise, slip, self.period

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Twist of the vehicle with a covariance that grows with slip: rows of rims and imu in, Twists out.
+
+For vehicles with encoders and an imu, and a speed over ground where there is one. The filter is that of
+`twist_filter`. Nothing looks ahead: an instant is worked out with what was stamped before it, so that blocks
+may be cut anywhere. What checks doubt is left out, and what is no number of a vehicle, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings, TwistSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.checks.ground_speed import SPEED_VARIANCE
+from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
+
+from .filter import LONGEST, TwistFilter
+
+Rows = Mapping[str, tuple[Integers, Array]]  # of streams by name: stamps (N,) ns, values (N, width)
+
+_CHI = 1.5  # effective over geometric track to begin with, of skid steering; 1 on one axle
+_PART = 0.1  # s in which late rims are carried on by the imu
+# m/s, rad/s, m/s^2: no vehicle and no imu of one has more
+_FASTEST, _TURNS, _SHAKES = 100.0, 35.0, 500.0
+_UNKNOWN = 1e6  # variance of what is not measured: 0 would be certain, 1e308 makes NaN in filters
+
+
+class TwistError(SmallwheelError):
+    """A vehicle whose rims cannot tell a twist."""
+
+
+@dataclass(frozen=True)
+class Twists(Columns):
+    """The vehicle's twist at each stamp of the rims; nothing in it is ever NaN.
+
+    Attributes
+    ----------
+    stamp
+        ns, of the rims.
+    vx, vx_var, vy_var
+        m/s, m^2/s^2: ahead, of one reading. vy is 0 and vy_var what that may be off by: an estimate of vy
+        dead-reckons worse than 0.
+    yaw, yaw_var
+        rad/s, rad^2/s^2: of the rims alone where both sides are there, so that a gyro may be fused beside it.
+    slip
+        1: deviation of the slip speed over the rim's speed, as learnt.
+    period
+        s from row to row, over the last twenty.
+    """
+
+    stamp: Integers
+    vx: Array
+    vx_var: Array
+    vy_var: Array
+    yaw: Array
+    yaw_var: Array
+    slip: Array
+    period: Array
+
+
+class TwistState:
+    """What is carried from block to block: the filter, and of each stream the rows that are still needed."""
+
+    def __init__(self, vehicle: OnboardSettings, settings: TwistSettings) -> None:
+        rolling = [wheel for wheel in vehicle.wheels if wheel.contact == ROLLING]
+        sides = [[w for w in rolling if sign * w.lateral_position > 0.0] for sign in (1.0, -1.0)]
+        if not all(sides):
+            raise TwistError(
+                "twist: no rolling wheel on one side of the vehicle: set lateral_position of the wheels"
+                " (m, positive left), or leave twist.publish false"
+            )
+        self.settings = settings
+        self.sides = [[f"{w.name}/wheel_speed" for w in side] for side in sides]
+        self.radius = {f"{w.name}/wheel_speed": w.diameter / 2.0 for w in rolling}
+        self.ground = {"odometry": ODOMETRY, "topic": VELOCITY}.get(vehicle.velocity, "")
+        self.ground_std = vehicle.noise.speed
+        self.hold = round(MAXIMUM_GAP * SECOND)
+        self.tail: dict[str, tuple[Integers, Array]] = {}
+        self.last = -2 * LONGEST  # stamp of the last row, ns
+        self.level: Array = np.zeros(
+            2
+        )  # m/s^2 of gravity felt ahead and left, by the last orientation
+        places = np.array([np.mean([w.lateral_position for w in side]) for side in sides])
+        axles = {w.longitudinal_position for side in sides for w in side}
+        self.track = places, _CHI if len(axles) > 1 else 1.0
+        self.filter = TwistFilter(*self.track)
+        self.anew: list[int] = []  # stamps of doubts that rows have not reached yet
+
+
+def twist(
+    state: TwistState,
+    rows: Rows,
+    doubted: Mapping[str, Flags | bool] | None = None,
+    anew: Sequence[int] = (),
+) -> Twists:
+    """Twists at the stamps of the rims among these rows.
+
+    rows: all that came of each stream since the last call, up to one stamp. doubted: by stream which of those
+    a check doubts (all: True). They are left out; a side of which no wheel is left, too, and of no side there
+    is no row. anew: stamps (ns) behind which a doubt begins: the filter then forgets what it was taught.
+    """
+    state.anew += anew
+    streams = _streams(state, rows, doubted or {})
+    rims = [name for side in state.sides for name in side]
+    stamps = np.unique(np.concatenate([streams[name][0] for name in rims]))
+    stamps = stamps[stamps > state.last]
+    left, right = (
+        _mean(np.array([_held(*streams[n], stamps, state.hold)[:, 0] for n in side]))
+        for side in state.sides
+    )
+    seen = ~(np.isnan(left) & np.isnan(right))
+    stamps, both = stamps[seen], np.column_stack([left, right])[seen]
+    before = np.maximum(
+        np.concatenate([[state.last], stamps[:-1]])[: stamps.size], stamps - LONGEST
+    )
+    delay = round(state.settings.rim_delay * SECOND)
+    parts = max(1, math.ceil(state.settings.rim_delay / _PART)) if delay else 0
+    ends = [(before - delay, stamps - delay)]
+    cuts = [delay - delay * i // max(parts, 1) for i in range(parts + 1)]
+    ends += [(stamps - a, stamps - b) for a, b in pairwise(cuts)]
+    felt = [_felt(streams[_GYRO], streams[_FORCE], *each, state.hold) for each in ends]
+    speed, speed_std = _ground(state, streams.get(state.ground), *ends[0])
+    steps = [delay / max(parts, 1) / SECOND] * parts
+    found = np.empty((stamps.size, 7))
+    for i, stamp in enumerate(stamps.tolist()):
+        while state.anew and stamp > state.anew[0]:
+            del state.anew[0]
+            state.filter, state.last = TwistFilter(*state.track), stamp - 2 * LONGEST
+        state.filter.step(stamp - state.last, both[i], felt[0][i], speed[i], speed_std[i])
+        later = [(step, part[i]) for step, part in zip(steps, felt[1:], strict=True)]
+        found[i] = state.filter.told(both[i], later)
+        state.last = stamp
+    newest = max((int(own[-1]) for own, _ in streams.values() if own.size), default=0)
+    for name, (own, values) in streams.items():  # whatever comes is stamped behind the newest
+        keep = own > newest - LONGEST - delay - state.hold
+        state.tail[name] = own[keep], values[keep]
+    return Twists(stamps, *found.T)
+
+
+def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array]:
+    """Fields of geometry_msgs/TwistWithCovariance: linear (N, 3), angular (N, 3), covariance (N, 36).
+
+    Errors of slip last; an ekf takes each message for a new one: variances times 2 correlation_time / period.
+    """
+    white = np.maximum(1.0, 2.0 * settings.correlation_time / rows.period)
+    linear, angular = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
+    linear[:, 0], angular[:, 2] = rows.vx, rows.yaw
+    covariance = np.zeros((len(rows), 6, 6))
+    covariance[:, range(6), range(6)] = _UNKNOWN
+    for axis, variance in ((0, rows.vx_var), (1, rows.vy_var), (5, rows.yaw_var)):
+        covariance[:, axis, axis] = np.minimum(variance * white, _UNKNOWN)
+    return linear, angular, covariance.reshape(-1, 36)
+
+
+_GYRO, _FORCE = "imu yaw rate", "imu force"  # of the imu's readings, each where it is good
+_Stream = tuple[Integers, Array]
+_NONE: _Stream = np.empty(0, dtype=np.int64), np.empty((0, 10))
+
+
+def _streams(
+    state: TwistState, rows: Rows, doubted: Mapping[str, Flags | bool]
+) -> dict[str, _Stream]:
+    """Rows that can be believed, behind those that are still there from before; rims in m/s."""
+
+    def read(stream: str) -> _Stream:
+        stamps, values = rows.get(stream, _NONE)
+        left_out = np.broadcast_to(np.asarray(doubted.get(stream, False)), stamps.shape)
+        return stamps, np.where(left_out[:, None], np.nan, values)
+
+    def good(name: str, stamps: Integers, values: Array, most: float) -> None:
+        before = state.tail.get(name, (stamps[:0], values[:0]))
+        keep = (np.abs(values) <= most).all(axis=1)  # NaN is not
+        known = np.concatenate([before[0][-1:], np.where(keep, stamps, -1)])
+        newest = np.maximum.accumulate(np.concatenate([[-1], known]))
+        keep &= stamps > newest[newest.size - 1 - stamps.size : -1]
+        found[name] = (
+            np.concatenate([before[0], stamps[keep]]),
+            np.concatenate([before[1], values[keep]]),
+        )
+
+    found: dict[str, _Stream] = {}
+    for name, radius in state.radius.items():
+        stamps, values = read(name)
+        good(name, stamps, radius * values[:, :1], _FASTEST)
+    stamps, values = read(IMU)
+    good(_GYRO, stamps, values[:, :1], _TURNS)
+    good(_FORCE, stamps, values[:, 1:3] - _level(state, GRAVITY * values[:, 4:6]), _SHAKES)
+    if state.ground:
+        stamps, values = read(state.ground)
+        variance = values[:, SPEED_VARIANCE] if state.ground == ODOMETRY else np.zeros(stamps.size)
+        usual = state.ground_std
+        spread = np.sqrt(np.where(variance > 0.0, variance, usual**2))
+        spread = np.minimum(spread, _FASTEST)
+        good(state.ground, stamps, np.column_stack([values[:, 0], spread]), _FASTEST)
+    return found
+
+
+def _level(state: TwistState, level: Array) -> Array:
+    """What gravity has in the accelerometer, (N, 2); of an orientation that is lost, the last one."""
+    known = (np.abs(level) <= 1.1 * GRAVITY).all(axis=1)
+    index = np.maximum.accumulate(np.where(known, np.arange(known.size), -1))
+    filled = np.where(index[:, None] >= 0, level[index], state.level)
+    state.level = filled[-1] if known.size else state.level
+    return filled
+
+
+def _mean(values: Array) -> Array:
+    """Mean over the first axis of what is there; NaN where nothing is."""
+    there = ~np.isnan(values)
+    count = there.sum(axis=0)
+    sums = np.where(there, values, 0.0).sum(axis=0)
+    return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
+
+
+def _held(stamps: Integers, values: Array, at: Integers, hold: int) -> Array:
+    """The last values at or before instants, (len(at), width); NaN where they are older than `hold` ns."""
+    index = np.searchsorted(stamps, at, side="right") - 1
+    if not stamps.size:
+        return np.full((at.size, values.shape[1]), np.nan)
+    fresh = (index >= 0) & (at - stamps[np.maximum(index, 0)] <= hold)
+    return np.where(fresh[:, None], values[np.maximum(index, 0)], np.nan)
+
+
+def _felt(gyro: _Stream, force: _Stream, start: Integers, end: Integers, hold: int) -> Array:
+    """Means of yaw rate and force behind `start` up to `end`, (N, 3), or what is held, or NaN."""
+    found = np.empty((end.size, 3))
+    for columns, (stamps, values) in ((slice(0, 1), gyro), (slice(1, 3), force)):
+        held = _held(stamps, values, end, hold)
+        first, last = (np.searchsorted(stamps, at, side="right") for at in (start, end))
+        sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+        count = (last - first)[:, None]
+        mean = (sums[last] - sums[first]) / np.maximum(count, 1)
+        found[:, columns] = np.where(np.isnan(held) | (count < 1), held, mean)
+    return found
+
+
+def _ground(
+    state: TwistState, stream: _Stream | None, start: Integers, end: Integers
+) -> tuple[Array, Array]:
+    """Speed over ground of the vehicle's middle and its deviation, m/s, each message once; else NaN."""
+    if stream is None or not stream[0].size:
+        return np.full(end.size, np.nan), np.full(end.size, np.nan)
+    stamps, values = stream
+    last = np.searchsorted(stamps, end, side="right") - 1
+    new = (last >= 0) & (stamps[np.maximum(last, 0)] > start)
+    speed, spread = np.where(new[:, None], values[np.maximum(last, 0)], np.nan).T
+    return speed, spread

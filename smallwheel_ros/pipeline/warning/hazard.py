@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Warning before a vehicle gets stuck: slip, raised by the pull that the ground does not give.
+
+    hazard = slip + 2 (max(sin slope, 0) + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
+
+slip: of the middle wheel, what is in use of the grip; slope: pull over weight that goes on being asked for;
+loss of speed: pull that is missing already. All along the way that the rims go. Two levels: over 0.4 it is
+on the way to get stuck; over 0.5, while it loses speed, it gets stuck: a steady climb has its slope in its
+slip already. On the way it is as well where slip is over 0.3 by two deviations, behind the same gates:
+ground that gives way at once takes away no speed before (docs/without_soil_sensors.md).
+
+Nothing is said where slip may be none: it has to be over 0 by two deviations, as they are told of it (the
+speed over ground late, scattered, or hardly known).
+
+Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is taken, so that
+what comes out does not depend on where blocks were cut, nor on which sensor comes when.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY, Wheel
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers, Readings, mean, median
+
+PERIOD = SECOND // 10  # ns, an instant; all constants were found at 10 Hz
+HELD = 0.5  # s, for which a wheel's row is taken on
+SLIP_S, TREND_S, READINGS = 0.5, 1.0, 5  # s: of a mean, of a line; readings of the speed in a mean
+SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a pull of 0.2
+FIRST, SECOND_LEVEL = 0.4, 0.5  # of the hazard
+SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
+WORDS = {
+    1: "the wheels slip by {slip:.2f}: the vehicle may get stuck",
+    2: "the wheels slip by {slip:.2f}: the vehicle gets stuck, its wheels dig in: stop",
+}
+LOSES = 0.10  # 1/s, of the rims' speed: what loses speed so fast gets stuck
+DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
+DEVIATIONS = 1.0  # of the hazard, that are taken off
+ROLLED = 0.30  # slip under which a start is over
+BRAKES = 0.30  # of g: wheels that pull cannot brake so
+GAINS = 0.10  # m/s^2: what gains speed so fast is not getting stuck
+LOSS_S, UNFELT, SEEN = (
+    2.5,
+    1.0,
+    0.4,
+)  # s, m/s, share: a loss of speed that an accelerometer has to feel
+REPEAT, APART = 5.0, 2.0  # s, between two messages that it goes on; a gap that ends it
+# Of each level, at least. In snow 17 of 25 warnings were of a vehicle that got stuck, 17 of 19 of the second.
+RISKS = (0.0, 0.5, 0.9)
+_LEAST = 0.05  # m/s of a rim, by which is divided
+_KEEP = 10 * SECOND  # ns of instants, for the slow mean of an accelerometer without orientation
+
+
+@dataclass(frozen=True)
+class Instants(Columns):
+    """The vehicle ten times a second; NaN: not known.
+
+    stamp: ns, end of the tenth. rim, ground, ground_std: m/s, (rows, wheels). speed: m/s. rise: sine of the
+    slope, nose up. felt: m/s^2 ahead, as the accelerometer has it (slope and gain of speed), or by odometry.
+    """
+
+    stamp: Integers
+    rim: Array
+    ground: Array
+    ground_std: Array
+    speed: Array
+    rise: Array
+    felt: Array
+
+    @property
+    def time(self) -> Array:
+        """Stamp, s."""
+        return self.stamp / SECOND
+
+
+@dataclass(frozen=True)
+class Warned(Columns):
+    """What is to be said of each instant.
+
+    hazard, slip: 1; NaN where it is not judged. level: 0, 1 on the way to get stuck, 2 gets stuck (the
+    rolling wheels dig in). told: 1 or 2 where a message of that level is due, else 0.
+    """
+
+    stamp: Integers
+    hazard: Array
+    slip: Array
+    level: Integers
+    told: Integers
+
+
+class Warnings:
+    """The warning at work.
+
+    wheels: of the vehicle, of which the rolling ones are asked. with_imu: whether there is one; it then tells
+    the slope where it has an orientation, and what is felt.
+    """
+
+    def __init__(self, wheels: tuple[Wheel, ...], with_imu: bool = False) -> None:
+        self.with_imu = with_imu
+        self.rolling = np.flatnonzero([wheel.contact == ROLLING for wheel in wheels])
+        self.side = np.array([wheel.lateral_position for wheel in wheels])[self.rolling]
+        self._open: Readings | None = None
+        self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 7))
+        self._speeds: Integers = np.empty(0, dtype=np.int64)
+        # Of each wheel: time, rim, ground and its deviation.
+        self._newest = np.full((self.rolling.size, 4), np.nan)
+        self._done: Instants | None = None
+        self._rolled = False
+        self._last, self._said = np.full(2, -np.inf), np.full(2, -np.inf)
+
+    def take(
+        self,
+        rows: Readings | None,
+        speeds: Integers,
+        imu: tuple[Integers, Array] | None,
+        until: int,
+    ) -> tuple[Instants, Warned] | None:
+        """Go on with rows up to a watermark (ns); None: no tenth of a second is over.
+
+        speeds: stamps of the odometry in the block, which tell how often it comes. imu: stamps and rows of
+        the imu (yaw rate, specific force, which way is up) in the block.
+        """
+        if rows is not None:
+            self._open = rows if self._open is None else Readings.joined([self._open, rows])
+        self._speeds = np.concatenate([self._speeds, speeds])
+        if imu is not None:
+            old = self._imu
+            self._imu = np.concatenate([old[0], imu[0]]), np.concatenate([old[1], imu[1]])
+        end = until // PERIOD * PERIOD
+        found = None
+        if self._open is not None and len(self._open) and self._open.stamp[0] < end:
+            over = self._open.stamp < end
+            made = self._instants(self._open.take(over))
+            self._open = self._open.take(~over)
+            before = 0 if self._done is None else len(self._done)
+            self._done = made if self._done is None else Instants.joined([self._done, made])
+            found = made, self._judged(before)
+            self._done = self._done.take(self._done.stamp > made.stamp[-1] - _KEEP)
+        self._speeds = self._speeds[self._speeds > end - _KEEP]
+        recent = self._imu[0] >= end
+        self._imu = self._imu[0][recent], self._imu[1][recent]
+        return found
+
+    def _instants(self, rows: Readings) -> Instants:
+        """Rows of closed tenths, put together."""
+        bins = rows.stamp // PERIOD
+        kept = np.unique(bins)
+        wheels = self.rolling.size
+        rim, ground, ground_std = np.full((3, kept.size, wheels), np.nan)
+        speed, slope, felt = np.full((3, kept.size), np.nan)
+        felt_by_imu, up = self._felt(kept)
+        for k, one in enumerate(kept.tolist()):
+            mine = np.flatnonzero(bins == one)
+            now = (one + 1) * PERIOD / SECOND
+            for j, number in enumerate(self.rolling.tolist()):
+                own = mine[rows.wheel[mine] == number]
+                if own.size:
+                    last = own[-1]
+                    self._newest[j] = (
+                        rows.stamp[last] / SECOND,
+                        rows.rim_speed[last],
+                        rows.speed[last],
+                        rows.speed_std[last],
+                    )
+            fresh = now - self._newest[:, 0] <= HELD
+            rim[k, fresh], ground[k, fresh], ground_std[k, fresh] = self._newest[fresh, 1:].T
+            last = mine[-1]
+            speed[k], slope[k] = rows.vehicle_speed[last], rows.slope[last]
+            felt[k] = slope[k] + rows.gained[last]
+        rise = slope / GRAVITY
+        if self.with_imu:
+            rise, felt = up, felt_by_imu
+        return Instants((kept + 1) * PERIOD, rim, ground, ground_std, speed, rise, felt)
+
+    def _felt(self, kept: Integers) -> tuple[Array, Array]:
+        """Means of the accelerometer ahead, and of the sine of the slope, in each tenth."""
+        ahead, up = np.full((2, kept.size), np.nan)
+        if not self._imu[0].size:
+            return ahead, up
+        bins = self._imu[0] // PERIOD
+        for k, one in enumerate(kept.tolist()):
+            first, last = np.searchsorted(bins, [one, one + 1])
+            if last > first:
+                ahead[k], up[k] = self._imu[1][first:last, [1, 4]].mean(axis=0)
+        return ahead, up
+
+    def _judged(self, first: int) -> Warned:
+        done = self._done
+        assert done is not None
+        count = len(done) - first
+        hazard, slip = np.full((2, count), np.nan)
+        level, told = np.zeros((2, count), dtype=np.int64)
+        for i in range(first, len(done)):
+            k = i - first
+            hazard[k], slip[k], surely, gains = self._hazard(done, i)
+            if hazard[k] > SECOND_LEVEL and (gains < -LOSES or slip[k] > SECOND_LEVEL):
+                level[k] = 2
+            elif hazard[k] > FIRST or surely > SLIPS:
+                level[k] = 1
+            told[k] = self._told(float(done.stamp[i] / SECOND), int(level[k]))
+        return Warned(done.stamp[first:], hazard, slip, level, told)
+
+    def _told(self, now: float, level: int) -> int:
+        """At the rise, and every `REPEAT` s while it holds."""
+        told = 0
+        for one in (0, 1):
+            if level > one:
+                if now - self._last[one] > APART or now - self._said[one] >= REPEAT:
+                    self._said[one], told = now, one + 1
+                self._last[one] = now
+        return told
+
+    def _hazard(self, done: Instants, i: int) -> tuple[float, float, float, float]:
+        """Hazard, slip, what slip surely is, and gain of speed (1/s), of an instant; NaN: not judged."""
+        time = done.time[: i + 1] - done.time[i]
+        rate = self._rate(int(done.stamp[i]))
+        slip_s, trend_s = max(SLIP_S, READINGS / rate), max(TREND_S, 2 * READINGS / rate)
+        a = int(np.searchsorted(time, -slip_s + 1e-6))
+        b = int(np.searchsorted(time, -trend_s + 1e-6))
+        rim, ground, spread = (
+            each[a : i + 1].mean(axis=0) for each in (done.rim, done.ground, done.ground_std)
+        )
+        known = np.isfinite(rim) & np.isfinite(ground)
+        if not known.sum() * 2 > known.size:
+            self._rolled = False
+            return np.nan, np.nan, np.nan, np.nan
+        rim, ground, spread = rim[known], ground[known], np.nan_to_num(spread[known])
+        along = -1.0 if mean(rim) < 0.0 else 1.0
+        rim, ground = rim * along, ground * along
+        rolls = mean(rim)
+        slip, unsure = _slip(rim, ground), median(spread / np.maximum(rim, _LEAST))
+        gain, scatter = _line(time[b:], done.speed[b : i + 1], trend_s)
+        gain = gain * along
+        rises = done.rise[b : i + 1]
+        rises = rises[np.isfinite(rises)]
+        rise = mean(rises) * along if rises.size else 0.0
+        value = slip + SLIP_PER_PULL * (max(rise, 0.0) + max(-gain, 0.0) / GRAVITY)
+        of_slip = scatter / max(rolls, DRIVES) / np.sqrt(rate * slip_s)
+        of_loss = SLIP_PER_PULL * scatter / GRAVITY * np.sqrt(12.0 / (rate * trend_s)) / trend_s
+        deviation = float(np.hypot(of_slip, of_loss))
+        value -= DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
+        runs = bool(rolls > DRIVES and rim.min() > -0.05)
+        self._rolled = runs and (self._rolled or slip < ROLLED)
+        judged = self._rolled and -BRAKES * GRAVITY < gain < GAINS and slip > SURELY * unsure
+        if not judged or _unfelt(time, done, along):
+            return np.nan, np.nan, np.nan, np.nan
+        return float(value), slip, slip - SURELY * deviation, gain / max(rolls, DRIVES)
+
+    def _rate(self, stamp: int) -> float:
+        """Messages of the speed a second, over the last five."""
+        first, last = np.searchsorted(self._speeds, [stamp - 5 * SECOND, stamp])
+        if last - first < 3:
+            return 10.0
+        spanned = (self._speeds[last - 1] - self._speeds[first]) / SECOND
+        return float(np.clip((last - first - 1) / max(spanned, 1e-3), 1.0, 1000.0))
+
+
+def _slip(rim: Array, ground: Array) -> float:
+    """Slip of the middle wheel, -1 to 1."""
+    return min(max(median(1.0 - ground / np.maximum(rim, _LEAST)), -1.0), 1.0)
+
+
+def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
+    """Slope (1/s) of a line and the scatter about it; 0 and NaN until half of the span is there."""
+    good = np.isfinite(values)
+    time, values = time[good], values[good]
+    if len(time) < 4 or not time[-1] - time[0] > 0.5 * seconds:
+        return 0.0, np.nan
+    t, v = time - mean(time), values - mean(values)
+    slope = float(t @ v / (t @ t))
+    return slope, float(np.sqrt(np.sum((v - slope * t) ** 2) / (len(t) - 2)))
+
+
+def _unfelt(time: Array, done: Instants, along: float) -> bool:
+    """Whether odometry lost over `UNFELT` within `LOSS_S`, and the accelerometer felt under `SEEN` of it."""
+    last = len(time)
+    begin, first = np.searchsorted(time, [-_KEEP / SECOND, -LOSS_S]).tolist()
+    felt, rise = done.felt[first:last], done.rise[first:last]
+    if not np.isfinite(felt).all():
+        return False
+    # Without an orientation the slope is what is felt on the whole.
+    level = GRAVITY * rise if np.isfinite(rise).all() else np.nanmean(done.felt[begin:last])
+    felt = (felt - level) * along
+    speed = done.speed[first:last] * along
+    if not np.isfinite(speed).all():
+        return False
+    k = int(np.argmax(speed))
+    lost = float(speed[k] - speed[-1])
+    gained = float(np.sum(felt[k + 1 :] * np.minimum(np.diff(time[first:]), 0.2)[k:]))
+    return lost > UNFELT and gained > -SEEN * lost
+
+
+def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers:
+    """Level at stamps, that of the newest instant, 0 before the first; at 2 the rolling wheels dig in."""
+    place = np.searchsorted(instants, stamps, side="right") - 1
+    return np.where(place >= 0, levels[np.maximum(place, 0)], 0)
+
+
+def risk_of(risk: Array, level: Integers) -> Array:
+    """Probability to get stuck within a metre: by the margin, and at least `RISKS` of the level."""
+    return np.asarray(np.where(level > 0, np.fmax(risk, np.array(RISKS)[level]), risk))

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be warned of, and the margin of any ground: rows of what is believed in, what holds at each out.
+
+    judged    instants of 0.1 s: hazard and its levels, which wheels spin on the spot; each second the margin
+
+What holds at a row is that of its stamp, so that it does not depend on where blocks are cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.pipeline.intake.buffer import NEVER, Stream
+from smallwheel_ros.pipeline.rows.align import Align
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
+
+from .hazard import Instants, Warned, Warnings, level_at
+from .margin import AnyGround, Ground, Margins
+
+# Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
+# second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
+_SPINS = 0.7
+_SURELY = 2.0  # deviations of the speed over ground
+_TURNS = 0.05  # m/s: rims that drive; encoders of one that stands show 0.02 at most
+_ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some tenths later
+
+
+@dataclass(frozen=True)
+class Judged(Columns):
+    """What holds at rows: level of the warning, whether a wheel spins on the spot, margin of any ground.
+
+    asked: pull over load that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
+    """
+
+    level: Integers
+    spins: Flags
+    margin: Array
+    margin_std: Array
+    asked: Array
+    risk: Array
+
+
+class Judgement:
+    """Warnings and the margin of any ground of one vehicle.
+
+    warned: of the newest turn; None: no tenth of a second was over.
+    """
+
+    def __init__(self, settings: OnboardSettings, align: Align) -> None:
+        self.settings = settings
+        self.warnings = Warnings(settings.wheels, IMU in settings.streams)
+        self.ground = AnyGround(self.warnings.side)
+        self.warned: Warned | None = None
+        self._speed_is = (
+            VELOCITY
+            if VELOCITY in settings.streams
+            else ODOMETRY
+            if settings.velocity != "none"
+            else ""
+        )
+        self._instants: Instants | None = None  # of the last second, for spinning
+        self._spinning: tuple[Integers, Flags] = np.empty(0, dtype=np.int64), np.empty((0, 0), bool)
+        self._levels: tuple[Integers, Integers] = np.array([NEVER]), np.zeros(1, dtype=np.int64)
+        self._margins: Margins | None = None
+        self._slip = np.nan
+        self._wheels_since: int | None = (
+            None  # ns, since when the odometry is known to be of the wheels
+        )
+
+    # --- Warning and margin
+
+    def judge(self, rows: Readings, align: Align) -> Judged:
+        """Go on with rows; what holds at each of them. `warned` has what is new."""
+        rows = self._by_ground(rows, align)
+        felt = align.ground.felt.between(align.since, align.done)
+        speeds = align.streams.all.get(self._speed_is)
+        stamps = (
+            speeds.between(align.since, align.done)[0]
+            if isinstance(speeds, Stream)
+            else felt[0][:0]
+        )
+        imu = (felt[0], align.doubts.believed(IMU, *felt)) if felt[0].size else None
+        made = self.warnings.take(rows, stamps, imu, align.done)
+        self.warned = None
+        if made is not None:
+            instants, self.warned = made
+            self._slip = float(self.warned.slip[-1])
+            self._levels = _carried(self._levels, self.warned.stamp, self.warned.level)
+            self._spin(instants)
+            margins = self.ground.take(instants)
+            if margins is not None:
+                # A second is over with the first instant behind it: from there on its margin holds.
+                behind = np.searchsorted(instants.stamp, margins.stamp, side="right")
+                margins = self._unlearnt(replace(margins, stamp=instants.stamp[behind]))
+                old = self._margins
+                self._margins = margins if old is None else Margins.joined([old, margins])
+        found = self._at(rows)
+        self._levels = self._levels[0][-1:], self._levels[1][-1:]
+        self._spinning = self._spinning[0][-1:], self._spinning[1][-1:]
+        if self._margins is not None:
+            self._margins = self._margins.take(slice(-1, None))
+        return found
+
+    def _by_ground(self, rows: Readings, align: Align) -> Readings:
+        """Rows without speeds that are of the wheels: these show no slip, and teach nothing of the ground."""
+        of_wheels = align.ground.trust(rows.stamp).of_wheels
+        if not of_wheels.any():
+            return rows
+        if self._wheels_since is None:
+            self._wheels_since = int(rows.stamp[np.argmax(of_wheels)])
+        return replace(
+            rows,
+            speed=np.where(of_wheels, np.nan, rows.speed),
+            vehicle_speed=np.where(of_wheels, np.nan, rows.vehicle_speed),
+        )
+
+    def _unlearnt(self, margins: Margins) -> Margins:
+        """The margin of ground that nothing is known of, once it has turned out that the wheels taught it."""
+        if self._wheels_since is None:
+            return margins
+        wrong = margins.stamp > self._wheels_since
+        mean, deviation = Ground().moments()
+        return replace(
+            margins,
+            margin=np.where(wrong, mean, margins.margin),
+            margin_std=np.where(wrong, deviation, margins.margin_std),
+            risk=np.where(wrong, np.nan, margins.risk),
+        )
+
+    @property
+    def slip(self) -> float:
+        """Of the middle wheel, where there is a level."""
+        return self._slip
+
+    @property
+    def level(self) -> int:
+        """Of the warning, now."""
+        return int(self._levels[1][-1])
+
+    def _spin(self, instants: Instants) -> None:
+        """Whether the vehicle surely gets nowhere: over a second, by the means of its rims and of their ways.
+
+        Its middle, since wheels that get stuck spin on a diagonal while the others stand. Rims that all the
+        while drive one way, by more than noise: who stands does not spin, nor who turns on the spot. Surely:
+        by two deviations of the speed over ground, which is off by as much for the whole second.
+        """
+        whole = instants if self._instants is None else Instants.joined([self._instants, instants])
+        first = len(whole) - len(instants)
+        spins = np.zeros((len(instants), whole.rim.shape[1]), dtype=bool)
+        for k in range(len(instants)):
+            end = first + k + 1
+            begin = int(np.searchsorted(whole.stamp, whole.stamp[end - 1] - SECOND, side="right"))
+            spins[k] = end - begin >= 10 and _gets_nowhere(whole.take(slice(begin, end)))
+        before, flags = self._spinning
+        flags = flags if flags.shape[1] else np.zeros((0, spins.shape[1]), dtype=bool)
+        self._spinning = np.concatenate([before, instants.stamp]), np.vstack([flags, spins])
+        self._instants = whole.take(slice(-10, None))
+
+    def _at(self, rows: Readings) -> Judged:
+        count = len(rows)
+        level = level_at(*self._levels, rows.stamp)
+        spins = np.zeros(count, dtype=bool)
+        stamps, flags = self._spinning
+        if stamps.size:
+            order = np.full(len(self.settings.wheels), -1)
+            order[self.warnings.rolling] = np.arange(self.warnings.rolling.size)
+            place = np.searchsorted(stamps, rows.stamp, side="right") - 1
+            fresh = (place >= 0) & (order[rows.wheel] >= 0)
+            spins[fresh] = flags[place[fresh], order[rows.wheel[fresh]]]
+        margin, margin_std, asked, risk = np.full((4, count), np.nan)
+        margins = self._margins
+        if margins is None:
+            margin[:], margin_std[:] = self.ground.ground.moments()
+        else:
+            place = np.searchsorted(margins.stamp, rows.stamp, side="right") - 1
+            at = np.maximum(place, 0)
+            fresh = (place >= 0) & (rows.stamp - margins.stamp[at] <= _ASKED_STALE)
+            margin, margin_std = margins.margin[at], margins.margin_std[at]
+            asked[fresh], risk[fresh] = margins.asked[at[fresh]], margins.risk[at[fresh]]
+        return Judged(level, spins, margin, margin_std, asked, risk)
+
+
+def _gets_nowhere(rows: Instants) -> bool:
+    """Whether a vehicle's rims drive on all the time of some instants, and it does not."""
+    known = (np.isfinite(rows.rim) & np.isfinite(rows.ground)).all(axis=0)
+    if 2 * known.sum() <= known.size:
+        return False
+    rims, ground, spread = (
+        each[:, known] for each in (rows.rim, rows.ground, np.nan_to_num(rows.ground_std))
+    )
+    along = -1.0 if rims.mean() < 0.0 else 1.0
+    each = along * rims.mean(axis=1)
+    rim, reached = float(each.mean()), along * float(ground.mean()) + _SURELY * float(spread.mean())
+    drives = rim > _TURNS and each.min() > 0.5 * rim and (along * rims.mean(axis=0)).min() > -_TURNS
+    return bool(drives and reached < (1.0 - _SPINS) * rim)
+
+
+def _carried(
+    before: tuple[Integers, Integers], stamps: Integers, values: Integers
+) -> tuple[Integers, Integers]:
+    return np.concatenate([before[0], stamps]), np.concatenate([before[1], values])

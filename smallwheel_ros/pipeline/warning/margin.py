@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Margin of any ground from slip and accelerometer: no mass, no load cell, no torque, no name of the soil.
+
+    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin = p(0.4)
+
+H grip, K slip at which 63 % of it is used, R motion resistance over load. Pushed by the ground alone, the
+accelerometer along the way over g is net pull over load, slope and gain of speed included. Each second
+without a turn *the slip at the pull asked for* is compared, not the pull at a slip. More pull than the
+grip gives cannot be, so that what a vehicle does bounds its margin from below.
+
+What is believed is a set of points drawn from the prior once, with weights; of ground that lies behind it is
+forgotten, exp(-way/10 m). For ground ahead 0.08 is added: what the places of one field differ by.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
+
+from .hazard import Instants
+
+REFERENCE_SLIP = 0.4
+# Prior: (median, standard deviation of the logarithm).
+GRIP = (0.40, 0.70)  # wet ice 0.1, snow 0.3, sand 0.4, grass 0.5, gravel 0.6, asphalt 0.9
+SOFTNESS = (0.10, 0.70)  # rubber on asphalt 0.03, loose sand and snow 0.3
+RESISTANCE = (0.05, 0.80)  # asphalt 0.015, wheels deep in sand or snow 0.2
+OFFSET = 0.02  # rad, of the accelerometer against the vehicle
+RADIUS = 0.05  # of all slips alike: found on four robots, 0.00 to 0.07
+REACH = 2.5  # standard deviations of the prior
+LAW = 0.03  # scatter of a second's pull about the law: bumps, turning
+SHARE = 0.5  # of a second's likelihood: seconds follow each other with a correlation of 0.4
+SLIDES, WHOLE = 1.0, 1.2  # odds of a step that slides; greatest slip, with its noise
+DOUBT = 0.15  # share of steps whose slip tells nothing
+PATCH = 10.0  # m, over which ground is forgotten
+AHEAD = 0.08  # of margin: scatter between places (snow, 17 places: 13 within the band)
+POINTS = 4096  # a step in under 2 ms
+ASKED = 1.0  # m, over which what is asked for is averaged
+STEP = SECOND  # ns
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+_RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
+    0.3,
+    0.6,
+    0.03,
+    0.5,
+    6,
+)  # m/s, 1, slip, slip, instants of a step
+
+
+class Ground:
+    """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights."""
+
+    def __init__(self) -> None:
+        ranks = np.tile(np.arange(POINTS), (5, 1))  # Latin hypercube (McKay et al. 1979)
+        uniform = (np.random.default_rng(44).permuted(ranks, axis=1).T + 0.5) / POINTS
+        low = float(ndtr(-REACH))
+        normal = ndtri(low + (1.0 - 2.0 * low) * uniform).T
+        self.grip, self.softness, self.resistance = (
+            median * np.exp(sd * z)
+            for (median, sd), z in zip((GRIP, SOFTNESS, RESISTANCE), normal[:3], strict=True)
+        )
+        self.offset, self.radius = OFFSET * normal[3], RADIUS * normal[4]
+        self.logs = np.zeros(uniform.shape[0])
+        self.margins = self.grip * -np.expm1(-REFERENCE_SLIP / self.softness) - self.resistance
+        self._order = np.argsort(self.margins)
+
+    def forget(self, metres: float) -> None:
+        """Of the ground behind less is believed."""
+        self.logs *= math.exp(-metres / PATCH)
+
+    def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
+        """Take a step: mean slip, its deviation, accelerometer along the way of travel over g; way: +-1."""
+        used = (pull - way * self.offset + self.resistance) / self.grip
+        used = used + (LAW / self.grip) * _NODES[:, None]
+        size = np.abs(used)
+        answer = np.minimum(-self.softness * np.log1p(-np.minimum(size, 0.999)), 1.0)
+        off = (slip - np.copysign(answer, used) + self.radius) / deviation
+        square = 1.0 + 0.25 * off * off
+        near = np.where(size < 1.0, 0.375 / deviation / (square * square * np.sqrt(square)), 0.0)
+        density = _WEIGHTS @ near
+        whole = (
+            math.copysign(1.0, slip) * self.grip - self.resistance - pull + way * self.offset
+        ) / LAW
+        density += SLIDES / WHOLE * np.exp(-0.5 * whole * whole)
+        self.logs += SHARE * np.log((1.0 - DOUBT) * density + DOUBT / (2.0 * WHOLE))
+
+    @property
+    def weights(self) -> Array:
+        """Of the points, their sum is 1."""
+        weights = np.exp(self.logs - self.logs.max())
+        return np.asarray(weights / weights.sum())
+
+    def quantiles(self, levels: tuple[float, ...] = (0.025, 0.5, 0.975)) -> Array:
+        """Of the margin here."""
+        total = np.cumsum(self.weights[self._order])
+        place = np.minimum(np.searchsorted(total, levels), len(total) - 1)
+        return np.asarray(self.margins[self._order][place])
+
+    def moments(self) -> tuple[float, float]:
+        """Mean and standard deviation of the margin of ground ahead."""
+        weights = self.weights
+        mean = float(weights @ self.margins)
+        return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
+
+    def risk(self, asked: float) -> float:
+        """Probability that the margin of ground ahead is under a pull over load; NaN of NaN."""
+        return float(self.weights @ ndtr((asked - self.margins) / AHEAD))
+
+
+@dataclass(frozen=True)
+class Margins(Columns):
+    """What is believed after each second: margin of ground ahead (1), risk that it is under `asked`.
+
+    low, middle, high: 2.5, 50 and 97.5 % of the margin here. NaN: not known, nothing tells of the ground.
+    """
+
+    stamp: Integers
+    margin: Array
+    margin_std: Array
+    low: Array
+    middle: Array
+    high: Array
+    asked: Array
+    risk: Array
+
+
+class AnyGround:
+    """The margin at work on the instants of `warnings`. side: places of the rolling wheels, m to the left."""
+
+    def __init__(self, side: Array) -> None:
+        self.ground = Ground()
+        self.side = side
+        self._open: Instants | None = None
+        self._unshared: list[float] = []
+        self._last: tuple[int, float, float] | None = (
+            None  # stamp, speed, pull less rise of the last step
+        )
+        self._asked = np.nan
+        self.steps = 0
+
+    def take(self, instants: Instants) -> Margins | None:
+        """Go on with instants; None: no second is over, or nothing rolls."""
+        if not self.side.size:
+            return None
+        rows = instants if self._open is None else Instants.joined([self._open, instants])
+        number = (rows.stamp - 1) // STEP
+        over = number < number[-1]
+        self._open = rows.take(~over)
+        made = [
+            self._step(rows.take(number == one), one) for one in np.unique(number[over]).tolist()
+        ]
+        if not made:
+            return None
+        columns = list(zip(*made, strict=True))
+        return Margins(np.array(columns[0], dtype=np.int64), *(np.array(c) for c in columns[1:]))
+
+    def _step(self, rows: Instants, number: int) -> tuple[float, ...]:
+        speed, rims = float(np.mean(rows.speed)), rows.rim.mean(axis=0)
+        pull, rise = float(np.mean(rows.felt)) / GRAVITY, float(np.mean(rows.rise))
+        rim = float(np.mean(rims))
+        self.ground.forget(abs(speed) * STEP / SECOND if math.isfinite(speed) else 0.0)
+        noise = self._noise(number, speed, pull - (rise if math.isfinite(rise) else 0.0))
+        known = math.isfinite(speed + pull + rim) and len(rows) >= _FEWEST
+        moves = known and abs(rim) > _RUNS
+        if moves:
+            self._learn(rows, rims, rim, speed, pull, noise)
+            way = math.copysign(1.0, rim)
+            share = 1.0 - math.exp(-abs(speed) / ASKED)
+            before = self._asked if math.isfinite(self._asked) else way * pull
+            self._asked = before + share * (way * pull - before)
+        elif not math.isfinite(pull):
+            self._asked = np.nan
+        low, middle, high = self.ground.quantiles()
+        mean, std = self.ground.moments()
+        told = self.steps > 0
+        risk = self.ground.risk(self._asked) if told and math.isfinite(self._asked) else np.nan
+        return ((number + 1) * STEP, mean, std, low, middle, high, self._asked, risk)
+
+    def _learn(
+        self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float
+    ) -> None:
+        """Where both sides run the same way, and it is no turn."""
+        left, right = rims[self.side > 0.0], rims[self.side < 0.0]
+        if left.size and right.size and abs(right.mean() - left.mean()) >= _TURNS * abs(rim):
+            return
+        way, size = math.copysign(1.0, rim), abs(rim)
+        slip = 1.0 - way * speed / size
+        change = float(np.ptp(rows.rim.mean(axis=1)))
+        deviation = math.hypot(math.hypot(noise, 0.25 * change) / size, _LEAST)
+        if deviation < _NOISE:
+            self.ground.update(slip, deviation, way * pull, way)
+            self.steps += 1
+
+    def _noise(self, number: int, speed: float, gain: float) -> float:
+        """Deviation of a step's speed, m/s: what its change and the accelerometer do not share."""
+        last = self._last
+        if (
+            last is not None
+            and last[0] == number - 1
+            and math.isfinite(speed + gain + last[1] + last[2])
+        ):
+            self._unshared.append(speed - last[1] - GRAVITY * 0.5 * (gain + last[2]))
+            del self._unshared[:-60]
+        self._last = number, speed, gain
+        if len(self._unshared) < 5:
+            return 0.05
+        off = np.array(self._unshared)
+        return float(1.48 * np.median(np.abs(off - np.median(off))) / math.sqrt(2.0))

@@ -1,0 +1,317 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Each rule names its fault and is silent of good sensors; nothing depends on where blocks are cut.
+
+`PYTHONPATH=. python test/pipeline/checks/test_checks.py` writes the table of docs/checks.md anew.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder, settings
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.checks.ground_speed import Ground
+from smallwheel_ros.pipeline.checks.lateness import OfWheels
+from smallwheel_ros.pipeline.checks.loads import impossible_soil
+from smallwheel_ros.pipeline.checks.odometry import Tilt
+from smallwheel_ros.pipeline.checks.rules import RULES, Checks, Finding, table
+from smallwheel_ros.pipeline.checks.window import Vehicle
+from smallwheel_ros.pipeline.intake.streams import Streams
+from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
+from smallwheel_ros.pipeline.tables import Array
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "checks.md"
+BEGIN, END = "<!-- rules -->\n", "<!-- end of rules -->\n"
+LEFT = "front_left/wheel_speed"
+
+
+class Listening:
+    """Checks that are given blocks of rows, as a pipeline gives them."""
+
+    def __init__(self, onboard: OnboardSettings | None = None) -> None:
+        onboard = onboard or settings()
+        self.streams = Streams(widths_of(onboard), rules_of(onboard))
+        self.ground = Ground(onboard, self.streams)
+        self.checks = Checks(onboard, self.ground)
+
+    def take(self, rows: Rows, until: int) -> list[Finding]:
+        for name, block in rows.items():
+            self.streams.all[name].extend(*block)
+        self.ground.advance(until)
+        return self.checks.take(rows, until)
+
+
+def heard(rows: Rows, onboard: OnboardSettings | None = None) -> list[Finding]:
+    listening = Listening(onboard)
+    until = max(int(stamps[-1]) for stamps, _ in rows.values())
+    return [*listening.take(rows, until), *listening.checks.flush()]
+
+
+def said(rows: Rows) -> set[tuple[str, str]]:
+    return {(finding.rule, finding.subject) for finding in heard(rows)}
+
+
+@pytest.fixture(scope="module")
+def good() -> Rows:
+    return drive()
+
+
+def hold(rows: Rows, name: str, after: float = 30.0) -> None:
+    stamps, values = rows[name]
+    i = int(np.searchsorted(stamps, START + round(after * 1e9)))
+    values[i:] = values[i]
+
+
+def scale(rows: Rows, name: str, factor: float, columns: Any = slice(None)) -> None:
+    rows[name][1][:, columns] *= factor
+
+
+def swap(rows: Rows, one: str, two: str) -> None:
+    rows[one], rows[two] = rows[two], rows[one]
+
+
+def of_wheels(rows: Rows) -> None:
+    stamps, values = rows[ODOMETRY]
+    rims = [RADIUS * np.interp(stamps, *_column(rows, f"{name}/wheel_speed")) for name in NAMES]
+    values[:, 0] = np.mean(rims, axis=0)
+    values[:, 1] = (rims[1] + rims[3] - rims[0] - rims[2]) / 2 / 0.6
+
+
+def _column(rows: Rows, name: str) -> tuple[Any, Any]:
+    return rows[name][0], rows[name][1][:, 0]
+
+
+def late(rows: Rows) -> None:
+    rows[ODOMETRY] = rows[ODOMETRY][0] + 350_000_000, rows[ODOMETRY][1]
+
+
+def jump(rows: Rows) -> None:
+    rows[ODOMETRY][1][600:, 2] += 3.0
+
+
+def tilted(rows: Rows) -> None:
+    rows[IMU][1][:, 1] += 9.8 * math.sin(math.radians(4))
+
+
+def zero(rows: Rows) -> None:
+    rows[LEFT][1][900:] = 0.0
+
+
+def all_radii(rows: Rows) -> None:
+    for name in NAMES:
+        scale(rows, f"{name}/wheel_speed", 0.8)
+
+
+FAULTS: dict[str, tuple[str, str, Callable[[Rows], None]]] = {
+    "encoder 0": ("dead", "front_left", zero),
+    "encoder holds": ("held", "front_left", lambda r: hold(r, LEFT)),
+    "mirrored": ("mirrored", "front_left", lambda r: scale(r, LEFT, -1.0)),
+    "radius": ("rolling", "front_left and rear_left", lambda r: scale(r, LEFT, 1.1)),
+    "all radii": ("rolling", "radii", all_radii),
+    "joints interchanged": (
+        "turn", "front_left and front_right", lambda r: swap(r, LEFT, "front_right/wheel_speed"),
+    ),
+    "odometry repeats": ("repeats", "odometry", lambda r: hold(r, ODOMETRY)),
+    "no twist": ("no twist", "odom", lambda r: scale(r, ODOMETRY, 0.0, [0, 1])),
+    "of wheels": ("of wheels", "odometry", of_wheels),
+    "late": ("late", "odometry", late),
+    "jumps": ("jumps", "odometry", jump),
+    "tilt": ("tilt", "imu", tilted),
+    "z down": ("z down", "imu", lambda r: scale(r, IMU, -1.0, [0, 2, 3])),
+    "gyro": ("turn", "imu", lambda r: scale(r, IMU, -1.0, [0])),
+    "imu frozen": ("frozen", "imu", lambda r: hold(r, IMU)),
+    "kg": ("weight", "loads", lambda r: [scale(r, f"{n}/load", 1 / 9.80665) for n in NAMES] and None),
+    "loads swapped": (
+        "swapped", "front_left and front_right", lambda r: swap(r, "front_left/load", "front_right/load"),
+    ),
+    "load frozen": ("held load", "front_left load", lambda r: hold(r, "front_left/load")),
+    "load dead": ("weight", "front_left", lambda r: scale(r, "front_left/load", 0.01)),
+    "sinkage frozen": ("held sinkage", "front_left sinkage", lambda r: hold(r, "front_left/sinkage")),
+    "mm": ("sinkage", "front_left sinkage", lambda r: scale(r, "front_left/sinkage", 1e3, [0])),
+    "above ground": ("sinkage", "front_left sinkage", lambda r: scale(r, "front_left/sinkage", -1.0, [0])),
+}  # fmt: skip
+
+
+def test_nothing_is_said_of_good_sensors(good: Rows) -> None:
+    assert said(good) == set()
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named_and_no_other(good: Rows, name: str) -> None:
+    rule, subject, make = FAULTS[name]
+    rows = copy.deepcopy(good)
+    make(rows)
+    assert said(rows) == {(rule, subject)}
+
+
+def test_every_rule_has_its_fault() -> None:
+    assert {rule.name for rule in RULES} == {rule for rule, _, _ in FAULTS.values()}
+
+
+def test_a_vehicle_that_spins_on_a_diagonal_has_good_encoders() -> None:
+    assert said(drive(slips=(0.89, 0.2, 0.2, 0.85), uneven=0.3)) == set()
+
+
+def stood(headings: Array, slopes: Array, zero: float) -> Tilt:
+    """A judge of an imu that shows so much too much, after stands on slopes (east, north)."""
+    judge = Tilt(Vehicle.of(settings()))
+    for a, (e, n) in zip(headings, slopes, strict=True):
+        ahead, left = e * np.cos(a) + n * np.sin(a) + zero, n * np.cos(a) - e * np.sin(a)
+        judge.stands.append(np.array([a, GRAVITY * ahead, GRAVITY * left]))
+    return judge
+
+
+@given(st.integers(0, 2**32), st.integers(4, 40), st.floats(0.0, 0.1), st.floats(0.0, 0.2))
+def test_stands_in_one_heading_tell_no_tilt(
+    seed: int, count: int, spread: float, slope: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    headings = rng.uniform(-3.0, 3.0) + spread * rng.uniform(-1.0, 1.0, count)
+    assert stood(headings, slope * rng.uniform(-1.0, 1.0, (count, 2)), 0.0)._judged() == []
+
+
+@pytest.mark.parametrize("count", [4, 6, 12])
+def test_slopes_of_the_ground_are_no_tilt_of_the_imu(count: int) -> None:
+    rng = np.random.default_rng(count)
+
+    def named(zero: float, slope: float) -> float:
+        drives = [
+            stood(rng.uniform(-3.0, 3.0, count), slope * rng.standard_normal((count, 2)), zero)
+            for _ in range(400)
+        ]
+        return float(np.mean([bool(judge._judged()) for judge in drives]))
+
+    assert named(0.0, 0.1) < 0.01
+    assert named(math.radians(4.0), 0.01) > (0.5 if count == 4 else 0.95)
+
+
+@pytest.mark.parametrize(("wander", "low", "high"), [(1e-4, 1.0, 1.0), (5e-3, 0.0, 0.03)])
+def test_an_odometry_that_wanders_as_the_best_do_is_not_made_of_wheels(
+    wander: float, low: float, high: float
+) -> None:
+    def made(seed: int) -> bool:
+        rng = np.random.default_rng(seed)
+        way, rims = np.arange(1, 201) * 0.1, np.full(200, 0.1)
+        pieces = rng.uniform(0.9, 1.1) * (1.0 + wander * rng.standard_normal(40))
+        parts = np.column_stack([rims, rims * np.repeat(pieces, 5), np.zeros((200, 2))])
+        return bool(OfWheels().take(way - 0.1, way, parts)[0].any())
+
+    assert low <= np.mean([made(seed) for seed in range(300)]) <= high
+
+
+@hypothesis_settings(max_examples=6)
+@given(
+    st.lists(st.floats(0.0, 90.0), max_size=12),
+    st.sampled_from(["radius", "load frozen", "late", "of wheels"]),
+)
+def test_findings_do_not_depend_on_where_blocks_are_cut(edges: list[float], name: str) -> None:
+    rows = drive()
+    FAULTS[name][2](rows)
+    whole = heard(rows)
+    listening = Listening()
+    ends = START + np.sort(np.round(np.array(edges) * 1e9)).astype(np.int64)
+    found = [f for block, until in cut(rows, ends) for f in listening.take(block, until)]
+    assert [*found, *listening.checks.flush()] == whole
+    assert whole
+
+
+def test_doubted_is_a_stream_from_when_it_was_so_and_while_it_lasts(good: Rows) -> None:
+    rows = copy.deepcopy(good)
+    stamps, values = rows[LEFT]
+    begin, end = np.searchsorted(stamps, [START + 30_000_000_000, START + 60_000_000_000])
+    values[begin:end] = values[begin]
+    listening, seen = Listening(), {}
+    for block, until in cut(rows, START + np.arange(1, 90) * 1_000_000_000):
+        listening.take(block, until)
+        seen[until] = dict(listening.checks.doubted)
+    assert seen[START + 25_000_000_000] == {}
+    assert abs(seen[START + 45_000_000_000][LEFT] - stamps[begin]) <= 34_000_000
+    assert seen[START + 80_000_000_000] == {}
+
+
+def test_memory_does_not_grow_with_the_drive() -> None:
+    listening = Listening()
+    sizes = []
+    for lap in range(4):
+        shift = lap * 90_000_000_000
+        rows = {name: (stamps + shift, values) for name, (stamps, values) in drive().items()}
+        heard_of = max(int(stamps[-1]) for stamps, _ in rows.values())
+        listening.take(rows, heard_of)
+        sizes.append(sum(stamps.size for stamps, _ in listening.checks._rows.values()))
+    assert max(sizes) < 8 * (30 * 4 + 20 * 4 + 10 * 4 + 15 + 50)
+
+
+def test_loads_that_are_given_are_not_weighed(good: Rows) -> None:
+    rows = {name: rows for name, rows in good.items() if not name.endswith("/load")}
+    assert heard(rows, settings(**{"load.source": "static", "vehicle.mass": MASS})) == []
+
+
+def test_a_silent_wheel_and_values_that_are_not_known_are_no_fault(good: Rows) -> None:
+    rows = copy.deepcopy(good)
+    stamps, values = rows[LEFT]
+    rows[LEFT] = stamps[:900], values[:900]
+    rows[ODOMETRY][1][300:330] = np.nan
+    rows[IMU][1][500:600, :4] = np.nan
+    assert said(rows) == set()
+
+
+def test_nothing_at_all_is_no_fault() -> None:
+    listening = Listening()
+    assert listening.take({}, START) == []
+    assert listening.checks.flush() == []
+
+
+def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:
+    assert impossible_soil(1.5e6, 1.0, 0.0, 0.1) == ""
+    assert impossible_soil(5e3, 0.5, 0.0, 0.1) == ""
+    assert "sinkage" in impossible_soil(8e16, 1.0, 0.0, 0.1)
+    assert "sinkage" in impossible_soil(1.0, 1.0, 0.0, 0.1)
+    assert "sinkage" in impossible_soil(math.nan, 1.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "right"),
+    [
+        ("warthog_grass", set()),
+        ("warthog_grass_pose_only", {("no twist", "odom")}),
+        ("warthog_sand1", set()),
+        ("pathfinder_flat", {("z down", "imu"), ("rolling", "radii")}),
+        ("husky_snow", {("of wheels", "odometry")}),
+    ],
+)
+def test_good_sensors_of_real_robots_are_not_accused(
+    name: str, right: set[tuple[str, str]]
+) -> None:
+    drive = import_module("rates.real_drives").real_drive(real_folder(), name)
+    heard = import_module("rates.faults").heard
+    found = {(finding.rule, finding.subject) for finding, _ in heard(drive)}
+    assert found == right
+
+
+def rewritten(text: str) -> str:
+    before, rest = text.split(BEGIN)
+    return before + BEGIN + table() + END + rest.split(END)[1]
+
+
+def test_the_page_has_the_rules_as_they_are() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    assert rewritten(text) == text, f"run `PYTHONPATH=. python {__file__}`"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(rewritten(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The margin of any ground: what the prior says, what drives tell of it, and what a step costs."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+
+from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.warning.hazard import Instants
+from smallwheel_ros.pipeline.warning.margin import (
+    GRIP,
+    RESISTANCE,
+    SOFTNESS,
+    AnyGround,
+    Ground,
+    Margins,
+)
+
+SIDE = np.array([0.3, -0.3, 0.3, -0.3])
+START = 1_700_000_000_000_000_000
+
+
+def law(slip: float, grip: float, softness: float, resistance: float) -> float:
+    return float(grip * -np.expm1(-slip / softness) - resistance)
+
+
+def driven(
+    grip: float, softness: float, resistance: float, steps: int = 60, seed: int = 0
+) -> Ground:
+    """Steps at pulls from 0 to what slip 0.5 gives."""
+    rng, ground = np.random.default_rng(seed), Ground()
+    for slip in rng.uniform(0.0, 0.5, steps):
+        pull = law(slip, grip, softness, resistance) + 0.01 * rng.standard_normal()
+        ground.update(float(slip + 0.03 * rng.standard_normal()), 0.04, pull, 1.0)
+    return ground
+
+
+def instants(
+    seconds: int = 60, slip: float = 0.05, pull: float = 0.0, speed: float = 0.8
+) -> Instants:
+    n = 10 * seconds
+    rng = np.random.default_rng(1)
+    rim = np.full((n, 4), speed / (1.0 - slip)) + 0.01 * rng.standard_normal((n, 4))
+    ground = np.full((n, 4), speed)
+    felt = GRAVITY * pull + 0.1 * rng.standard_normal(n)
+    stamp = START + 100_000_000 * np.arange(1, n + 1)
+    ground_std, along = 0.02 + 0.0 * ground, speed + 0.02 * rng.standard_normal(n)
+    return Instants(stamp, rim, ground, ground_std, along, np.zeros(n), felt)
+
+
+def test_before_any_drive_it_is_the_prior() -> None:
+    ground = Ground()
+    low, middle, high = ground.quantiles()
+    assert middle == pytest.approx(0.31, abs=0.02)  # WARNING: 0.31 [0.00, 1.27]
+    assert low == pytest.approx(0.0, abs=0.02)
+    assert high == pytest.approx(1.27, abs=0.12)
+    assert np.median(ground.grip) == pytest.approx(GRIP[0], rel=1e-2)
+    assert np.median(ground.softness) == pytest.approx(SOFTNESS[0], rel=1e-2)
+    assert np.median(ground.resistance) == pytest.approx(RESISTANCE[0], rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("grip", "softness", "resistance"), [(0.12, 0.08, 0.03), (0.4, 0.2, 0.08), (0.8, 0.06, 0.03)]
+)
+def test_a_drive_that_pulls_tells_the_margin(
+    grip: float, softness: float, resistance: float
+) -> None:
+    low, middle, high = driven(grip, softness, resistance).quantiles()
+    true = law(0.4, grip, softness, resistance)
+    assert low <= true <= high
+    assert high - low < 0.6 * 1.27
+    assert middle == pytest.approx(true, abs=0.35 * true + 0.03)
+
+
+def test_what_the_vehicle_does_bounds_the_margin_from_below() -> None:
+    ground = Ground()
+    before = ground.quantiles()[0]
+    for _ in range(10):
+        ground.update(0.04, 0.04, 0.35, 1.0)
+    assert before < 0.02
+    assert ground.quantiles()[0] > 0.25
+
+
+def test_a_steady_drive_on_firm_ground_is_no_risk_and_ice_on_a_slope_is() -> None:
+    made = AnyGround(SIDE).take(instants())
+    assert made is not None
+    assert np.nanmean(made.risk) < 0.05
+    steep = AnyGround(SIDE).take(instants(slip=0.45, pull=0.12))
+    assert steep is not None
+    assert steep.risk[-1] > 3.0 * made.risk[-1]
+    assert steep.risk[-1] > 0.1
+
+
+def test_ground_behind_is_forgotten() -> None:
+    ground = driven(0.12, 0.08, 0.03)
+    known = ground.quantiles()
+    ground.forget(1.0)
+    assert np.allclose(ground.quantiles(), known, atol=0.05)
+    ground.forget(200.0)
+    assert np.allclose(ground.quantiles(), Ground().quantiles(), atol=1e-6)
+
+
+@pytest.mark.parametrize("column", ["felt", "speed", "rim"])
+def test_where_nothing_is_known_the_risk_is_unknown(column: str) -> None:
+    rows = instants(10)
+    nothing = np.full(getattr(rows, column).shape, np.nan)
+    made = AnyGround(SIDE).take(Instants(**{**rows.__dict__, column: nothing}))
+    assert made is not None
+    assert np.isnan(made.risk).all()
+    assert np.isfinite(made.margin).all()
+
+
+def test_turns_on_the_spot_and_standstills_teach_nothing() -> None:
+    rows = instants(10)
+    stage = AnyGround(SIDE)
+    stage.take(Instants(**{**rows.__dict__, "rim": rows.rim * np.array([-1.0, 1.0, -1.0, 1.0])}))
+    stage.take(Instants(**{**rows.__dict__, "rim": 0.0 * rows.rim, "stamp": rows.stamp + 10**10}))
+    assert stage.steps == 0
+
+
+def test_backwards_is_as_forwards_but_for_the_tilt() -> None:
+    ahead, rows = AnyGround(SIDE).take(instants(slip=0.2, pull=0.1)), instants(slip=0.2, pull=0.1)
+    back = Instants(**{**rows.__dict__, "rim": -rows.rim, "speed": -rows.speed, "felt": -rows.felt})
+    made = AnyGround(SIDE).take(back)
+    assert ahead is not None
+    assert made is not None
+    assert made.margin[-1] == pytest.approx(ahead.margin[-1], abs=0.03)
+
+
+@hypothesis_settings(max_examples=10)
+@given(st.lists(st.integers(1, 199), max_size=8))
+def test_margins_do_not_depend_on_where_blocks_are_cut(edges: list[int]) -> None:
+    rows = instants(20, slip=0.2, pull=0.1)
+    whole = AnyGround(SIDE).take(rows)
+    stage = AnyGround(SIDE)
+    ends = [0, *sorted(set(edges)), len(rows)]
+    parts = [stage.take(rows.take(slice(a, b))) for a, b in pairwise(ends)]
+    made = Margins.joined([part for part in parts if part is not None])
+    assert whole is not None
+    for name in ("stamp", "margin", "margin_std", "low", "high", "asked", "risk"):
+        assert np.array_equal(getattr(made, name), getattr(whole, name), equal_nan=True)
+
+
+def test_a_step_costs_under_two_milliseconds() -> None:
+    ground, costs = Ground(), []
+    for _ in range(30):
+        begin = time.process_time()
+        ground.update(0.1, 0.05, 0.05, 1.0)
+        ground.forget(0.5)
+        ground.quantiles()
+        ground.moments()
+        ground.risk(0.1)
+        costs.append(time.process_time() - begin)
+    assert min(costs) < 2e-3  # the smallest: others on this machine only make it slower
