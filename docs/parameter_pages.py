@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from smallwheel_ros.onboard.parameter import WHEEL, Parameter, Value, written
+from smallwheel_ros.onboard.parameter import WHEEL, NodeParameter, Value, written
 from smallwheel_ros.onboard.table import GENERAL, PER_WHEEL, parameters_for
 
 _EXAMPLE_WHEEL = "front_left"
@@ -27,7 +27,7 @@ _INTRODUCTION = (
 )
 
 
-def _span(parameter: Parameter) -> str:
+def _span(parameter: NodeParameter) -> str:
     """What a value may be, in words; empty: anything."""
     if parameter.choices:
         return " or ".join(map(str, parameter.choices))

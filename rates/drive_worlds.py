@@ -21,9 +21,9 @@ import numpy as np
 
 from smallwheel_ros.simulate.sensors import Integers, Measured, Rows
 from smallwheel_ros.simulate.vehicle import EPOCH, Truth, driven
-from smallwheel_ros.simulate.world import PLAIN, VEHICLES, Feature, Rover, Sensors, World
+from smallwheel_ros.simulate.world import PLAIN, VEHICLES, Feature, Sensors, SimulatedRover, World
 from smallwheel_ros.simulate.world_ground import (
-    Ground,
+    TrueGround,
     draw_features,
     draw_soil,
     make_ground,
@@ -38,8 +38,8 @@ class WorldDrive:
     """A drive. parameters: what its user tells of the vehicle, by name."""
 
     world: World
-    rover: Rover
-    ground: Ground
+    rover: SimulatedRover
+    ground: TrueGround
     truth: Truth
     parameters: dict[str, Any]
     rows: Rows
@@ -67,7 +67,7 @@ def make_drive(world: World, seed: int) -> WorldDrive:
     raise RuntimeError(f"{world.name}: no ground carries this vehicle")
 
 
-def parameters_of(world: World, rover: Rover, rng: np.random.Generator) -> dict[str, Any]:
+def parameters_of(world: World, rover: SimulatedRover, rng: np.random.Generator) -> dict[str, Any]:
     """What the user tells: nothing of the noise, and of the soil only where sinkage is measured."""
     sensors = world.sensors
     found: dict[str, Any] = {"wheels": [w.name for w in rover.wheels]}

@@ -20,7 +20,7 @@ from rates.drive_worlds import WorldDrive, make_drive
 from rates.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
-from smallwheel_ros.pipeline.checks.ground_speed import Ground
+from smallwheel_ros.pipeline.checks.ground_speed import GroundSpeed
 from smallwheel_ros.pipeline.checks.rules import Checks, Finding
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
@@ -66,7 +66,7 @@ def heard(drive: Raw) -> list[tuple[Finding, float]]:
     for name, stream in streams.all.items():
         stream.extend(*drive.rows[name])
     until = max(int(stamps[-1]) for stamps, _ in drive.rows.values() if stamps.size)
-    ground = Ground(drive.settings, streams)
+    ground = GroundSpeed(drive.settings, streams)
     ground.advance(until)
     checks = Checks(drive.settings, ground)
     found = [*checks.take(drive.rows, until), *checks.flush()]

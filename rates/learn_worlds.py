@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rates.diagnosis import read
 from rates.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.api.learn import learn
-from smallwheel_ros.learn.law import Law
+from smallwheel_ros.learn.law import LearntLaw
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.simulate.truth import Contact, static_sinkage, supported_load
@@ -298,7 +298,7 @@ def share_gone(base: Model, law: Model, fresh: Measurements, quiet: Measurements
     return float(np.mean(shares)) if shares else None
 
 
-def _is_of_one(law: Law, world: str, *, stage: bool = False) -> bool:
+def _is_of_one(law: LearntLaw, world: str, *, stage: bool = False) -> bool:
     """Whether a law follows what one of the world's laws follows, and acts at its stage."""
     return any(
         law.columns in one.drivers and (not stage or law.place.stage[0] in one.stages)

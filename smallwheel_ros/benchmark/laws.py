@@ -44,7 +44,7 @@ _TRIED = 3  # starts that are followed to their end: a law may have more than on
 
 
 @dataclass(frozen=True)
-class Predicted:
+class LawPrediction:
     """What a law says of all points, shape (values,), NaN where nothing.
 
     at_bound: names of parameters that its fit left at a bound. effects: that it named.
@@ -78,7 +78,7 @@ class Fold:
         return Problem(self.points.take(self.seen).only(("sinkage",)), _CLOSED_FORM)
 
 
-def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
+def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[LawPrediction]:
     """Every law of the table on that fold. Raises LawError where one of `own` fails."""
     points = fold.points
     yield _constant(fold)
@@ -89,12 +89,12 @@ def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
         yield from (_of_size(law, ONE_SIZE if one else law.name, fold) for law in of_size)
         if points.forces:
             fit = Problem.of(fold.others, Base(thrust_form="wong_reece")).fit
-            yield Predicted(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
+            yield LawPrediction(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
         diagnosis = diagnose(fold.others)
         for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
             held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
             effects = tuple(diagnosis.missing_effects) if name == OURS else ()
-            yield Predicted(name, _of_model(result.model.model, points), held, effects)
+            yield LawPrediction(name, _of_model(result.model.model, points), held, effects)
         yield from (_own(law, fold) for law in own if law.needs <= there)
     except LawError:
         raise
@@ -102,16 +102,16 @@ def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[Predicted]:
         return
 
 
-def _constant(fold: Fold) -> Predicted:
+def _constant(fold: Fold) -> LawPrediction:
     points, found = fold.points, np.full(len(fold.points), np.nan)
     for c in range(len(points.channels)):
         mine = points.channel == c
         if (mine & fold.seen).any():
             found[mine] = points.value[mine & fold.seen].mean()
-    return Predicted(CONSTANT, found)
+    return LawPrediction(CONSTANT, found)
 
 
-def _of_size(law: PlateLaw, name: str, fold: Fold) -> Predicted:
+def _of_size(law: PlateLaw, name: str, fold: Fold) -> LawPrediction:
     """Sinkage by one of the four laws of size; other channels by the closed form as it stands."""
     points, held = fold.points, Counter[str]()
     found: Array = np.full(len(points), np.nan)
@@ -130,10 +130,10 @@ def _of_size(law: PlateLaw, name: str, fold: Fold) -> Predicted:
         depth = law.sinkage(points.conditions, reference, *best.theta.tolist())
         found = np.where(points.of_channel("sinkage"), _values({"sinkage": depth}, points), found)
         held.update(_at_bound(best))
-    return Predicted(name, found, tuple(held))
+    return LawPrediction(name, found, tuple(held))
 
 
-def _own(law: OwnLaw, fold: Fold) -> Predicted:
+def _own(law: OwnLaw, fold: Fold) -> LawPrediction:
     """A user's law by least squares; what it does not predict at its best start is left out."""
 
     def said(shares: Array, points: Points) -> Array:
@@ -146,7 +146,7 @@ def _own(law: OwnLaw, fold: Fold) -> Predicted:
     order = np.argsort(off)
     keep = np.isfinite(tried[order[0]])
     if not keep.any() or not law.parameters:
-        return Predicted(law.name, said(starts[order[0]], fold.points))
+        return LawPrediction(law.name, said(starts[order[0]], fold.points))
     known = points.take(keep)
     known = known.only([points.channels[c] for c in np.unique(known.channel)])
     variance = replace(fitter.of_values(keep), points=known).variance
@@ -162,7 +162,7 @@ def _own(law: OwnLaw, fold: Fold) -> Predicted:
     shares = min(ends, key=lambda end: float(end.cost)).x
     near = np.minimum(shares, 1.0 - shares) < _EDGE
     held = tuple(p.name for p, at in zip(law.parameters, near, strict=True) if at)
-    return Predicted(law.name, said(shares, fold.points), held)
+    return LawPrediction(law.name, said(shares, fold.points), held)
 
 
 def _of_model(model: Model, points: Points) -> Array:

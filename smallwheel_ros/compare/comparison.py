@@ -30,7 +30,6 @@ from smallwheel_ros.compare.reasons import (
     why_of,
 )
 from smallwheel_ros.fitting import Base, Problem
-from smallwheel_ros.fitting.held_out import Comparison as Change
 from smallwheel_ros.fitting.held_out import (
     CvErrors,
     Score,
@@ -41,7 +40,8 @@ from smallwheel_ros.fitting.held_out import (
     row_errors,
     rows_of,
 )
-from smallwheel_ros.fitting.noise import Line
+from smallwheel_ros.fitting.held_out import ErrorComparison as Change
+from smallwheel_ros.fitting.noise import NoiseLine
 from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.display import listed, shown_value, words
@@ -338,7 +338,7 @@ def _regression(contender: Contender, points: Points, folds: int) -> ModelResult
         for name, rows in rows_of(judged).items():
             use = (seen.channel == seen.channels.index(name)) & (seen.value > 0)
             if name not in seen.forces and use.any():
-                line = Line.through(seen.value[use], seen.row[use], seen.conditions)
+                line = NoiseLine.through(seen.value[use], seen.row[use], seen.conditions)
                 found = data.channels[name][rows] - line.at(conditions.take(rows))
                 error.setdefault(name, np.full(len(data), np.nan))[rows] = found
 

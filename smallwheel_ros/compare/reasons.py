@@ -10,7 +10,7 @@ import numpy as np
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import rows_of
-from smallwheel_ros.fitting.noise import Line
+from smallwheel_ros.fitting.noise import NoiseLine
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.fitting.result import runs_differ, unusual
 from smallwheel_ros.measurements.display import percent, shown_value
@@ -48,7 +48,7 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
         if not use.any() or points.conditions.rolling[points.row[use]].any():
             said[name] = MISSING
             continue
-        used = Line.through(points.value[use], points.row[use], points.conditions).used
+        used = NoiseLine.through(points.value[use], points.row[use], points.conditions).used
         same = (used < (_SIZES if base.fixed_m is None else 1)).all()
         strays = _strays(name, large, fitter) + (_STOPPED if any(stopped) else [])
         said[name] = "; ".join(strays) or (SAME_FREEDOM if same else MISSING)

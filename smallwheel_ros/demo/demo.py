@@ -29,7 +29,7 @@ from smallwheel_ros.ros import NodeProcess, check_ros, config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 if TYPE_CHECKING:
-    from smallwheel_ros.ros.play import Recording
+    from smallwheel_ros.ros.play import PlayedRecording
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def recorded(
     *,
     rate: float,
     overrides: Mapping[str, str] | None = None,
-) -> Recording:
+) -> PlayedRecording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
     parameters: the node's parameter files; later ones win. folder: for the node's log.
@@ -163,7 +163,7 @@ def _own_ros(log_folder: Path) -> Iterator[None]:
         os.environ.update(before)
 
 
-def clip_of(recording: Recording, epoch: int) -> Clip:
+def clip_of(recording: PlayedRecording, epoch: int) -> Clip:
     """The answers as tables; epoch: ns at which their time begins."""
     mobility = _mobility_table(recording.mobility, epoch)
     return Clip(mobility, _soil_table(recording.soil, epoch), recording)
@@ -295,7 +295,7 @@ def _stuck(table: pd.DataFrame, answer: dict[str, Any]) -> str:
     return f"stuck on the slope at {stuck['way']:.1f} m, {warned}"
 
 
-def _cost(found: Recording) -> str:
+def _cost(found: PlayedRecording) -> str:
     known = np.empty(0) if found.cost is None else found.cost.cells[found.cost.cells != UNKNOWN]
     if not known.size:
         return "cost map: nothing crossed"

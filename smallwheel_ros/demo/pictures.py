@@ -17,7 +17,7 @@ from smallwheel_ros.drive.messages import Status
 from smallwheel_ros.views.plots import CYCLE, PALETTE, Panel, decorate
 
 if TYPE_CHECKING:
-    from smallwheel_ros.ros.play import Recording
+    from smallwheel_ros.ros.play import PlayedRecording
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Clip(NamedTuple):
 
     mobility: pd.DataFrame
     soil: pd.DataFrame
-    recording: Recording
+    recording: PlayedRecording
 
 
 def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], path: Path) -> None:

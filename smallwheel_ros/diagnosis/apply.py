@@ -22,7 +22,7 @@ from smallwheel_ros.effects.registry import Registry
 from smallwheel_ros.fitting import FitResult, Problem
 from smallwheel_ros.fitting.constants import WINDOW
 from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
-from smallwheel_ros.fitting.held_out import Comparison, CvErrors, compare_cv
+from smallwheel_ros.fitting.held_out import CvErrors, ErrorComparison, compare_cv
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.display import probability_text, shown_value, words
@@ -47,7 +47,7 @@ class Added(Result, shown="views.added"):
     fit: FitResult
     before: CvErrors
     after: CvErrors
-    change: Comparison
+    change: ErrorComparison
     recommended: bool
     reason: str
 
@@ -250,7 +250,7 @@ def _extended(
     return sorted((m for m in made if m is not None), key=lambda m: -m.weight)
 
 
-def _recommended(effect: str, judged: Diagnosis, change: Comparison) -> tuple[bool, str]:
+def _recommended(effect: str, judged: Diagnosis, change: ErrorComparison) -> tuple[bool, str]:
     """One verdict for `add` and `diagnose`: what is recommended is what is named."""
     document, found = judged.document, judged.search
     if found is None:

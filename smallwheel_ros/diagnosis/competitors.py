@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.diagnosis.curves import STAGES, Span, curve_part, distinct, spans_of
+from smallwheel_ros.diagnosis.curves import STAGES, CurveSpan, curve_part, distinct, spans_of
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.registry import DRIFTS, Registry, is_of_column
 from smallwheel_ros.fitting.constants import (
@@ -70,7 +70,7 @@ class Competitor:
     geometry: Geometry | None = None
     replaces: bool = False
     stage: str = ""
-    span: Span | None = None
+    span: CurveSpan | None = None
     stands_for: tuple[str, ...] = ()
     share: float = 1.0
 
@@ -280,7 +280,7 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
         shown = ["stiffness", "resistance", "drag", "force"]
         shown += ["sinkage", "shown sinkage", "height"] if "sinkage" in points.channels else []
         stages = {stage: STAGES[stage].stands_for for stage in shown}
-    found: list[tuple[EffectPart, str, Span, tuple[str, ...]]] = []
+    found: list[tuple[EffectPart, str, CurveSpan, tuple[str, ...]]] = []
     names = ["load", "diameter", "width", *SETTINGS, *free]
     for name in (n for n in names if n in columns):
         for span in spans_of(name, columns[name]):
@@ -298,7 +298,7 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
     depth = np.log(z[z > 0])
     if depth.size > 2 and np.ptp(depth) >= 1.0:  # a factor of e: less depth has no curve
         middle = float(0.5 * (depth.min() + depth.max()))
-        span = Span("load", middle, float(0.5 * np.ptp(depth)))
+        span = CurveSpan("load", middle, float(0.5 * np.ptp(depth)))
         part = curve_part("unknown:depth@pressure", "pressure", span, 2, 2)
         found.append((part, "pressure", span, ()))
     return [

@@ -43,7 +43,7 @@ _LEGENDRE: tuple[Callable[[Array], Array], ...] = (
 
 
 @dataclass(frozen=True)
-class Span:
+class CurveSpan:
     """The setting that a curve follows. middle, half: its scale. side: 0, or the sign of an anchored one."""
 
     column: str
@@ -57,7 +57,7 @@ class Span:
         return np.clip(self.side * x, 0.0, 1.2) if self.side else np.clip(x, -1.2, 1.2)
 
 
-def _series(coefficients: Mapping[str, Any], span: Span, x: Array) -> Array:
+def _series(coefficients: Mapping[str, Any], span: CurveSpan, x: Array) -> Array:
     """The curve at scaled settings x; names are `c0`, `c1`, ... ."""
     u = 2.0 * x - 1.0 if span.side else x
     total: Array = np.zeros_like(x)
@@ -73,7 +73,7 @@ class Curve(Effect):
     """A smooth of one setting; its subclasses say at which stage. size: N or m, of one that is added."""
 
     id: ClassVar[str] = "unknown"
-    span: Span = field(default=Span("load", 0.0, 1.0))
+    span: CurveSpan = field(default=CurveSpan("load", 0.0, 1.0))
     coefficients: Mapping[str, Any] = field(default_factory=dict)
     size: float = 1.0
 
@@ -148,7 +148,7 @@ _KINDS = {name: type("Curve", (Curve,), {s.method: s.acts}) for name, s in STAGE
 
 
 def curve_part(
-    name: str, stage: str, span: Span, first: int, terms: int, size: float = 1.0
+    name: str, stage: str, span: CurveSpan, first: int, terms: int, size: float = 1.0
 ) -> EffectPart:
     """A curve as a part of a fit, with terms of degree `first` on. size: N or m, of one that is added."""
     kind = _KINDS[stage]
@@ -163,17 +163,19 @@ def curve_part(
     )
 
 
-def spans_of(column: str, values: Array) -> list[Span]:
+def spans_of(column: str, values: Array) -> list[CurveSpan]:
     """The spans over which a setting varies: one, or one on each side of its anchor."""
     low, high = float(values.min()), float(values.max())
     if column not in ANCHORS:
-        return [Span(column, 0.5 * (low + high), 0.5 * (high - low))]
+        return [CurveSpan(column, 0.5 * (low + high), 0.5 * (high - low))]
     anchor = ANCHORS[column]
     reach = {side: float(np.max(side * (values - anchor))) for side in (1, -1)}
-    return [Span(column, anchor, r, side) for side, r in reach.items() if r > 0.05 * (high - low)]
+    return [
+        CurveSpan(column, anchor, r, side) for side, r in reach.items() if r > 0.05 * (high - low)
+    ]
 
 
-def distinct(values: Array, span: Span) -> int:
+def distinct(values: Array, span: CurveSpan) -> int:
     """How many settings of a span were met, to a hundredth of it: as many terms a curve may have."""
     x = (values - span.middle) / span.half
     if not span.side:
@@ -183,7 +185,7 @@ def distinct(values: Array, span: Span) -> int:
 
 
 def curve_shown(
-    part: EffectPart, stage: str, span: Span, values: Array, fit: Fit
+    part: EffectPart, stage: str, span: CurveSpan, values: Array, fit: Fit
 ) -> dict[str, Any]:
     """A fitted curve: factor over the setting, with its 95 % band. values: of the setting, met."""
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]

@@ -51,7 +51,7 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 
 @dataclass(frozen=True)
-class Column:
+class ScoreColumn:
     """What a competitor does to the predictions at its prior's scale, shape (values, columns).
 
     start: the strengths at which it was taken, to start a fit from.
@@ -62,7 +62,7 @@ class Column:
     start: Array
 
 
-def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]:
+def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreColumn]:
     """Columns of a competitor at a fit; none where it has no finite prediction there."""
     listed, start = competitor.part.parameters, competitor.part.start
     vector, effect = changed(fit.vector, competitor), competitor.effect
@@ -94,9 +94,9 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[Column]
         return []
     shifts = (moved * scale[:, None]).T
     if effect is None:
-        found = [Column(competitor, shifts, np.zeros(len(listed)))]
+        found = [ScoreColumn(competitor, shifts, np.zeros(len(listed)))]
     else:
-        found = [Column(competitor, shifts[:, [i]], at) for i, at in enumerate(starts)]
+        found = [ScoreColumn(competitor, shifts[:, [i]], at) for i, at in enumerate(starts)]
     return [column for column in found if np.isfinite(column.shift).all()]
 
 
@@ -106,7 +106,7 @@ class Screen:
     What a missing effect adds to the scatter must hide neither it nor another one.
     """
 
-    def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[Column]) -> None:
+    def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[ScoreColumn]) -> None:
         self.fitter, self.fit, self.columns = fitter, fit, list(columns)
         model = fitter.variance
         self._kernels = model.kernels(fit.stiffness, fit.scatter.log_length)
@@ -364,7 +364,7 @@ def _extend(found: Search, size: int) -> bool:
             here = Screen(found.fitter, parent, others)
         gain = here.gains((points.value - parent.predicted)[:, None])[:, 0]
         gain = gain + np.log([c.competitor.share for c in here.columns])
-        promising: dict[tuple[str, str], Column] = {}
+        promising: dict[tuple[str, str], ScoreColumn] = {}
         for column in (here.columns[i] for i in np.argsort(-gain)):
             key = column.competitor.key
             if key not in promising and sum(family == key[0] for family, _ in promising) < forms:

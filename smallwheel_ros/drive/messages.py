@@ -14,7 +14,7 @@ from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.pipeline.warning.margin import Ground
+from smallwheel_ros.pipeline.warning.margin import GroundMargin
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -195,4 +195,4 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """Margin on any ground, as believed before the first message; None without a rolling wheel."""
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    return Quantity(*Ground().moments())
+    return Quantity(*GroundMargin().moments())

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from smallwheel_ros.fitting.named import FittedParameter
-from smallwheel_ros.fitting.parameters import SoilPrior
+from smallwheel_ros.fitting.parameters import ParameterPrior
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.fitting.result import FitResult
 
-__all__ = ["Base", "FitResult", "FittedParameter", "FittingError", "Problem", "SoilPrior"]
+__all__ = ["Base", "FitResult", "FittedParameter", "FittingError", "Problem", "ParameterPrior"]

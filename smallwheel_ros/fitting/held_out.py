@@ -90,7 +90,7 @@ class CvErrors:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ErrorComparison:
     """Two models' held-out errors, by channel.
 
     reduction: relative, of the rmse. z_score: of the difference of the runs' mean squares over its
@@ -111,7 +111,7 @@ class Comparison:
         return any(z > 1.0 and self.reduction[name] >= USEFUL for name, z in self.z_score.items())
 
 
-def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
+def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
     """How much better the second predicts, channel by channel, on the rows that both predict."""
     reduction, z_score = {}, {}
     for name in (n for n in before.error if n in after.error):
@@ -125,7 +125,7 @@ def compare_cv(before: CvErrors, after: CvErrors) -> Comparison:
         change = before.by_run(squares[0], both) - before.by_run(squares[1], both)
         spread = float(np.std(change, ddof=1) / np.sqrt(change.size)) if change.size > 1 else np.inf
         z_score[name] = float(change.mean()) / max(spread, 1e-300) if np.any(change) else 0.0
-    return Comparison(reduction, z_score)
+    return ErrorComparison(reduction, z_score)
 
 
 def folds_of(points: Points) -> Index:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The size of each value and its repeatability: what rows of one point differ by, and which do not belong.
 
-The size is what a log-log regression of what was measured on the settings has (`Line`, `levels_of`). It has
+The size is what a log-log regression of what was measured on the settings has (`NoiseLine`, `levels_of`). It has
 no physics, is what any law has to beat, and is a row of `smallwheel compare`:
 
     ln value = own of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
@@ -54,7 +54,7 @@ def _columns(conditions: Conditions) -> Array:
 
 
 @dataclass(frozen=True)
-class Line:
+class NoiseLine:
     """A fitted regression. own: ln value of each soil at zero. used: columns, slopes: of each."""
 
     soils: tuple[str, ...]
@@ -63,7 +63,7 @@ class Line:
     slopes: Array
 
     @classmethod
-    def through(cls, value: Array, row: Index, conditions: Conditions) -> Line:
+    def through(cls, value: Array, row: Index, conditions: Conditions) -> NoiseLine:
         """Fit it. value: positive, at a row of the conditions each, shape (values,)."""
         columns = _columns(conditions)
         known = np.isfinite(columns).all(axis=0)
@@ -119,7 +119,7 @@ def levels_of(points: Points) -> Array:
             level[mine] = of_load(points.conditions, name)[points.row[mine]]
         elif use.any():
             value = points.value[use]
-            line = Line.through(value, points.row[use], points.conditions)
+            line = NoiseLine.through(value, points.row[use], points.conditions)
             found = line.at(points.conditions)[points.row[mine]]
             level[mine] = np.clip(found, value.min(), value.max())
         if mine.any():

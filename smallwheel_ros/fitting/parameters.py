@@ -116,7 +116,7 @@ def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
 
 
 @dataclass(frozen=True)
-class SoilPrior:
+class ParameterPrior:
     """A soil known from elsewhere: its mean, and the covariance of (ln p_ref, n, m), shape (3, 3)."""
 
     soil: Soil

@@ -23,9 +23,9 @@ from smallwheel_ros.fitting.parameters import (
     Array,
     EffectPart,
     FreeParameter,
+    ParameterPrior,
     ParameterVector,
     Prior,
-    SoilPrior,
     part_of,
     soil_from,
     soil_numbers,
@@ -60,7 +60,7 @@ class Base:
     geometry: Geometry = "contact_integral"
     thrust_form: ThrustForm = "stress_integral"
     soils: tuple[Soil, ...] = ()
-    priors: Mapping[str, SoilPrior] = field(default_factory=dict)
+    priors: Mapping[str, ParameterPrior] = field(default_factory=dict)
     parts: tuple[EffectPart, ...] = ()
     fixed_m: float | None = None
     told: Mapping[str, EffectPart] = field(default_factory=dict)
@@ -155,7 +155,7 @@ def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = 
     )
 
 
-def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, SoilPrior]:
+def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, ParameterPrior]:
     """What a model file says of the soils of these rows, as a belief beforehand.
 
     Empty where the model was fitted to this very data, or the file states no deviations.
@@ -169,7 +169,7 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
         there = [i for i, full_name in enumerate(names) if full_name in known.names]
         at = [known.names.index(names[i]) for i in there]
         covariance[np.ix_(there, there)] = known.covariance[np.ix_(at, at)]
-        priors[name] = SoilPrior(replace(soil, name=name), covariance + np.diag(_LEAST**2))
+        priors[name] = ParameterPrior(replace(soil, name=name), covariance + np.diag(_LEAST**2))
     return priors
 
 

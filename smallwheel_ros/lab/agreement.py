@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, SoilPrior
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, ParameterPrior
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.measurements.table import Measurements
@@ -34,7 +34,7 @@ class Belief:
     """
 
     of: str
-    known: SoilPrior
+    known: ParameterPrior
     diameters: Array
     depths: Array
 
@@ -113,7 +113,7 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
         away = np.array([-np.log(float(diameters.mean()) / REFERENCE_DIAMETER), 0.0, 1.0])
         covariance += SOIL_PARAMETERS["m"][1].deviation ** 2 * np.outer(away, away)
     sunk = (np.array(points.channels)[points.channel] == "sinkage") & (points.value > 0)
-    return Belief(words, SoilPrior(found, covariance), diameters, points.value[sunk])
+    return Belief(words, ParameterPrior(found, covariance), diameters, points.value[sunk])
 
 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:

@@ -27,7 +27,7 @@ from smallwheel_ros.lab.agreement import Agreement, agreements
 from smallwheel_ros.lab.plates import PlateLaws, laws_document, laws_text, plate_laws
 from smallwheel_ros.lab.shear import ShearFit, fit_shear
 from smallwheel_ros.lab.strength import (
-    Strength,
+    LabStrength,
     StrengthError,
     shear_document,
     shear_text,
@@ -58,7 +58,7 @@ class LabFit(WithParameters, Result):
     laws: tuple[PlateLaws, ...]
     agreements: tuple[Agreement, ...]
     shear: tuple[ShearFit, ...]
-    strengths: tuple[Strength, ...]
+    strengths: tuple[LabStrength, ...]
     notes: tuple[str, ...]
     source: str = ""
 

@@ -46,7 +46,7 @@ _RESOLUTION = 1e-3  # of the strength: no instrument shows more than three digit
 _SCATTER = np.array([SOIL_SCATTER, 0.2, SOIL_SCATTER])
 
 
-class ShearLaw(NamedTuple):
+class ShearForm(NamedTuple):
     """One law of shear stress over displacement.
 
     share: tau / tau_max of (j, ln K [, K_r]). start, low, high: of (ln K / j_max [, K_r]).
@@ -62,7 +62,7 @@ class ShearLaw(NamedTuple):
     high: tuple[float, ...]
 
 
-JANOSI_HANAMOTO = ShearLaw(
+JANOSI_HANAMOTO = ShearForm(
     "janosi_hanamoto",
     "Janosi-Hanamoto",
     "tau = (c + sigma tan phi) (1 - exp(-j/K))",
@@ -72,7 +72,7 @@ JANOSI_HANAMOTO = ShearLaw(
     (np.log(1e-4),),
     (np.log(100.0),),
 )
-PEAK_RESIDUAL = ShearLaw(
+PEAK_RESIDUAL = ShearForm(
     "peak_residual",
     "peak and residual",
     "tau = (c + sigma tan phi) K_r {1 + [1/(K_r (1 - 1/e)) - 1] exp(1 - j/K_w)} [1 - exp(-j/K_w)]",
@@ -85,7 +85,7 @@ PEAK_RESIDUAL = ShearLaw(
 
 
 @dataclass(frozen=True)
-class Curve:
+class ShearCurve:
     """One run, averaged in bins of displacement. width: of the bins, m, all of shape (bins,)."""
 
     run: str
@@ -107,13 +107,13 @@ class RunFit:
     misfit: rms over displacement, of the strength.
     """
 
-    curve: Curve
+    curve: ShearCurve
     numbers: Array
     covariance: Array
     misfit: float
 
 
-def curves_of(tests: ShearTests) -> tuple[list[Curve], list[str]]:
+def curves_of(tests: ShearTests) -> tuple[list[ShearCurve], list[str]]:
     """The runs as curves, in order of the table; and what was left out."""
     curves, notes = [], []
     for name in dict.fromkeys(tests.run.tolist()):
@@ -142,7 +142,7 @@ def curves_of(tests: ShearTests) -> tuple[list[Curve], list[str]]:
     return curves, notes
 
 
-def _binned(name: str, sigma: float, j: Array, stress: Array) -> Curve:
+def _binned(name: str, sigma: float, j: Array, stress: Array) -> ShearCurve:
     end = float(j[-1])
     edges = np.union1d(np.linspace(0.0, end, _BINS + 1), np.geomspace(1e-3 * end, end, _BINS + 1))
     place = np.clip(np.searchsorted(edges, j, side="left"), 1, edges.size - 1)
@@ -153,10 +153,10 @@ def _binned(name: str, sigma: float, j: Array, stress: Array) -> Curve:
     # each bin stands for the displacement up to halfway to its neighbours
     middle = 0.5 * (mean_j[1:] + mean_j[:-1])
     width = np.diff(np.concatenate([[0.0], middle, [end]]))
-    return Curve(name, sigma, mean_j, mean, np.maximum(width, 1e-6 * end))
+    return ShearCurve(name, sigma, mean_j, mean, np.maximum(width, 1e-6 * end))
 
 
-def fit_curve(law: ShearLaw, curve: Curve) -> RunFit:
+def fit_curve(law: ShearForm, curve: ShearCurve) -> RunFit:
     """Least squares over displacement of one run."""
     weight = np.sqrt(curve.width / curve.width.sum())
     scale, log_end = float(np.max(np.abs(curve.stress))), np.log(curve.travel)
@@ -203,7 +203,7 @@ class FittedShearLaw:
     differ by in strength (relative), ln K, K_r.
     """
 
-    law: ShearLaw
+    law: ShearForm
     names: tuple[str, ...]
     values: Array
     covariance: Array
@@ -212,7 +212,7 @@ class FittedShearLaw:
     runs: tuple[RunFit, ...]
 
 
-def fit_law(law: ShearLaw, curves: list[Curve]) -> FittedShearLaw:
+def fit_law(law: ShearForm, curves: list[ShearCurve]) -> FittedShearLaw:
     """Strength and shape of all runs of one soil under one law."""
     runs = tuple(fit_curve(law, curve) for curve in curves)
     # the size of the scatter from the line through all runs, not from each run's own value
@@ -296,7 +296,7 @@ class _Regression:
         return np.asarray(np.mean([self.solved(at)[1] for at in points], axis=0))
 
 
-def _shape_errors(law: ShearLaw, runs: Sequence[RunFit]) -> Array:
+def _shape_errors(law: ShearForm, runs: Sequence[RunFit]) -> Array:
     """Error of each run's curve by the others' shape, at its own strength; relative, rms."""
     numbers = np.array([run.numbers[1:] for run in runs])
     between = _SCATTER[1 : 1 + numbers.shape[1]] ** 2

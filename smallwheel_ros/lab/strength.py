@@ -41,7 +41,7 @@ class StrengthError(SmallwheelError):
 
 
 @dataclass(frozen=True)
-class Strength:
+class LabStrength:
     """The strength of one soil as a model holds it.
 
     cohesion: Pa, not below 0. friction_angle: rad. modulus: K, m. covariance: of (c, phi, ln K), shape
@@ -78,7 +78,7 @@ class Strength:
         )
 
 
-def strength_of(fit: ShearFit) -> Strength:
+def strength_of(fit: ShearFit) -> LabStrength:
     """The numbers of Janosi and Hanamoto's law for a model, and what is to be said of them.
 
     Raises StrengthError where the strength falls with the normal stress, or is not known at all.
@@ -119,7 +119,7 @@ def strength_of(fit: ShearFit) -> Strength:
     phi = float(np.arctan(bounded_friction))
     scale = np.diag([1.0, np.cos(phi) ** 2, 1.0])
     covariance = scale @ law.covariance @ scale
-    return Strength(
+    return LabStrength(
         fit.soil, bounded_c, phi, float(np.exp(log_modulus)), covariance,
         _parameters(fit, (c, float(np.arctan(friction)), log_modulus), covariance), tuple(notes),
     )  # fmt: skip
@@ -209,7 +209,7 @@ def _about_displacement(fit: ShearFit) -> list[str]:
 
 
 def with_strength(
-    model: CalibratedModel, strengths: Sequence[Strength], tests: ShearTests
+    model: CalibratedModel, strengths: Sequence[LabStrength], tests: ShearTests
 ) -> CalibratedModel:
     """The model with the strengths of its soils, and their covariance.
 
@@ -243,7 +243,7 @@ def with_strength(
     return CalibratedModel(made, tuple(kept_names), covariance, provenance)
 
 
-def shear_text(fit: ShearFit, strength: Strength) -> str:
+def shear_text(fit: ShearFit, strength: LabStrength) -> str:
     """Strength and shape of one soil, and which law its curves follow."""
     runs = fit.plain.runs
     stresses = listed([f"{1e-3 * s:.4g}" for s in normal_stresses(runs)])
@@ -279,7 +279,7 @@ def _shape_error(law: FittedShearLaw) -> str:
     return f"shape of a run left out off by {percent(law.held_out)} of the strength"
 
 
-def shear_document(fit: ShearFit, strength: Strength) -> dict[str, Any]:
+def shear_document(fit: ShearFit, strength: LabStrength) -> dict[str, Any]:
     """Strength and shape of one soil as plain values, SI."""
     return {
         "soil": fit.soil,

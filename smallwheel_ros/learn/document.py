@@ -12,9 +12,9 @@ from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.result import expected_error
 from smallwheel_ros.learn.draft import Number, numbers_of
-from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Place, places_for
-from smallwheel_ros.learn.search import Candidate
-from smallwheel_ros.learn.verdict import PERMUTATIONS, Judged, Sought, agreeing, settings_in
+from smallwheel_ros.learn.law import CONSTANT, SOUGHT, LearntLaw, Place, places_for
+from smallwheel_ros.learn.search import LawCandidate
+from smallwheel_ros.learn.verdict import PERMUTATIONS, JudgedLaw, Sought, agreeing, settings_in
 from smallwheel_ros.measurements.display import number, words
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, predict
@@ -75,7 +75,7 @@ def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
     return dict(plain(found))
 
 
-def _of_law(fitter: Fitter, best: Judged, name: str | None) -> Entry:
+def _of_law(fitter: Fitter, best: JudgedLaw, name: str | None) -> Entry:
     """What there is to say where a law was found. name: None where it is not drafted."""
     (before, after), floors = (e.rmse() for e in best.errors), expected_error(fitter, best.law.fit)
     shape = shape_of(fitter, best)
@@ -102,7 +102,7 @@ def _of_law(fitter: Fitter, best: Judged, name: str | None) -> Entry:
     }  # fmt: skip
 
 
-def _law(fitter: Fitter, best: Judged, name: str) -> Entry:
+def _law(fitter: Fitter, best: JudgedLaw, name: str) -> Entry:
     law, constants = best.law.law, []
     for n in numbers_of(fitter, best.law):
         low, high = _interval(n, best)
@@ -119,7 +119,7 @@ def _law(fitter: Fitter, best: Judged, name: str) -> Entry:
     }
 
 
-def _interval(number: Number, best: Judged) -> tuple[float, float]:
+def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
     """Two deviations each way, over the draft and the tied laws of its shape.
 
     A constant of shape means the same at any place; a strength only at its own, under its link.
@@ -140,7 +140,7 @@ def _interval(number: Number, best: Judged) -> tuple[float, float]:
 # --- The law as a curve
 
 
-def shape_of(fitter: Fitter, best: Judged) -> tuple[Entry, list[Array]] | None:
+def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | None:
     """The law over its driver, other drivers in their middle, and the curves of laws that fit as well.
 
     factor: of the draft (a shift of n, a resistance in N per carrier). low, high: over all tied laws of
@@ -164,7 +164,7 @@ def shape_of(fitter: Fitter, best: Judged) -> tuple[Entry, list[Array]] | None:
     return shape, [shown(curve) for curve, _ in curves if not np.array_equal(curve, mine)]
 
 
-def _curve(candidate: Candidate, u: Array) -> tuple[Array, Array]:
+def _curve(candidate: LawCandidate, u: Array) -> tuple[Array, Array]:
     """ln factor (or shift) of a law where its one driver is u, with its standard deviation."""
     law, fit, numbers = candidate.law, candidate.fit, candidate.numbers
 
@@ -185,7 +185,7 @@ def _curve(candidate: Candidate, u: Array) -> tuple[Array, Array]:
 # Sinkage and resistance ask apart. Where a law acts at that place, both ask for the same.
 
 
-def _implied(fitter: Fitter, best: Candidate) -> list[Entry]:
+def _implied(fitter: Fitter, best: LawCandidate) -> list[Entry]:
     """What each point asks of the law's stage: factors, or shifts of n and of resistance."""
     law, points = best.law, fitter.points
     asks = _asked_of(fitter, best.fit, law.place)
@@ -203,7 +203,7 @@ def _implied(fitter: Fitter, best: Candidate) -> list[Entry]:
     return [dict(zip(columns, point, strict=True)) for point in zip(*columns.values(), strict=True)]
 
 
-def _disagreements(fitter: Fitter, best: Judged) -> dict[str, float | None]:
+def _disagreements(fitter: Fitter, best: JudgedLaw) -> dict[str, float | None]:
     """By stage, how much the channels disagree on what they ask of it: 1 where it is that stage.
 
     Mean squared difference over its variance; None where few points say both. Each stage is judged with
@@ -259,7 +259,7 @@ def _solve(
     """Shift at which each row's prediction is as measured, and the prediction's slope by it."""
 
     def at(shift: Array) -> Array:
-        asked = Law(place, "exponential", (CONSTANT,)).effect({"a1": shift})
+        asked = LearntLaw(place, "exponential", (CONSTANT,)).effect({"a1": shift})
         return np.asarray(getattr(predict(model + asked, conditions), channel))
 
     step = 1.0 if place.stage == "R" else 1e-3

@@ -16,8 +16,8 @@ from smallwheel_ros.effects.drafted import VERSION
 from smallwheel_ros.fitting.fit import Fitter
 from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.learn.grammar import SIZES, Driver, Term, identifier
-from smallwheel_ros.learn.law import SOUGHT, Law
-from smallwheel_ros.learn.search import Candidate
+from smallwheel_ros.learn.law import SOUGHT, LearntLaw
+from smallwheel_ros.learn.search import LawCandidate
 from smallwheel_ros.measurements.table import Measurements
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Number:
         return self.name.startswith("a")
 
 
-def numbers_of(fitter: Fitter, candidate: Candidate) -> list[Number]:
+def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
     """A law's numbers with their deviations. fitter: the one that fitted it."""
     fit, law = candidate.fit, candidate.law
     covariance = posterior_covariance(fitter, fit, fitter.true_scatter(fit))
@@ -76,7 +76,7 @@ def name_problem(name: str, taken: Collection[str]) -> str:
     return f"'{name}' is the id of an effect that exists already" if name in taken else ""
 
 
-def default_name(law: Law) -> str:
+def default_name(law: LearntLaw) -> str:
     """`learnt_slip`: an id made of what the law follows."""
     followed = "_".join(identifier(c) for c in sorted(law.columns)) or law.place.stage.lower()
     return f"learnt_{followed}"
@@ -114,7 +114,7 @@ def file_text(classes: list[str]) -> str:
 
 
 def class_text(
-    law: Law,
+    law: LearntLaw,
     numbers: list[Number],
     name: str,
     measurements: Measurements,
@@ -145,7 +145,7 @@ def class_text(
     )
 
 
-def _field(number: Number, law: Law) -> str:
+def _field(number: Number, law: LearntLaw) -> str:
     term = law.terms[int(number.name[1]) - 1]
     what = "strength" if number.strength else f"shape over {_driver(term).name}"
     std = "" if number.std is None else f", std {number.std:.2g}"

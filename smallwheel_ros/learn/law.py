@@ -99,7 +99,7 @@ def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
 
 
 @dataclass(frozen=True)
-class Law:
+class LearntLaw:
     """A place, a link and one or two terms."""
 
     place: Place
@@ -208,7 +208,7 @@ def _class_of(python: str) -> type[Effect]:
     return made
 
 
-def part_for(law: Law, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
+def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
     """The law with its numbers free. size: of a strength's usual change, one for each term."""
     free = []
     for name in law.names:

@@ -27,7 +27,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fitter
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.learn.document import document, grows, headline, origin, shape_of
 from smallwheel_ros.learn.draft import class_text, default_name, file_text, name_problem, numbers_of
-from smallwheel_ros.learn.search import Candidate
+from smallwheel_ros.learn.search import LawCandidate
 from smallwheel_ros.learn.tangent import Yardstick
 from smallwheel_ros.learn.verdict import Progress, Sought, seek
 from smallwheel_ros.measurements.table import Measurements
@@ -170,7 +170,7 @@ def _as_loaded(written: str, id: str) -> EffectPart:
 
 
 def _measure_next(
-    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate], limits: Limits
+    fitter: Fitter, draft: LawCandidate, tied: Sequence[LawCandidate], limits: Limits
 ) -> dict[str, Any] | None:
     """The runs that tell the draft from a tied law best; None where none would."""
     runs, made = Runs.of(fitter.points, limits), list[Proposal]()
@@ -184,7 +184,7 @@ def _measure_next(
 
 
 def _published(
-    problem: Problem, law: Candidate, registry: Registry, without: Collection[str]
+    problem: Problem, law: LawCandidate, registry: Registry, without: Collection[str]
 ) -> list[str]:
     """Published effects of the same settings that fit as well as the draft, in words."""
     fitter, base = problem.fitter, problem.fit.vector

@@ -22,7 +22,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.learn.grammar import Driver, Term, drivers_of, terms_of
-from smallwheel_ros.learn.law import CONSTANT, SOUGHT, Law, Link, Place, part_for, places_for
+from smallwheel_ros.learn.law import CONSTANT, SOUGHT, LearntLaw, Link, Place, part_for, places_for
 from smallwheel_ros.learn.tangent import Tangent, Yardstick, without_lack_of_fit
 from smallwheel_ros.model.model import Model, predict
 
@@ -36,7 +36,7 @@ _WINDOW = 4.0 * TIE  # nats: what a tangent says is further behind is not refitt
 
 
 @dataclass(frozen=True)
-class Grid:
+class TermGrid:
     """The whole grammar at the points of a table.
 
     sinkage: of the base model, m, shape (points,). values: of each term, shape (points, terms). notes:
@@ -51,7 +51,7 @@ class Grid:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, points: Points, base: Model) -> Grid:
+    def of(cls, points: Points, base: Model) -> TermGrid:
         """The grammar at points. base: the model without the law."""
         depth = predict(base, points.conditions).true_sinkage
         drivers, notes = drivers_of(points, depth)
@@ -75,10 +75,10 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class LawCandidate:
     """A fitted law. cost: nats of its description. score: these and those of its errors."""
 
-    law: Law
+    law: LearntLaw
     fit: Fit
     cost: float
     score: float
@@ -95,29 +95,29 @@ class Found:
     """The base, and the tied laws, the best first; none where no law shortens the description."""
 
     base: Fit
-    tied: tuple[Candidate, ...]
+    tied: tuple[LawCandidate, ...]
 
     @property
-    def draft(self) -> Candidate | None:
+    def draft(self) -> LawCandidate | None:
         """Of the tied laws one of fewest drivers, of these the shortest formula.
 
         Its place does not count: how rare a place is has been counted in the score that ties them.
         """
 
-        def simplest(c: Candidate) -> tuple[float, ...]:
+        def simplest(c: LawCandidate) -> tuple[float, ...]:
             return c.law.weight, round(c.cost - c.law.place.nats, 6), c.score
 
         return min(self.tied, key=simplest, default=None)
 
 
 @dataclass(frozen=True)
-class Proposal:
+class LawProposal:
     """A law that a tangent speaks for, not yet fitted. expected: its score there.
 
     numbers: where its fit starts. near: the fit that the tangent is of.
     """
 
-    law: Law
+    law: LearntLaw
     numbers: Mapping[str, float]
     cost: float
     expected: float
@@ -167,20 +167,20 @@ def first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[
             yield item
 
 
-def _kind(proposal: Proposal) -> Hashable:
+def _kind(proposal: LawProposal) -> Hashable:
     return proposal.law.terms[0].kind
 
 
-class Search:
+class LawSearch:
     """Searches one set of points. base: the model without the law, fitted to them."""
 
-    def __init__(self, fitter: Fitter, base: Fit, grid: Grid) -> None:
+    def __init__(self, fitter: Fitter, base: Fit, grid: TermGrid) -> None:
         self.fitter, self.base, self.grid = fitter, base, grid
         self.observed = fitter.points.value
         self.yardstick = Yardstick(fitter, base)
         self._row = fitter.points.row
         self._scatter = without_lack_of_fit(base.scatter)
-        self._known: dict[Hashable, Candidate] = {}
+        self._known: dict[Hashable, LawCandidate] = {}
 
     def run(self, effort: Effort) -> Found:
         """Search, refit, search again about the best, and try a second term."""
@@ -206,7 +206,7 @@ class Search:
     def slope(self, fit: Fit, place: Place) -> Array:
         """Slope of the predictions by the place's ln factor or shift, shape (values,)."""
         step = 1.0 if place.stage == "R" else 1e-4  # what is added in newtons is linear
-        probe = part_for(Law(place, "exponential", (CONSTANT,)), {"a1": 0.0}, [1.0])
+        probe = part_for(LearntLaw(place, "exponential", (CONSTANT,)), {"a1": 0.0}, [1.0])
         vector = replace(fit.vector, parts=(*fit.vector.parts, replace(probe, id="probe")))
         thetas = np.vstack([np.append(fit.theta, 0.0), np.append(fit.theta, step)])
         without, moved = self.fitter.predictor.many(vector, thetas)
@@ -221,7 +221,7 @@ class Search:
         """Values of terms at each point, shape (points, terms)."""
         return np.asarray(self.grid.values[np.ix_(self.yardstick.rows, terms)])
 
-    def _ranked(self, site: Site, terms: Index) -> Iterator[Proposal]:
+    def _ranked(self, site: Site, terms: Index) -> Iterator[LawProposal]:
         """Laws of one of these terms, the shortest first."""
         gains, strength = site.tangent.gains(site.slope, self.values(terms))
         cost = self.grid.cost[terms] + (np.log(len(self.grid.places)) + site.place.nats)
@@ -229,14 +229,14 @@ class Search:
         for i in np.argsort(expected, kind="stable"):
             term = self.grid.terms[terms[i]]
             numbers = {"a1": float(strength[i, 0])} | ({"c1": term.constant} if term.free else {})
-            law = Law(site.place, site.link, (term,))
-            yield Proposal(law, numbers, float(cost[i]), float(expected[i]), site.near)
+            law = LearntLaw(site.place, site.link, (term,))
+            yield LawProposal(law, numbers, float(cost[i]), float(expected[i]), site.near)
 
-    def _from_base(self, count: int) -> list[Proposal]:
+    def _from_base(self, count: int) -> list[LawProposal]:
         """The best of each place and set of drivers at the base's tangent."""
         white = self.yardstick.white(self.observed - self.base.predicted)
         tangent = Tangent(self.yardstick, white, self.base.slopes)
-        best: list[Proposal] = []
+        best: list[LawProposal] = []
         for place in self.grid.places:
             site = Site(place, "exponential", self.base, self.base_slopes[place.name], tangent)
             ranked = itertools.islice(self._ranked(site, self.grid.allowed(place)), _LOOKED_THROUGH)
@@ -246,7 +246,7 @@ class Search:
         own = {id(p) for p in first_of_each(best, lambda p: p.law.place)}
         return [p for i, p in enumerate(best) if i < count or id(p) in own]
 
-    def _site(self, candidate: Candidate, link: Link, *, kept: bool = False) -> Site:
+    def _site(self, candidate: LawCandidate, link: Link, *, kept: bool = False) -> Site:
         """About a candidate, its law taken out: another is to explain what it does. kept: left in."""
         fit, law = candidate.fit, candidate.law
         slope, sinkage = self.slope(fit, law.place), self.grid.sinkage
@@ -264,14 +264,14 @@ class Search:
         tangent = Tangent(self.yardstick, self.yardstick.white(error), slopes)
         return Site(law.place, link, fit, slope, tangent)
 
-    def _second(self, candidate: Candidate) -> Iterator[Proposal]:
+    def _second(self, candidate: LawCandidate) -> Iterator[LawProposal]:
         """The candidate with one more term of its driver, the shortest law first."""
         law, own = candidate.law, self._of_driver(candidate.law)
         others = own[[self.grid.terms[i].kind != law.terms[0].kind for i in own]]
         ranked = self._ranked(self._site(candidate, law.link, kept=True), others)
         return (self._joined(candidate, p, own) for p in ranked)
 
-    def _two_sided(self, candidate: Candidate) -> list[Proposal]:
+    def _two_sided(self, candidate: LawCandidate) -> list[LawProposal]:
         """A term of the candidate's driver on each side of zero, in every pair of shapes.
 
         Driving and braking are different mechanisms: what one side asks for need not be among the best
@@ -290,13 +290,15 @@ class Search:
             pairs += [self._joined(one, other, own) for other in others]
         return sorted(pairs, key=lambda p: p.expected)
 
-    def _of_driver(self, law: Law) -> Index:
+    def _of_driver(self, law: LearntLaw) -> Index:
         """The terms that can be added to a law of one driver."""
         drivers = law.terms[0].drivers
         own = [i for i, t in enumerate(self.grid.terms) if t.drivers == drivers and not t.alone]
         return np.array(own, dtype=np.intp)
 
-    def _joined(self, first: Candidate | Proposal, second: Proposal, own: Index) -> Proposal:
+    def _joined(
+        self, first: LawCandidate | LawProposal, second: LawProposal, own: Index
+    ) -> LawProposal:
         """A law with a second term, of the same place, driver and tangent. own: terms to choose from."""
         (term,) = second.law.terms
         kinds = len({self.grid.terms[i].kind for i in own})
@@ -304,11 +306,11 @@ class Search:
         cost = first.cost + (float(np.log(kinds)) + half * term.numbers)
         law = replace(first.law, terms=(*first.law.terms, term))
         numbers = {**first.numbers, **{f"{n[0]}2": v for n, v in second.numbers.items()}}
-        return Proposal(law, numbers, cost, second.expected - second.cost + cost, second.near)
+        return LawProposal(law, numbers, cost, second.expected - second.cost + cost, second.near)
 
     # --- Fits in the model
 
-    def _fit(self, proposals: Iterable[Proposal], count: int) -> None:
+    def _fit(self, proposals: Iterable[LawProposal], count: int) -> None:
         """Fit the first of these laws in the model, and keep each that is the best of its kind."""
         best = min((c.score for c in self._known.values()), default=np.inf)
         for p in itertools.islice(proposals, count):
@@ -321,7 +323,7 @@ class Search:
             start[vector.places(SOUGHT)] = part.start
             self._keep(p.law, vector, start, p.cost)
 
-    def _keep(self, law: Law, vector: ParameterVector, start: Array, cost: float) -> None:
+    def _keep(self, law: LearntLaw, vector: ParameterVector, start: Array, cost: float) -> None:
         try:
             with np.errstate(all="ignore"):  # a law may ask for a soil that there is not
                 fit = self.fitter.fit(self.fitter.at(vector, start, self._scatter), turns=0)
@@ -330,7 +332,7 @@ class Search:
         score = self.yardstick.score(self.observed - fit.predicted) + cost
         known = self._known.get(law.key)
         if np.isfinite(score) and (known is None or score < known.score):
-            self._known[law.key] = Candidate(law, fit, cost, score)
+            self._known[law.key] = LawCandidate(law, fit, cost, score)
 
     def _judge_anew(self, anew: int) -> None:
         """Estimate the scatter with the best law in the model, and judge all by that."""
@@ -365,7 +367,7 @@ class Search:
             if len(c.law.terms) == 1 or c.score < one_term[0].score - TIE
         }  # fmt: skip
 
-    def _ordered(self) -> list[Candidate]:
+    def _ordered(self) -> list[LawCandidate]:
         return sorted(self._known.values(), key=lambda c: c.score)
 
     def _at_values(self, term: Term) -> Array:

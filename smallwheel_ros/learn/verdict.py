@@ -23,8 +23,8 @@ from smallwheel_ros.fitting.held_out import CvErrors, cross_validate, in_sample
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.fitting.variance import Scatter
 from smallwheel_ros.learn.grammar import FEWEST_LEVELS, Driver
-from smallwheel_ros.learn.law import Law
-from smallwheel_ros.learn.search import FOLD, WHOLE, Candidate, Grid, Search
+from smallwheel_ros.learn.law import LearntLaw
+from smallwheel_ros.learn.search import FOLD, WHOLE, LawCandidate, LawSearch, TermGrid
 from smallwheel_ros.learn.tangent import Tangent, Yardstick
 from smallwheel_ros.measurements.columns import COLUMNS, is_bookkeeping, is_response
 from smallwheel_ros.measurements.settings import (
@@ -56,17 +56,17 @@ _STUDENT = 4.0  # degrees of freedom of the loss: one bad extrapolation does not
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedLaw:
     """The best law, fitted to all points, and how it did on what the search did not see.
 
     tied: all laws that do as well, the best first. errors: held out, of the base and of the folds' laws.
     laws: of the folds. vault: how many settings were kept apart.
     """
 
-    law: Candidate
-    tied: tuple[Candidate, ...]
+    law: LawCandidate
+    tied: tuple[LawCandidate, ...]
     errors: Sequence[CvErrors]
-    laws: Sequence[Law | None]
+    laws: Sequence[LearntLaw | None]
     vault: int
 
 
@@ -82,9 +82,9 @@ class Sought:
     verdict: str
     reasons: tuple[str, ...]
     problem: Problem | None = None
-    grid: Grid | None = None
+    grid: TermGrid | None = None
     p: float | None = None
-    best: Judged | None = None
+    best: JudgedLaw | None = None
 
 
 @one_thread
@@ -102,7 +102,7 @@ def seek(
         points, fitter, fit = problem.points, problem.fitter, problem.fit
     except FittingError as error:
         return Sought("refused", (str(error),))
-    grid = Grid.of(points, fit.model)  # 3, 4: drivers and grammar
+    grid = TermGrid.of(points, fit.model)  # 3, 4: drivers and grammar
     if reason := nothing_to_follow(grid):
         return Sought("refused", (reason,), problem, grid)
     apart = vault_of(points, seed)  # 9
@@ -110,7 +110,7 @@ def seek(
         fitter = fitter.of_values(~apart)
         fit = fitter.fit(fit.take(~apart))
 
-    search = Search(fitter, fit, grid)
+    search = LawSearch(fitter, fit, grid)
     progress("permuting", 0, 1)
     p = chance(search, PERMUTATIONS, np.random.default_rng([seed, 0]))  # 8
     why = f"the best of all formulas gains no more than chance would (p {p:.2g}): nothing could be learnt"
@@ -136,7 +136,7 @@ def seek(
             verdict, reasons = "unstable", ("on the settings in the vault the error does not fall",)
     law, tied = _refitted(problem.fitter, draft, found.tied)
     kept = int(np.unique(points.setting[apart]).size)
-    best = Judged(law, tied, errors, laws, kept)
+    best = JudgedLaw(law, tied, errors, laws, kept)
     return Sought(verdict, reasons, problem, grid, p, best)
 
 
@@ -153,11 +153,11 @@ def _by_trial(measurements: Measurements) -> Measurements:
 
 
 def _refitted(
-    fitter: Fitter, draft: Candidate, tied: Sequence[Candidate]
-) -> tuple[Candidate, tuple[Candidate, ...]]:
+    fitter: Fitter, draft: LawCandidate, tied: Sequence[LawCandidate]
+) -> tuple[LawCandidate, tuple[LawCandidate, ...]]:
     """The draft, fitted to all points with the scatter, and the tied laws under that scatter."""
 
-    def fitted(candidate: Candidate, scatter: Scatter, **how: int) -> Candidate:
+    def fitted(candidate: LawCandidate, scatter: Scatter, **how: int) -> LawCandidate:
         start = fitter.at(candidate.fit.vector, candidate.fit.theta, scatter)
         return replace(candidate, fit=fitter.fit(start, **how))
 
@@ -192,7 +192,7 @@ def settings_in(points: Points) -> int:
     return int(np.unique(settings_of_rows(points.measurements)[used]).size)
 
 
-def nothing_to_follow(grid: Grid) -> str:
+def nothing_to_follow(grid: TermGrid) -> str:
     """Say why no setting can be followed, "" where one can."""
     settings = [d for d in grid.drivers if d.columns]
     if any(d.levels >= FEWEST_LEVELS for d in settings):
@@ -201,7 +201,7 @@ def nothing_to_follow(grid: Grid) -> str:
     return f"there is nothing that a law could follow: {why or 'nothing was varied'}"
 
 
-def cannot_be_told(law: Law, measurements: Measurements) -> str:
+def cannot_be_told(law: LearntLaw, measurements: Measurements) -> str:
     """Say why what is missing may not be this law, though it fits best, "" where it may."""
     known = {*measurements.conditions.covariates, *measurements.channels, *COLUMNS}
     blank = [name for name, unit in measurements.units.items()
@@ -223,7 +223,7 @@ def _values(driver: Driver) -> str:
 # --- How often errors without a law would gain as much
 
 
-def chance(search: Search, permutations: int, rng: np.random.Generator) -> float:
+def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> float:
     """p of the best gain by permutations. search: one that has not run, with its base's yardstick.
 
     The one statistic is what the best term of the whole grammar gains at the base's tangent, less the
@@ -291,8 +291,8 @@ def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
 
 
 def left_out(
-    fitter: Fitter, base: Fit, grid: Grid, seed: int, done: Callable[[], object]
-) -> tuple[list[CvErrors], list[Law | None]]:
+    fitter: Fitter, base: Fit, grid: TermGrid, seed: int, done: Callable[[], object]
+) -> tuple[list[CvErrors], list[LearntLaw | None]]:
     """Leave whole settings out in turn and search again without them. done: called after each fold.
 
     Gives the errors of the base and of what the folds found, and the laws, None where a fold found none.
@@ -302,13 +302,13 @@ def left_out(
     count = settings.size if settings.size <= _ONE_BY_ONE else _FOLDS
     dealt = np.random.default_rng([seed, 2]).permutation(np.arange(settings.size) % count)
     fold = dealt[code.reshape(-1)]
-    laws: list[Law | None] = []
+    laws: list[LearntLaw | None] = []
 
     def search(_: Points) -> list[Model]:
         seen = fold != len(laws)
         fits = fitter.of_values(seen)
         plain = fits.fit(base.take(seen), turns=2)
-        chosen = Search(fits, plain, grid).run(FOLD).draft
+        chosen = LawSearch(fits, plain, grid).run(FOLD).draft
         laws.append(chosen.law if chosen else None)
         done()
         return [plain.model, *([chosen.fit.model] if chosen else [])]
@@ -329,7 +329,7 @@ def with_vault(
     return both, any(after[name] <= before[name] for name in before)
 
 
-def agreeing(laws: Sequence[Law | None], law: Law) -> float:
+def agreeing(laws: Sequence[LearntLaw | None], law: LearntLaw) -> float:
     """Share of the folds that chose the same drivers; of a constant, its stage."""
     same = [
         other is not None and other.columns == law.columns
@@ -341,9 +341,9 @@ def agreeing(laws: Sequence[Law | None], law: Law) -> float:
 def judge(
     p: float,
     errors: Sequence[CvErrors],
-    laws: Sequence[Law | None],
+    laws: Sequence[LearntLaw | None],
     fitter: Fitter,
-    draft: Candidate,
+    draft: LawCandidate,
 ) -> tuple[str, tuple[str, ...]]:
     """The verdict, and what speaks against a law.
 

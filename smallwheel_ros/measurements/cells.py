@@ -40,7 +40,7 @@ Cell = str | float  # a text file has texts only; "" is blank
 
 
 @dataclass
-class Grid:
+class CellGrid:
     """The rows of a table as a file or a data frame has them, the header among them or above.
 
     numbers: each row's line or row in the file. place: "line" of a text file, "row" of any other.

@@ -18,7 +18,7 @@ from smallwheel_ros.measurements.cells import (
     MOST_CELLS,
     SEARCHED,
     SMALLER,
-    Grid,
+    CellGrid,
     MeasurementsError,
     cell_of,
 )
@@ -44,7 +44,7 @@ _OTHERS = (
 )
 
 
-def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None) -> Grid:
+def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None) -> CellGrid:
     """Read a CSV, Excel (xlsx, xls), OpenDocument (ods) or Parquet file, or take a data frame.
 
     sheet: of a workbook, by name or number; without it the one sheet that has a table is read.
@@ -66,7 +66,7 @@ def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None)
     return grid
 
 
-def _file_grid(data: bytes, sheet: str | int | None) -> Grid:
+def _file_grid(data: bytes, sheet: str | int | None) -> CellGrid:
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         return workbook_grid(data, None if sheet is None else str(sheet))
     if sheet is not None:
@@ -104,7 +104,7 @@ def _refuse_many_cells(rows: int, columns: int) -> None:
         )
 
 
-def _text_grid(data: bytes) -> Grid:
+def _text_grid(data: bytes) -> CellGrid:
     """Read comma, semicolon, tab or bar separated text in UTF-8, UTF-16 or Windows-1252."""
     text, said = _decoded(data)
     start = text[:200].lstrip()[:1]
@@ -121,7 +121,7 @@ def _text_grid(data: bytes) -> Grid:
     if len(text) > most and sum(map(text.count, (separator, "\n", "\r"))) > most:
         raise MeasurementsError(f"expected at most {MOST_CELLS} cells: {SMALLER}")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
-    grid = Grid([], [], "line", comma=separator != ",", said=said)
+    grid = CellGrid([], [], "line", comma=separator != ",", said=said)
     line = before + 1
     try:
         for row in reader:  # a text in quotes may have several lines
@@ -178,7 +178,7 @@ def _separator(text: str) -> str:
     return best
 
 
-def _parquet_grid(data: bytes) -> Grid:
+def _parquet_grid(data: bytes) -> CellGrid:
     """Read a Parquet file, judged by what its footer states before anything is unpacked."""
     try:
         import pyarrow
@@ -202,7 +202,7 @@ def _parquet_grid(data: bytes) -> Grid:
         raise MeasurementsError(f"a damaged Parquet file: {reason(error)[:200]}") from None
 
 
-def _frame_grid(frame: Any) -> Grid:
+def _frame_grid(frame: Any) -> CellGrid:
     """Take a pandas data frame. NaN, None and NaT are blank, as pandas means them."""
     _refuse_many_cells(*frame.shape)
     columns = []
@@ -216,4 +216,4 @@ def _frame_grid(frame: Any) -> Grid:
     if not len(frame):
         raise MeasurementsError("data frame: no rows")
     rows = list(zip(*(columns[i] for i in kept), strict=True))
-    return Grid([*rows], list(range(1, len(frame) + 1)), "row", [names[i] for i in kept])
+    return CellGrid([*rows], list(range(1, len(frame) + 1)), "row", [names[i] for i in kept])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, Mask, Texts
-from smallwheel_ros.measurements.reading import BEFORE_TOUCH, Columns, check_range
+from smallwheel_ros.measurements.reading import BEFORE_TOUCH, TableColumns, check_range
 from smallwheel_ros.measurements.settings import Index, curves_of_rows
 from smallwheel_ros.measurements.table import ShearTests
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
@@ -33,7 +33,7 @@ _NO_AREA = (
 _TWO_SHAPES = "a plate with a diameter too, expected one of the two: round or rectangular"
 
 
-def take_contact(columns: Columns, given: str | None) -> None:
+def take_contact(columns: TableColumns, given: str | None) -> None:
     """What meets the soil in each row; a table of pressures without a width is of plates."""
     texts = columns.texts.get("contact")
     if given is not None and given not in CONTACTS:
@@ -53,7 +53,7 @@ def take_contact(columns: Columns, given: str | None) -> None:
         columns.problem(f"'{word}' found, expected {wanted}", "contact", contact == word)
 
 
-def take_plates(columns: Columns, compliance: float | None) -> None:
+def take_plates(columns: TableColumns, compliance: float | None) -> None:
     """Turn what a table has of plates into load, diameter, width and the soil's own sinkage."""
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():
@@ -67,7 +67,7 @@ def take_plates(columns: Columns, compliance: float | None) -> None:
         _take_compliance(columns, rolling, compliance)
 
 
-def _take_sizes(columns: Columns, plate: Mask) -> None:
+def _take_sizes(columns: TableColumns, plate: Mask) -> None:
     """A round plate has a diameter; a rectangular one width and length, and an equivalent diameter."""
     diameter, width = columns.values("diameter"), columns.values("width")
     rectangular = np.zeros(plate.size, dtype=bool)
@@ -89,7 +89,7 @@ def _take_sizes(columns: Columns, plate: Mask) -> None:
         columns.numbers["width"] = np.where(plate & ~rectangular, np.nan, width)
 
 
-def _take_pressure(columns: Columns, plate: Mask) -> None:
+def _take_pressure(columns: TableColumns, plate: Mask) -> None:
     """Load from pressure, where a plate's area is known."""
     load = columns.values("load")
     wanted = np.isnan(load)
@@ -103,7 +103,7 @@ def _take_pressure(columns: Columns, plate: Mask) -> None:
     columns.understood.append("load = pressure x area of the plate")
 
 
-def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None:
+def _take_compliance(columns: TableColumns, rolling: Mask, compliance: float) -> None:
     load, sinkage = (columns.numbers.get(name) for name in ("load", "sinkage"))
     if not _STIFFEST <= compliance <= _SOFTEST:
         columns.add(
@@ -120,7 +120,7 @@ def _take_compliance(columns: Columns, rolling: Mask, compliance: float) -> None
         columns.understood.append(f"{less}, by the machine's compliance: up to {most:.3g} mm")
 
 
-def name_curves(columns: Columns) -> None:
+def name_curves(columns: TableColumns) -> None:
     """Find the runs of a table of curves that names none: where size, soil, load and depth begin anew.
 
     Else each row of a curve would count as a run of its own.
@@ -140,7 +140,7 @@ def name_curves(columns: Columns) -> None:
     )
 
 
-def keep_rows_on_soil(columns: Columns, run: Texts) -> None:
+def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
     """Keep rows of plates and pressed wheels that press on the soil, for the first time; all others too.
 
     Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
@@ -187,7 +187,7 @@ def _rise(one: Array | Index, other: Array) -> float:
     return np.nan if np.ptp(one) == 0 or np.ptp(other) == 0 else float(spearmanr(one, other)[0])
 
 
-def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> None:
+def _say_odd_load(columns: TableColumns, name: str, load: Array, sinkage: Array) -> None:
     """Warn of a load over depth that no soil bears. load (N), sinkage (m): of one curve."""
     known = np.isfinite(sinkage)
     if known.sum() < _FEWEST or np.ptp(sinkage[known]) == 0.0:
@@ -207,7 +207,7 @@ def _say_odd_load(columns: Columns, name: str, load: Array, sinkage: Array) -> N
         )
 
 
-def shear_tests(columns: Columns) -> ShearTests:
+def shear_tests(columns: TableColumns) -> ShearTests:
     """The shear tests in the columns of a table.
 
     Raises MeasurementsError that lists everything that is wrong.
@@ -236,7 +236,7 @@ def shear_tests(columns: Columns) -> ShearTests:
     )
 
 
-def _shear_runs(columns: Columns, sigma: Array, j: Array, soil: Texts) -> Texts:
+def _shear_runs(columns: TableColumns, sigma: Array, j: Array, soil: Texts) -> Texts:
     named = columns.texts.get("run")
     if named is not None and (named != "").all():
         return named

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.measurements.cells import (
     SEARCHED,
     Cell,
-    Grid,
+    CellGrid,
     MeasurementsError,
     Numbers,
     clipped,
@@ -102,7 +102,7 @@ def _is_number(cell: Cell) -> bool:
     return any(c.isdigit() for c in text) and not any(c.isalpha() for c in text)
 
 
-def find_layout(grid: Grid) -> Layout:
+def find_layout(grid: CellGrid) -> Layout:
     """Find the table. Raises MeasurementsError where there is none."""
     rows = [i for i, row in enumerate(grid.rows) if not all(map(is_blank, row))]
     said, headers, header_line = list(grid.said), grid.header, None
@@ -136,7 +136,7 @@ def find_layout(grid: Grid) -> Layout:
     return Layout(headers, [*zip(*body, strict=True)], units, numbers, header_line, ragged, said)
 
 
-def _header(grid: Grid, rows: list[int]) -> int:
+def _header(grid: CellGrid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     # A row of a run called b is no header: most of its cells are numbers.
@@ -180,7 +180,7 @@ def _is_symbol_row(row: Sequence[Cell], headers: list[str]) -> bool:
     return len(found) > 1 and all(a and b and a.name == b.name for a, b in found)
 
 
-def _width(grid: Grid, rows: list[int], headers: list[str]) -> tuple[int, dict[int, int]]:
+def _width(grid: CellGrid, rows: list[int], headers: list[str]) -> tuple[int, dict[int, int]]:
     """Columns of the table, and how many cells the rows have that do not fit it, by row.
 
     Empty columns at the end are none. In a text file every row has as many cells as the header.

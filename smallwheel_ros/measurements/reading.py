@@ -6,7 +6,7 @@
     rows that were not measured are left out, and said       layout.rows_not_measured
     cells -> numbers -> SI, each within its range            cells.read_numbers, columns.to_base
 
-What is wrong is collected in `Columns.found` and raised at once.
+What is wrong is collected in `TableColumns.found` and raised at once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import (
     Cell,
-    Grid,
+    CellGrid,
     MeasurementsError,
     Numbers,
     clipped,
@@ -82,7 +82,7 @@ _ODD_CELLS = (
 
 
 @dataclass
-class Columns:
+class TableColumns:
     """A table's columns by our names, SI units; what was understood, noted, and is wrong.
 
     lines: of each row in the file; place: what they are called there. header: the header's line.
@@ -205,7 +205,7 @@ def listed(names: Sequence[str]) -> str:
     return f"{text} and {more} more" if more > 0 else text
 
 
-def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
+def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     """Every column of the table, checked cell by cell.
 
     mapping: our name -> their header, where words do not say it. Raises MeasurementsError where there
@@ -215,7 +215,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
         layout = find_layout(grid)
     except MeasurementsError as error:
         raise MeasurementsError(f"{grid.source}: {error}") from None
-    columns = Columns(grid.source, grid.place, layout.numbers, layout.header_line, grid.sha256)
+    columns = TableColumns(grid.source, grid.place, layout.numbers, layout.header_line, grid.sha256)
     named = _headings(layout, mapping, columns)
     _begin(columns, layout)
     parsed = _numbers(layout, named, grid.comma)
@@ -253,7 +253,7 @@ def read_columns(grid: Grid, mapping: Mapping[str, str]) -> Columns:
     return columns
 
 
-def _begin(columns: Columns, layout: Layout) -> None:
+def _begin(columns: TableColumns, layout: Layout) -> None:
     """Take the first filled column of a layout as that by which people know the rows."""
     filled = (i for i, column in enumerate(layout.columns) if not all(map(is_blank, column)))
     at = next(filled, 0)
@@ -265,7 +265,9 @@ def _numbers(layout: Layout, named: Mapping[int, Heading], comma: bool) -> dict[
     return dict(zip(cells, read_numbers([*cells.values()], comma), strict=True))
 
 
-def _headings(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> dict[int, Heading]:
+def _headings(
+    layout: Layout, mapping: Mapping[str, str], columns: TableColumns
+) -> dict[int, Heading]:
     """The heading of each column, by its position; what is wrong is added to the problems.
 
     Of several columns of one quantity the one that the user mapped is it, else the one that has
@@ -306,7 +308,7 @@ def _headings(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> d
     return found
 
 
-def _say_given(heading: Heading, row: str | None, columns: Columns) -> None:
+def _say_given(heading: Heading, row: str | None, columns: TableColumns) -> None:
     """Say that the unit of a --map wins over those of the header and of the row of units."""
     given, own = shown_unit(heading.unit), read_heading(heading.text).unit
     if others := {shown_unit(unit) for unit in (own, row) if unit is not None} - {given}:
@@ -316,7 +318,7 @@ def _say_given(heading: Heading, row: str | None, columns: Columns) -> None:
         )
 
 
-def _mapped(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> dict[int, str]:
+def _mapped(layout: Layout, mapping: Mapping[str, str], columns: TableColumns) -> dict[int, str]:
     """Our name by the position of the column that the user says it is."""
     wanted = dict[int, str]()
     for ours, theirs in mapping.items():
@@ -335,7 +337,7 @@ def _mapped(layout: Layout, mapping: Mapping[str, str], columns: Columns) -> dic
     return wanted
 
 
-def _settle(found: dict[int, Heading], columns: Columns) -> None:
+def _settle(found: dict[int, Heading], columns: TableColumns) -> None:
     """Leave one column of each quantity, and give the others their own names."""
     by_name: dict[str, list[int]] = {}
     for position, heading in found.items():
@@ -357,7 +359,7 @@ def _settle(found: dict[int, Heading], columns: Columns) -> None:
                 found[i] = found[i]._replace(name=own, rank=UNKNOWN, factor=1.0)
 
 
-def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
+def _take(columns: TableColumns, heading: Heading, parsed: Numbers | None) -> None:
     """Take a column as texts, or as numbers in SI."""
     name, cells = heading.name, columns.cells[heading.name]
     spec = COLUMNS.get(name) or (LAB_COLUMNS.get(name) if heading.rank != UNKNOWN else None)
@@ -388,7 +390,9 @@ def _take(columns: Columns, heading: Heading, parsed: Numbers | None) -> None:
         _take_numbers(columns, heading, parsed, spec or OTHER)
 
 
-def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: ColumnSpec) -> None:
+def _take_numbers(
+    columns: TableColumns, heading: Heading, parsed: Numbers, spec: ColumnSpec
+) -> None:
     """Numbers of a column in SI units, each within the range of its kind."""
     name, unit = heading.name, heading.unit
     expected, values = spec.unit or None, parsed.values
@@ -419,7 +423,9 @@ def _take_numbers(columns: Columns, heading: Heading, parsed: Numbers, spec: Col
     columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
 
 
-def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, rows: Mask) -> None:
+def check_range(
+    columns: TableColumns, name: str, spec: ColumnSpec, values: Array, rows: Mask
+) -> None:
     """Add a problem for values of these rows that no wheel or plate has."""
     no_unit = columns.headings[name].unit is None
     bad = spec.bad(values) & rows
@@ -438,7 +444,7 @@ def check_range(columns: Columns, name: str, spec: ColumnSpec, values: Array, ro
     columns.outside(name, values, bad, wanted + hint)
 
 
-def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
+def _check_cells(columns: TableColumns, name: str, parsed: Numbers) -> None:
     """Add a problem for each text that is no number, and for what is not finite."""
     cells = columns.cells[name]
     by_text: dict[str, list[int]] = {}
@@ -459,7 +465,7 @@ def _check_cells(columns: Columns, name: str, parsed: Numbers) -> None:
         columns.problem(f"{text} found, expected {wanted}", name, bad)
 
 
-def take_size(columns: Columns, name: str, size: float) -> None:
+def take_size(columns: TableColumns, name: str, size: float) -> None:
     """Take a diameter or width (m) for all rows."""
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
@@ -470,7 +476,7 @@ def take_size(columns: Columns, name: str, size: float) -> None:
     columns.units[name] = spec.unit
 
 
-def _say(columns: Columns, parsed: Iterable[Numbers]) -> None:
+def _say(columns: TableColumns, parsed: Iterable[Numbers]) -> None:
     """Say in one line each what was understood of the headers and the cells."""
     parsed = list(parsed)
     for heading in columns.headings.values():

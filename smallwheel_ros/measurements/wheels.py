@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.measurements.cells import Grid, MeasurementsError, clipped
+from smallwheel_ros.measurements.cells import CellGrid, MeasurementsError, clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
@@ -22,7 +22,7 @@ from smallwheel_ros.measurements.lab import (
     take_contact,
     take_plates,
 )
-from smallwheel_ros.measurements.reading import Columns, listed, read_columns, take_size
+from smallwheel_ros.measurements.reading import TableColumns, listed, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
     ends_of_runs,
     one_row_a_wheel,
@@ -102,7 +102,7 @@ def read_tests(
     return _joined_sheets(str(source), [clipped(grid.sheet) for grid in grids], tables)
 
 
-def _refuse_other_columns(path: str, grids: Sequence[Grid], mapping: Mapping[str, str]) -> None:
+def _refuse_other_columns(path: str, grids: Sequence[CellGrid], mapping: Mapping[str, str]) -> None:
     """Refuse sheets of different columns, and a sheet that was asked for twice. Raises MeasurementsError."""
     names = [clipped(grid.sheet) for grid in grids]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -122,7 +122,7 @@ def _refuse_other_columns(path: str, grids: Sequence[Grid], mapping: Mapping[str
             )
 
 
-def _quantities(columns: Columns) -> set[str]:
+def _quantities(columns: TableColumns) -> set[str]:
     """Columns by our names; a remark of one's own may stand on one sheet only."""
     headings = columns.headings
     return {n for n in headings if headings[n].rank != UNKNOWN or n not in columns.texts}
@@ -156,7 +156,7 @@ def _joined_sheets(
 
 
 def _read_grid(
-    grid: Grid,
+    grid: CellGrid,
     mapping: Mapping[str, str],
     *,
     diameter: float | None = None,
@@ -190,7 +190,7 @@ def _read_grid(
     return _measurements(columns)
 
 
-def _measurements(columns: Columns) -> Measurements:
+def _measurements(columns: TableColumns) -> Measurements:
     """The table of columns in which nothing is wrong."""
     numbers, notes = columns.numbers, columns.notes
     sizes = {n: columns.values(n) for n in ("load", "diameter", "width")}
@@ -253,7 +253,7 @@ def _measurements(columns: Columns) -> Measurements:
     )
 
 
-def _check_there(columns: Columns) -> None:
+def _check_there(columns: TableColumns) -> None:
     """Add a problem for each column that there must be; a table of plates needs no width."""
     needed = ["load", "diameter", *(["width"] if np.any(columns.contact != PLATE) else [])]
     nearly = {meant(heading) for heading in columns.headings.values() if heading.rank == UNKNOWN}
@@ -273,7 +273,7 @@ def _check_there(columns: Columns) -> None:
         columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
 
-def _check_blanks(columns: Columns) -> None:
+def _check_blanks(columns: TableColumns) -> None:
     """Add a problem for cells that are blank where a value is needed."""
 
     def check(names: Sequence[str], needed: Mask, words: str) -> None:
@@ -294,7 +294,7 @@ def _check_blanks(columns: Columns) -> None:
     check(SETTINGS, columns.contact == ROLLING, _BLANK_ROLLING)
 
 
-def _runs(columns: Columns) -> Texts:
+def _runs(columns: TableColumns) -> Texts:
     """Each row's run; a row that names none is a run of its own, named by its line."""
     run = columns.texts.get("run", np.full(columns.lines.size, ""))
     if (run != "").all():
@@ -335,7 +335,7 @@ def _wheels(conditions: Conditions) -> Texts:
     return np.array(names, dtype=np.str_)[index]
 
 
-def _check_heights(columns: Columns) -> None:
+def _check_heights(columns: TableColumns) -> None:
     """Add a problem for a wheel that is deeper than its axle, and for lugs higher than its radius.
 
     It carries by its lower half, so that is a mistake. A wheel dragged across its plane is ploughed
@@ -361,7 +361,7 @@ def _check_heights(columns: Columns) -> None:
             )
 
 
-def _check_shares(columns: Columns) -> None:
+def _check_shares(columns: TableColumns) -> None:
     """Add a problem for shares below a [%] in a workbook, whose cells may be shown in per cent."""
     for name, heading in columns.headings.items():
         most = float(np.nanmax(np.abs(columns.values(name)), initial=0.0))

@@ -26,7 +26,7 @@ from smallwheel_ros.measurements.cells import (
     SEARCHED,
     SMALLER,
     Cell,
-    Grid,
+    CellGrid,
     MeasurementsError,
     Percent,
     cell_of,
@@ -62,7 +62,7 @@ class _Book(NamedTuple):
     merged: Callable[[str], list[tuple[int, int, int]]]
 
 
-def workbook_grid(data: bytes, wanted: str | None) -> Grid:
+def workbook_grid(data: bytes, wanted: str | None) -> CellGrid:
     """One sheet of an xlsx, xls or ods workbook: the one that has the table."""
     try:
         parts = _parts(data) if data.startswith(b"PK") else {}
@@ -74,7 +74,7 @@ def workbook_grid(data: bytes, wanted: str | None) -> Grid:
             raise MeasurementsError(f"a row of {most} cells, expected at most {_MOST_COLUMNS}")
         book = _xlsx(data, parts) if xlsx else _xls_or_ods(data)
         name = _chosen(book, wanted)
-        grid = Grid([], [], "row", sheet=name, merged=book.merged(name), shares=not parts)
+        grid = CellGrid([], [], "row", sheet=name, merged=book.merged(name), shares=not parts)
         cells = 0
         for number, row in book.rows(name):
             cells += len(row)

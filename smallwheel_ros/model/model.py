@@ -20,7 +20,7 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.results import Result, Writer
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
-from smallwheel_ros.model.stages import Loaded, Stages, guarded
+from smallwheel_ros.model.stages import LoadedRows, Stages, guarded
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import AXLE_RATIO, contact_sinkage
 from smallwheel_ros.physics.sinkage import (
@@ -250,7 +250,9 @@ def _soil_columns(model: Model, conditions: Conditions) -> dict[str, Array]:
     return {name: np.array([getattr(s, name) for s in model.soils])[rows] for name in SOIL_NUMBERS}
 
 
-def _static_sinkage(model: Model, stages: Stages, wheel: Loaded) -> tuple[Array, NDArray[np.bool_]]:
+def _static_sinkage(
+    model: Model, stages: Stages, wheel: LoadedRows
+) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage that carries the load, by each row's contact, before any digging; where it is to the axle."""
     conditions, plate = stages.conditions, stages.conditions.plate
     load, diameter, modulus, n = wheel
@@ -279,7 +281,7 @@ def _static_sinkage(model: Model, stages: Stages, wheel: Loaded) -> tuple[Array,
 
 
 def _layered_sinkage(
-    stages: Stages, wheel: Loaded, width: Array
+    stages: Stages, wheel: LoadedRows, width: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """The same where pressure is no power of depth."""
     load, diameter, modulus, n = wheel
@@ -401,7 +403,7 @@ def _wong_reece(soil: Mapping[str, Array], slip: Array, pressure: Array) -> dict
 
 
 def _with_shear(
-    stages: Stages, soil: Mapping[str, Array], wheel: Loaded
+    stages: Stages, soil: Mapping[str, Array], wheel: LoadedRows
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage of rolling wheels that pressure and shear carry together (Wong and Reece 1967)."""
     load, diameter, modulus, n = wheel

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 
-class Loaded(NamedTuple):
+class LoadedRows(NamedTuple):
     """Load (N), diameter (m), modulus K (Pa/m^n) and n of which the contact is solved, each (rows,)."""
 
     load: Array
@@ -69,7 +69,7 @@ class Stages:
             return value
         return np.where(~self.rolling & np.isnan(value), neutral, value)
 
-    def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> Loaded:
+    def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> LoadedRows:
         """What the effects make of load, wheel and soil (k, n, m) before the contact is solved.
 
         Raises EffectError where they make a load or a diameter that no wheel has.
@@ -78,12 +78,12 @@ class Stages:
         diameter = _positive("diameter", self.change("wheel_diameter", self.conditions.diameter))
         modulus = effective_modulus(np.asarray(k), np.asarray(m), diameter)
         exponent = np.broadcast_to(np.asarray(n), modulus.shape)
-        return Loaded(load, diameter, *self._soil(modulus, exponent))
+        return LoadedRows(load, diameter, *self._soil(modulus, exponent))
 
-    def on_soil(self, before: Loaded) -> Loaded:
+    def on_soil(self, before: LoadedRows) -> LoadedRows:
         """What the effects make of the load that reaches the soil, and of the soil itself."""
         load = _positive("load", self.change("normal_load", before.load))
-        return Loaded(load, before.diameter, *self._soil(before.modulus, before.exponent))
+        return LoadedRows(load, before.diameter, *self._soil(before.modulus, before.exponent))
 
     def _soil(self, modulus: Array, exponent: Array) -> tuple[Array, Array]:
         return modulus * self.product("modulus_factor"), exponent + self.total("exponent_shift")

@@ -29,7 +29,7 @@ _LONGEST_TOPIC = 200  # DDS takes 255 characters, with a namespace and a prefix 
 
 
 @dataclass(frozen=True)
-class Parameter:
+class NodeParameter:
     """One parameter of the node.
 
     Attributes
@@ -64,7 +64,7 @@ class Parameter:
     required: bool = False
     at_start: bool = False
 
-    def for_wheel(self, wheel: str) -> Parameter:
+    def for_wheel(self, wheel: str) -> NodeParameter:
         """Return the parameter of that wheel."""
         default = self.default
         if isinstance(default, str):

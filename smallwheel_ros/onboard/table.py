@@ -10,40 +10,40 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from smallwheel_ros.onboard.parameter import WHEEL, Parameter
+from smallwheel_ros.onboard.parameter import WHEEL, NodeParameter
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.soil import SOILS
 
 
 def _number(
     name: str, default: float | None, unit: str, low: float, high: float, text: str, **more: Any
-) -> Parameter:
-    return Parameter(name, "double", default, text, unit, low, high, **more)
+) -> NodeParameter:
+    return NodeParameter(name, "double", default, text, unit, low, high, **more)
 
 
-def _text(name: str, default: str | None, text: str, *choices: str, **more: Any) -> Parameter:
-    return Parameter(name, "string", default, text, choices=choices, **more)
+def _text(name: str, default: str | None, text: str, *choices: str, **more: Any) -> NodeParameter:
+    return NodeParameter(name, "string", default, text, choices=choices, **more)
 
 
-def _topic(name: str, default: str, text: str, **more: Any) -> Parameter:
-    return Parameter(name, "string", default, text, form="topic", **more)
+def _topic(name: str, default: str, text: str, **more: Any) -> NodeParameter:
+    return NodeParameter(name, "string", default, text, form="topic", **more)
 
 
-def _path(name: str, text: str, **more: Any) -> Parameter:
-    return Parameter(name, "string", "", text, form="path", **more)
+def _path(name: str, text: str, **more: Any) -> NodeParameter:
+    return NodeParameter(name, "string", "", text, form="path", **more)
 
 
-def _switch(name: str, text: str, *, default: bool = False, **more: Any) -> Parameter:
-    return Parameter(name, "bool", default, text, **more)
+def _switch(name: str, text: str, *, default: bool = False, **more: Any) -> NodeParameter:
+    return NodeParameter(name, "bool", default, text, **more)
 
 
-def _sign(name: str, text: str) -> Parameter:
-    return Parameter(name, "integer", 1, text, choices=(1, -1))
+def _sign(name: str, text: str) -> NodeParameter:
+    return NodeParameter(name, "integer", 1, text, choices=(1, -1))
 
 
 TABLE = (
     # --- The vehicle
-    Parameter(
+    NodeParameter(
         "wheels", "string_array", None, "Names of the wheels. Each has parameters of its own, below.",
         required=True, at_start=True,
     ),
@@ -247,6 +247,6 @@ GENERAL = tuple(p for p in TABLE if not p.name.startswith(WHEEL))
 PER_WHEEL = tuple(p for p in TABLE if p.name.startswith(WHEEL))
 
 
-def parameters_for(wheels: Sequence[str]) -> tuple[Parameter, ...]:
+def parameters_for(wheels: Sequence[str]) -> tuple[NodeParameter, ...]:
     """Return all parameters of a vehicle with these wheels."""
     return GENERAL + tuple(p.for_wheel(wheel) for wheel in wheels for p in PER_WHEEL)

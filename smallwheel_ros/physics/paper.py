@@ -29,7 +29,7 @@ BEKKER, MEIRION_GRIFFITH_SPENKO = SOILS["dry_sand_bekker"], SOILS["dry_sand"]
 
 
 @dataclass(frozen=True)
-class Line:
+class PaperLine:
     """One printed number, what we get for it, and under which reading. Units as named."""
 
     quantity: str
@@ -60,17 +60,17 @@ def sinkage_for(soil: Soil, force: float) -> float:
 
 def _line(
     quantity: str, unit: str, printed: float, computed: float, reading: str, *, inferred: bool
-) -> Line:
+) -> PaperLine:
     """Judge a number by the digits that are printed."""
     decimals = len(f"{printed:g}".partition(".")[2])
     agrees = abs(computed - printed) <= 0.5001 * 10.0**-decimals
     status: Status = "not reproduced"
     if agrees:
         status = "reproduced under an inferred reading" if inferred else "reproduced"
-    return Line(quantity, unit, printed, computed, reading, status)
+    return PaperLine(quantity, unit, printed, computed, reading, status)
 
 
-def paper_lines() -> tuple[Line, ...]:
+def paper_lines() -> tuple[PaperLine, ...]:
     """Every number of Tables 3 and 7 that can be computed, in the paper's order."""
     common = sinkage_for(BEKKER, 50.6)
     bekker = sinkage(BEKKER, MEAN_LOAD)

@@ -20,7 +20,7 @@ _TOO_SURE, _TOO_MODEST = 2.0, 0.15  # mean of squared normalised innovations; 1 
 _LARGEST = 25.0  # a border shows some that are huge until it is found
 
 
-class Problem(NamedTuple):
+class Refusal(NamedTuple):
     """Something that could not be used: of which stream, a key to count by, and in words."""
 
     stream: str
@@ -48,11 +48,11 @@ class ProblemLog:
         if not unused:
             self._used.add((stream, reason))
 
-    def take(self) -> list[Problem]:
+    def take(self) -> list[Refusal]:
         """Give what is new since the last call: each stream and reason once, with its newest words."""
         new = [key for key, count in self.counts.items() if count != self._told[key]]
         self._told = self.counts.copy()
-        return [Problem(*key, self.words[key]) for key in new]
+        return [Refusal(*key, self.words[key]) for key in new]
 
     def refused(self, stream: str) -> int:
         """How many messages of a stream were not used."""

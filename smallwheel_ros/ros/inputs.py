@@ -23,7 +23,7 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.intake.decoder import Decoder, frame_of
 from smallwheel_ros.pipeline.intake.inputs import Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.refused import Problem
+from smallwheel_ros.pipeline.refused import Refusal
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class
@@ -193,7 +193,7 @@ class Inputs:
 
     # --- What to say of them
 
-    def log(self, problems: Iterable[Problem]) -> None:
+    def log(self, problems: Iterable[Refusal]) -> None:
         """Log problems by topic, each kind once in 10 s; what two streams of a topic share, once."""
         shared = set()
         for problem in problems:

@@ -20,13 +20,13 @@ from rcl_interfaces.msg import (
 )
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import NodeParameter as RosParameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
 from smallwheel_ros.onboard import gone
-from smallwheel_ros.onboard.parameter import Parameter
+from smallwheel_ros.onboard.parameter import NodeParameter
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
@@ -86,7 +86,7 @@ class NodeParameters:
         found = node.get_parameters_by_prefix("")
         given = {name: _plain(parameter.value) for name, parameter in found.items()}
         self.problems: dict[str, str] = {}
-        self._table: dict[str, Parameter] = {}
+        self._table: dict[str, NodeParameter] = {}
         try:
             wheels = wheel_names(given.get("wheels"))
         except ParametersError as error:
@@ -147,7 +147,7 @@ class NodeParameters:
             raise ParametersError("; ".join(self.problems.values()))
         return settings_from(self._gone | self.values())
 
-    def _declare(self, parameter: Parameter, value: object) -> None:
+    def _declare(self, parameter: NodeParameter, value: object) -> None:
         name = parameter.name
         self._table[name] = parameter
         if self._node.has_parameter(name):
@@ -189,7 +189,7 @@ def _plain(value: object) -> object:
     return list(value) if isinstance(value, (tuple, array)) else value
 
 
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+def _descriptor(parameter: NodeParameter) -> ParameterDescriptor:
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     descriptor = ParameterDescriptor(
         name=parameter.name,

@@ -50,7 +50,7 @@ class PlayError(SmallwheelError):
 
 
 @dataclass
-class Recording:
+class PlayedRecording:
     """What the node published: rows of fields with `stamp` (ns) and `frame_id`, and messages.
 
     warnings: stamp of the newest estimate, and text, of each alarm in the diagnostics. cost: the newest
@@ -103,7 +103,7 @@ class Recording:
 
 def drive_through(
     bag: Path | str, *, rate: float = 1.0, alive: Callable[[], str | None] = lambda: None
-) -> Recording:
+) -> PlayedRecording:
     """Play a bag into the node at most `rate` times as fast as recorded, and return its answers.
 
     alive: says why the node is dead, None while it lives. Raises PlayError if the node does not listen,
@@ -119,7 +119,7 @@ class _Player:
     """A node of its own that publishes a bag, and keeps what the estimator publishes."""
 
     def __init__(self, bag: Path, alive: Callable[[], str | None]) -> None:
-        self._bag, self._alive, self.found = bag, alive, Recording()
+        self._bag, self._alive, self.found = bag, alive, PlayedRecording()
         self._in_vain = (
             -1
         )  # answers there were when it was waited for another one that did not come
@@ -150,7 +150,7 @@ class _Player:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def play_and_listen(self, rate: float) -> Recording:
+    def play_and_listen(self, rate: float) -> PlayedRecording:
         """Play everything; wait for the node before it, for its answers meanwhile and after it."""
         found, node = self.found, self._node
         for kind, topic, callback, quality in (

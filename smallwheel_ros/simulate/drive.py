@@ -35,14 +35,14 @@ from smallwheel_ros.simulate.truth import (
     TruthSoil,
     soil_of_pressure,
 )
-from smallwheel_ros.simulate.vehicle import EPOCH, Truth, Vehicle, truth_of
+from smallwheel_ros.simulate.vehicle import EPOCH, SimulatedVehicle, Truth, truth_of
 from smallwheel_ros.simulate.wheel_laws import RimStrength, WheelsOnSoil
-from smallwheel_ros.simulate.world import ROVERS, Leg, Rover, World
+from smallwheel_ros.simulate.world import ROVERS, Leg, SimulatedRover, World
 from smallwheel_ros.simulate.world_ground import (
     DIAMETER,
     SINKAGE,
-    Soil,
     Started,
+    TrueSoil,
     make_ground,
     texture,
 )
@@ -66,7 +66,7 @@ class Drive:
     """
 
     settings: DriveSettings
-    rover: Rover
+    rover: SimulatedRover
     stretches: tuple[Stretch, ...]
     effects: tuple[HiddenEffect, ...]
     truth: Truth
@@ -164,11 +164,11 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     return Drive(settings, rover, stretches, effects, truth, kinds, rows, outliers)
 
 
-def in_ground(soil: TruthSoil) -> Soil:
+def in_ground(soil: TruthSoil) -> TrueSoil:
     """The same soil as the ground of a world has it."""
     pressure = math.log(soil.k) + soil.n * math.log(SINKAGE) + soil.m * math.log(DIAMETER)
     strength = RimStrength(soil.cohesion, soil.friction_angle, soil.shear_deformation)
-    return Soil(pressure, soil.n, soil.m, strength)
+    return TrueSoil(pressure, soil.n, soil.m, strength)
 
 
 def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
@@ -223,7 +223,7 @@ def _stream(settings: DriveSettings, *purpose: int) -> np.random.Generator:
 
 
 def _recorded(
-    world: World, rover: Rover, truth: Truth, settings: DriveSettings
+    world: World, rover: SimulatedRover, truth: Truth, settings: DriveSettings
 ) -> tuple[Rows, dict[str, NDArray[np.bool_]]]:
     """What the sensors show, less what is missing; and which of it are gross errors."""
     measured = Measured(world, rover, truth, _stream(settings, 1))
@@ -269,7 +269,7 @@ class _Wheels:
     def __init__(
         self,
         settings: DriveSettings,
-        rover: Rover,
+        rover: SimulatedRover,
         stretches: tuple[Stretch, ...],
         effects: tuple[HiddenEffect, ...],
         attempt: int,
@@ -296,7 +296,7 @@ class _Wheels:
 
     def drive(self) -> Truth:
         """Drive over the ground, then work out what the wheels' instruments show without noise."""
-        vehicle = Vehicle(self.world, self.rover, self.ground, self.rng)
+        vehicle = SimulatedVehicle(self.world, self.rover, self.ground, self.rng)
         vehicle.run()
         truth = truth_of(vehicle)
         shown = np.empty_like(truth.sinkage)

@@ -25,7 +25,7 @@ from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSo
 
 
 @dataclass(frozen=True)
-class Law:
+class HiddenLaw:
     """One effect: its formula, its amplitude at strength 1, and what it does in one stage.
 
     That stage of the truth calls it with the effect's amplitude, its own arguments, and the effect's
@@ -61,7 +61,7 @@ class HiddenEffect:
     """One effect in the truth. numbers: besides the amplitude, as its formula names them."""
 
     name: str
-    law: Law
+    law: HiddenLaw
     amplitude: float
     numbers: Mapping[str, Any]
 
@@ -165,9 +165,11 @@ def _in_column(at: Circumstances, column: str, centre: float, half_range: float)
 
 def _fault(
     formula: str, typical: float, channel: str, does: Callable[..., Any], either_sign: bool = False
-) -> Law:
+) -> HiddenLaw:
     """Return a fault of an instrument, which the library fits in the same form."""
-    return Law(f"measured {formula}", typical, f"shown_{channel}", does, either_sign=either_sign)
+    return HiddenLaw(
+        f"measured {formula}", typical, f"shown_{channel}", does, either_sign=either_sign
+    )
 
 
 def _offset(a: float, shown: Array, _: Circumstances) -> Array:
@@ -179,36 +181,36 @@ def _gain(a: float, shown: Array, _: Circumstances) -> Array:
 
 
 # fmt: off
-EFFECTS: dict[str, Law] = {
+EFFECTS: dict[str, HiddenLaw] = {
     # Digging in when driven: 2 to 3 times the sinkage at slip 0.6. The soil that the rim has carried
     # along holds less; the front, where it has not moved yet, holds as before. The stress moves
     # forward with slip, as Wong and Reece (1967) measured, the wheel sinks until it carries the load
     # again, and the front has more soil to push down.
-    "slip_sinkage": Law(
+    "slip_sinkage": HiddenLaw(
         "stress / (1 + (A i s)^1.7), i > 0", 5.5, "stress",
         lambda a, contact, at, _: 1.0 / (1.0 + (a * _carried(contact, _driven(at))) ** 1.7),
     ),
     # Ploughing in when braked: soil dragged along with the rim holds less.
-    "skid_sinkage": Law(
+    "skid_sinkage": HiddenLaw(
         "stress exp(-A (|i| s)^1.3), i < 0", 6.0, "stress",
         lambda a, contact, at, _: np.exp(-a * _carried(contact, _braked(at)) ** 1.3),
     ),
     # Ploughing sideways: soil that the rim has pushed aside holds less.
-    "slip_angle_sinkage": Law(
+    "slip_angle_sinkage": HiddenLaw(
         "stress / (1 + A s tan(beta)^2)", 4.0, "stress",
         lambda a, contact, at, _:
             1.0 / (1.0 + a * _carried(contact, np.tan(at.slip_angle) ** 2)),
         needs=("slip_angle",),
     ),
     # Soil pushed ahead of the wheel: 20 to 60 % more resistance; sinkage does not show it.
-    "bulldozing": Law(
+    "bulldozing": HiddenLaw(
         "R = A (b (g z^2 K / 2 + 2 c z sqrt(K)) + g z^3 K tan(phi) / 3), K Coulomb's passive"
         " coefficient with wall friction phi/2: a wall with failing wedges at its sides",
         1.0, "resistance", _wall,
     ),
     # Soil is stiffer where it is pressed faster: 15 to 20 % of sinkage over 0.01 to 0.5 m/s. A point
     # of the rim goes down at v sin(theta): fastest at the entry, not at all at the bottom.
-    "penetration_rate": Law(
+    "penetration_rate": HiddenLaw(
         "stress (1 + A x / (1 + x)), x = v sin(theta) / 0.02 m/s", 0.45, "stress",
         _pressed_faster,
         on_stiffness=True,
@@ -216,14 +218,14 @@ EFFECTS: dict[str, Law] = {
     # Soil is stiffer under a heavier wheel, a little more so right under its axle. Only a little:
     # confinement of the axle alone would change the shape of the stress more than its size, and be
     # another effect than one of the load.
-    "load_dependent_modulus": Law(
+    "load_dependent_modulus": HiddenLaw(
         "stress (1 + A W / (W + 60 N) (1 - 0.1 (theta / theta0)^2))", 2.0, "stress",
         _confined,
         on_stiffness=True,
     ),
     # Soil is stiffer under a narrower wheel: its edges shear soil that holds on beside it; the zone at
     # the edges is wider where the wheel is deeper.
-    "width_dependent_modulus": Law(
+    "width_dependent_modulus": HiddenLaw(
         "stress (1 + A (2 l / b) (1 - exp(-b / (2 l)))), l = 20 mm + z", 3.0, "stress",
         _held_at_edges,
         on_stiffness=True,
@@ -231,32 +233,32 @@ EFFECTS: dict[str, Law] = {
     # The rut deepens with each pass, from the untouched surface: 1.5 times at the fifth. Loose soil
     # that slid back into the rut holds less than it did; below the rut the soil is as it was. Each pass
     # therefore finds its depth a little below the one before, ever less so.
-    "multipass": Law(
+    "multipass": HiddenLaw(
         "stress (1 - A exp(-(z / rut)^4)), rut the depth after the pass before", 0.66,
         "stress", _loose,
         in_ruts=True,
     ),
     # A hard layer below; `level` (m) is where it makes itself felt.
-    "hardpan": Law(
+    "hardpan": HiddenLaw(
         "p = p0(z) + A p0(level) ln(1 + exp((z - level) / d)) d / level, d = level / 10:"
         " two layers, the lower one a bed of springs", 8.0, "stress", _lower_layer,
         numbers={"level": (0.014, 0.024)},
     ),
     # Grousers dig when they slip: they carry away soil that the rim would have pressed on.
-    "grouser": Law(
+    "grouser": HiddenLaw(
         "stress at z - A h (1 - exp(-i s / 0.15)), i > 0", 0.8, "carried_away", _dug_away,
         needs=("grouser_height",),
     ),
     # The rut, which is measured, is shallower than the wheel was. The soil that rises behind the lowest
     # point carries a share of the load and pushes the wheel on.
-    "elastic_rebound": Law(
+    "elastic_rebound": HiddenLaw(
         "rut = z - A p / (1 + p / softening), p the pressure at z; it unloads as x^1.5, x"
         " the share of the rebound that is still to come", 8e-8, "rebound",
         lambda a, p, softening: (a * p / (1.0 + p / softening), 1.5),
         numbers={"softening": 60e3},
     ),
     # k follows something that was not recorded, one value u a run, even between -1 and 1.
-    "unrecorded": Law("k exp(A u)", 0.4, "modulus", lambda a, at: np.exp(a * at.hidden)),
+    "unrecorded": HiddenLaw("k exp(A u)", 0.4, "modulus", lambda a, at: np.exp(a * at.hidden)),
     # The zero of the sinkage sensor is off by 2 to 3 mm, always the same way.
     "sinkage_offset": _fault("z = z + A, m", 0.0025, "sinkage", _offset),
     # Scales are off by 10 %, zeros of the load cell by 4 N and of the sensor of resistance by 2 N.
@@ -269,14 +271,14 @@ EFFECTS: dict[str, Law] = {
     "rig_friction": _fault("R = R + A W", 0.06, "resistance",
                            lambda a, shown, at: shown + a * at.load),
     # The measured resistance grows with slip, the sinkage does not: by half at slip 1.
-    "slip_resistance": Law(
+    "slip_resistance": HiddenLaw(
         "measured R = R (1 + A (1 - exp(-2 i)) / (1 - exp(-2))), i > 0", 0.5,
         "shown_resistance", lambda a, shown, at:
             shown * (1.0 + a * (np.expm1(-2.0 * _driven(at)) / np.expm1(-2.0))),
     ),
 }
 # k follows something else that is recorded: its column is `column`, its middle `centre`.
-OF_COLUMN = Law(
+OF_COLUMN = HiddenLaw(
     "k (1 + A tanh((w - centre) / half_range))", 0.4, "modulus",
     lambda a, at, **of: 1.0 + a * np.tanh(_in_column(at, **of)),
     on_stiffness=True,

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.vehicle import TICK, Truth, stamps_of
-from smallwheel_ros.simulate.world import Rover, World
+from smallwheel_ros.simulate.world import SimulatedRover, World
 
 Integers = NDArray[np.int64]
 Rows = dict[str, tuple[Integers, Array]]
@@ -35,7 +35,9 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
 class Measured:
     """The sensors of a drive. outliers: of each wheel, which of its sinkages are gross errors."""
 
-    def __init__(self, world: World, rover: Rover, truth: Truth, rng: np.random.Generator) -> None:
+    def __init__(
+        self, world: World, rover: SimulatedRover, truth: Truth, rng: np.random.Generator
+    ) -> None:
         self.world, self.rover, self.truth, self.rng = world, rover, truth, rng
         self.sensors = world.sensors
         self.outliers: dict[str, NDArray[np.bool_]] = {}

@@ -18,7 +18,7 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.options import Option, options_of
 from smallwheel_ros.simulate.hidden import EFFECTS, OF_COLUMN, HiddenEffect
 from smallwheel_ros.simulate.truth import TruthSoil
-from smallwheel_ros.simulate.world import ROVERS, Rover, Sensors
+from smallwheel_ros.simulate.world import ROVERS, Sensors, SimulatedRover
 
 
 class SimulationError(SmallwheelError):
@@ -206,7 +206,9 @@ class DriveSettings:
     seed: Seed = 0
     distance: Annotated[float, Option("Distance, m.", (2.0, 20_000.0, "m"))] = 30.0
     speed: Annotated[float, Option("Mean speed, m/s.", (0.01, 3.0, "m/s"))] = 0.5
-    wheels: Annotated[str | Rover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = "four"
+    wheels: Annotated[str | SimulatedRover, Option(f"{' or '.join(ROVERS)}.", tuple(ROVERS))] = (
+        "four"
+    )
     terrain: Annotated[str, Option(f"{' or '.join(TERRAINS)} soil.", TERRAINS)] = "mixed"
     stretches: tuple[Stretch, ...] | None = None
     sensors: Sensors = SENSORS

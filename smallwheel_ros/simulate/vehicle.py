@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.wheel_laws import DEPTHS, LAWS, SLIPS
-from smallwheel_ros.simulate.world import GRAVITY, Rover, World
-from smallwheel_ros.simulate.world_ground import CELL, Frame, Ground, Soil, tilt
+from smallwheel_ros.simulate.world import GRAVITY, SimulatedRover, World
+from smallwheel_ros.simulate.world_ground import CELL, Frame, TrueGround, TrueSoil, tilt
 
 # 2025-06-12 09:30:00 UTC: drives start at one fixed instant, so that a seed gives the same bytes.
 EPOCH = 1_749_720_600 * 10**9  # ns
@@ -116,11 +116,11 @@ class Truth:
         return np.asarray(np.where(turning & ~stalls, 0.0, np.median(known, axis=1)))
 
 
-class Vehicle:
+class SimulatedVehicle:
     """Drives the legs of a world's way."""
 
     def __init__(
-        self, world: World, rover: Rover, ground: Ground, rng: np.random.Generator
+        self, world: World, rover: SimulatedRover, ground: TrueGround, rng: np.random.Generator
     ) -> None:
         self.world, self.rover, self.ground, self.rng = world, rover, ground, rng
         wheels = rover.wheels
@@ -277,7 +277,7 @@ class Vehicle:
 
     # --- Forces, over the loads
 
-    def _curves_on(self, soil: Soil, weight: float) -> Array:
+    def _curves_on(self, soil: TrueSoil, weight: float) -> Array:
         """Curves of all wheels on a soil, shape (wheels, depths, 3, slips)."""
         law, found = LAWS[self.world.law], {}
         for size in {(w.diameter, w.width) for w in self.rover.wheels}:
@@ -365,13 +365,15 @@ def stamps_of(time: Array) -> NDArray[np.int64]:
     return EPOCH + np.round(1e9 * time).astype(np.int64)
 
 
-def driven(world: World, rover: Rover, ground: Ground, rng: np.random.Generator) -> Truth | None:
+def driven(
+    world: World, rover: SimulatedRover, ground: TrueGround, rng: np.random.Generator
+) -> Truth | None:
     """The truth of a drive; None where it went on no drive that this world means."""
     sinks = [w.diameter * (0.4 if world.sticks else 0.25) for w in rover.wheels]
     deep = ground.rest[:, ground.at > -1.0].max(axis=1)
     if not np.isfinite(deep).all() or (deep > sinks).any():
         return None
-    vehicle = Vehicle(world, rover, ground, rng)
+    vehicle = SimulatedVehicle(world, rover, ground, rng)
     vehicle.run()
     least = 6.0 if world.sticks else 0.0
     if vehicle.failed or vehicle.path < least or (not world.sticks and vehicle.hardly):
@@ -379,7 +381,7 @@ def driven(world: World, rover: Rover, ground: Ground, rng: np.random.Generator)
     return truth_of(vehicle)
 
 
-def truth_of(vehicle: Vehicle) -> Truth:
+def truth_of(vehicle: SimulatedVehicle) -> Truth:
     """What was true of a drive that is over."""
     columns: list[Any] = [np.array(column) for column in zip(*vehicle.rows, strict=True)]
     names = [field.name for field in fields(Truth)]

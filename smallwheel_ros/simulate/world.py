@@ -27,7 +27,7 @@ class RoverWheel:
 
 
 @dataclass(frozen=True)
-class Rover:
+class SimulatedRover:
     """Wheels on a rigid frame. Mass in kg; centre of gravity in m, its height above the ground."""
 
     wheels: tuple[RoverWheel, ...]
@@ -39,7 +39,7 @@ class Rover:
 
 def _vehicle(
     mass: float, axles: tuple[tuple[float, float, float, float], ...], height: float, ahead: float = 0.0
-) -> Rover:  # fmt: skip
+) -> SimulatedRover:  # fmt: skip
     """Axles from front to rear: place, half of the track, diameter and width, m."""
     names = ("front", "rear") if len(axles) == 2 else ("front", "middle", "rear")
     wheels = tuple(
@@ -47,7 +47,7 @@ def _vehicle(
         for name, (x, half, diameter, width) in zip(names, axles, strict=True)
         for side, sign in (("left", 1.0), ("right", -1.0))
     )
-    return Rover(wheels, mass, ahead, 0.0, height)
+    return SimulatedRover(wheels, mass, ahead, 0.0, height)
 
 
 VEHICLES = {
@@ -71,7 +71,9 @@ VEHICLES = {
 
 # Those of `smallwheel simulate drive`. The larger rear wheels run beside the front wheels' ruts: what ruts do
 # is not taken for wheel size.
-ROVERS = {name.replace(" ", "_"): Rover(VEHICLES[name].wheels) for name in ("four", "two sizes")}
+ROVERS = {
+    name.replace(" ", "_"): SimulatedRover(VEHICLES[name].wheels) for name in ("four", "two sizes")
+}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 
 from smallwheel_ros.simulate.truth import Array, Contact, static_sinkage
 from smallwheel_ros.simulate.wheel_laws import RimStrength
-from smallwheel_ros.simulate.world import GRAVITY, Feature, Rover, World
+from smallwheel_ros.simulate.world import GRAVITY, Feature, SimulatedRover, World
 
 CELL = 0.02  # m
 _BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
@@ -25,7 +25,7 @@ _HARDER = 8.0  # times as much as above, below a hardpan
 
 
 @dataclass(frozen=True)
-class Soil:
+class TrueSoil:
     """The law without places: ln pressure at 10 mm under 0.2 m, n, m; and the strength."""
 
     pressure: float
@@ -53,7 +53,7 @@ class Started:
 
 
 @dataclass
-class Ground:
+class TrueGround:
     """Arrays of shape (cells,), and (wheels, cells) for what each wheel finds.
 
     soils: what is driven over, each from its place in `starts` (m) on; kind: index of it. common: ln of the
@@ -63,8 +63,8 @@ class Ground:
     """
 
     world: World
-    rover: Rover
-    soils: tuple[Soil, ...]
+    rover: SimulatedRover
+    soils: tuple[TrueSoil, ...]
     starts: tuple[float, ...]
     started: tuple[Started, ...]
     at: Array
@@ -84,7 +84,7 @@ class Ground:
     dragging: Array
 
     @property
-    def soil(self) -> Soil:
+    def soil(self) -> TrueSoil:
         """The first soil, of most worlds the only one."""
         return self.soils[0]
 
@@ -109,7 +109,7 @@ class Ground:
 class Frame:
     """A rigid frame whose weight rests on its wheels. spare: share of it on a wheel that is not listed."""
 
-    def __init__(self, rover: Rover, spare: float) -> None:
+    def __init__(self, rover: SimulatedRover, spare: float) -> None:
         x = np.array([w.x for w in rover.wheels])
         y = np.array([w.y for w in rover.wheels])
         self._rover, self._weight = rover, rover.mass * GRAVITY * (1.0 - spare) / x.size
@@ -127,7 +127,7 @@ class Frame:
         return found
 
 
-def draw_soil(world: World, rover: Rover, rng: np.random.Generator) -> Soil:
+def draw_soil(world: World, rover: SimulatedRover, rng: np.random.Generator) -> TrueSoil:
     """Draw the law and the strength."""
     rolling = rng.uniform(*world.rolling)
     if world.soil == "sand":
@@ -151,7 +151,7 @@ def draw_soil(world: World, rover: Rover, rng: np.random.Generator) -> Soil:
         pressure = modulus + n * math.log(SINKAGE) - m * math.log(wheel.diameter / DIAMETER)
     shear = 0.012 * math.exp(0.3 * rng.standard_normal())
     strength = RimStrength(cohesion, friction, shear, rolling, world.residual)
-    return Soil(pressure, n, m, strength)
+    return TrueSoil(pressure, n, m, strength)
 
 
 def draw_features(world: World, rng: np.random.Generator) -> tuple[Started, ...]:
@@ -162,12 +162,12 @@ def draw_features(world: World, rng: np.random.Generator) -> tuple[Started, ...]
 
 def make_ground(
     world: World,
-    rover: Rover,
-    soils: Sequence[Soil],
+    rover: SimulatedRover,
+    soils: Sequence[TrueSoil],
     starts: Sequence[float],
     started: Sequence[Started],
     rng: np.random.Generator,
-) -> Ground:
+) -> TrueGround:
     """Draw the ground of a world; `rest` is not known yet (`settle`)."""
     length = sum(abs(leg.metres) for leg in world.legs)
     at: Array = np.arange(-_BEFORE, length + _BEHIND, CELL, dtype=np.float64)
@@ -181,7 +181,7 @@ def make_ground(
     grip = blocks(rng, at, world.grip)
     shape = len(names), at.size
     modulus, exponent, slipped, load, rest, dragging = (np.zeros(shape) for _ in range(6))
-    found = Ground(
+    found = TrueGround(
         world=world, rover=rover, soils=tuple(soils), starts=tuple(starts), started=tuple(started), at=at,
         east=waves[0], north=waves[1], steepens=np.zeros(at.size), twist=twist, common=common,
         kind=np.zeros(shape, dtype=np.intp), modulus=modulus, exponent=exponent,
@@ -207,7 +207,7 @@ def make_ground(
     return found
 
 
-def settle(ground: Ground) -> None:
+def settle(ground: TrueGround) -> None:
     """Work out how deep each wheel stands in each cell."""
     cells = ground.at.size
     for j, wheel in enumerate(ground.rover.wheels):
@@ -236,7 +236,9 @@ def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[A
     return law
 
 
-def tilt(ground: Ground, cell: NDArray[np.intp] | int, yaw: Array | float) -> tuple[Array, Array]:
+def tilt(
+    ground: TrueGround, cell: NDArray[np.intp] | int, yaw: Array | float
+) -> tuple[Array, Array]:
     """Climb and roll (rad; positive nose up, left side up) in a cell, looking along a yaw."""
     east, north, cosine, sine = ground.east[cell], ground.north[cell], np.cos(yaw), np.sin(yaw)
     return east * cosine + north * sine + ground.steepens[cell], north * cosine - east * sine
@@ -289,7 +291,9 @@ def texture(rng: np.random.Generator, at: Array, deviation: float, length: float
     return values
 
 
-def _bumps(world: World, rover: Rover, at: Array, length: float, rng: np.random.Generator) -> Array:
+def _bumps(
+    world: World, rover: SimulatedRover, at: Array, length: float, rng: np.random.Generator
+) -> Array:
     """Stones, left and right, m: `bumps` is the height of the highest over the diameter."""
     found = np.zeros((2, at.size))
     for side in found if world.bumps else ():

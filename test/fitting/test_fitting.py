@@ -24,7 +24,7 @@ from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.prediction.prediction import predict_table
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
-from smallwheel_ros.simulate.hidden import EFFECTS, Law
+from smallwheel_ros.simulate.hidden import EFFECTS, HiddenLaw
 
 
 def table(folder: Path, frame: pd.DataFrame, name: str = "rig.csv") -> Measurements:
@@ -52,7 +52,7 @@ def test_the_soil_comes_back_within_its_error(tmp_path: Path) -> None:
 
 
 def test_an_effect_is_fitted_with_the_soil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    power = Law("k (v / 0.1 m/s)^A", 0.06, "modulus", lambda a, at: (at.speed / 0.1) ** a)
+    power = HiddenLaw("k (v / 0.1 m/s)^A", 0.06, "modulus", lambda a, at: (at.speed / 0.1) ** a)
     monkeypatch.setitem(EFFECTS, "penetration_rate", power)
     rig = simulate_rig(RigSettings(seed=2002, hidden=("penetration_rate",)))
     fit = fit_model(table(tmp_path, rig.table), [effect("penetration_rate", "power")])

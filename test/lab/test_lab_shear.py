@@ -19,7 +19,7 @@ from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.lab.lab import fit_lab
 from smallwheel_ros.lab.shear import fit_shear
 from smallwheel_ros.lab.strength import (
-    Strength,
+    LabStrength,
     StrengthError,
     shear_text,
     strength_of,
@@ -34,12 +34,12 @@ from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.prediction.prediction import predict_with_uncertainty
 
 
-def strength(tests: ShearTests) -> Strength:
+def strength(tests: ShearTests) -> LabStrength:
     (fit,) = fit_shear(tests)
     return strength_of(fit)
 
 
-def deviations(found: Strength) -> np.ndarray:
+def deviations(found: LabStrength) -> np.ndarray:
     return np.asarray(np.sqrt(np.diag(found.covariance)))
 
 

@@ -33,9 +33,9 @@ from smallwheel_ros.learn.grammar import (
     drivers_of,
     terms_of,
 )
-from smallwheel_ros.learn.law import PLACES, Law
+from smallwheel_ros.learn.law import PLACES, LearntLaw
 from smallwheel_ros.learn.learning import LearnError, Learnt
-from smallwheel_ros.learn.search import Grid, Search
+from smallwheel_ros.learn.search import LawSearch, TermGrid
 from smallwheel_ros.learn.verdict import SURE, chance
 from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.measurements.wheels import read_measurements
@@ -181,10 +181,10 @@ def test_every_place_and_shape_is_written_as_it_is_searched(
     assert {"step", "wave", "hinge", "optimum"} <= {s for t in terms for _, s in t.kind}
     simple = next(t for t in terms if t.kind == (("slip", "linear"),))
     depth = next(t for t in terms if t.of_depth and t.free)
-    laws = [Law(place, link, (simple,)) for place in PLACES for link in place.links]
-    laws += [Law(place, "exponential", (depth,)) for place in PLACES if place.stage == "R"]
-    laws += [Law(PLACES[1], "linear", (t,)) for t in terms if t.factors and not t.of_depth]
-    laws += [Law(PLACES[0], "exponential", (simple, laws[-1].terms[0]))]
+    laws = [LearntLaw(place, link, (simple,)) for place in PLACES for link in place.links]
+    laws += [LearntLaw(place, "exponential", (depth,)) for place in PLACES if place.stage == "R"]
+    laws += [LearntLaw(PLACES[1], "linear", (t,)) for t in terms if t.factors and not t.of_depth]
+    laws += [LearntLaw(PLACES[0], "exponential", (simple, laws[-1].terms[0]))]
     classes, effects = [], []
     for i, law in enumerate(laws):
         values = {n: 1e-3 if n[0] == "a" else law.terms[int(n[1]) - 1].constant for n in law.names}
@@ -317,13 +317,13 @@ def test_a_column_with_blanks_may_be_what_is_missing(tmp_path: Path) -> None:
 def test_runs_are_permuted_whole(data: Measurements) -> None:
     """Points of one run share its errors: without that, a run's own offset would pass for a law."""
     problem = Problem.of(data).judged
-    sought = Search(problem.fitter, problem.fit, _small_grid(problem))
+    sought = LawSearch(problem.fitter, problem.fit, _small_grid(problem))
     assert chance(sought, 19, np.random.default_rng(0)) == 1 / 20
 
 
-def _small_grid(problem: Problem) -> Grid:
+def _small_grid(problem: Problem) -> TermGrid:
     """What follows slip."""
-    grid = Grid.of(problem.points, problem.fit.model)
+    grid = TermGrid.of(problem.points, problem.fit.model)
     own = [i for i, term in enumerate(grid.terms) if term.drivers == {"slip"}]
     return replace(grid, terms=tuple(grid.terms[i] for i in own), values=grid.values[:, own])
 
@@ -438,7 +438,7 @@ def test_a_column_of_any_name_makes_no_code(data: Measurements, tmp_path: Path) 
     points = Problem.of(hostile).judged.points
     drivers, _ = drivers_of(points, np.full(len(points.conditions), 0.02))
     driver = next(d for d in drivers if d.name == name)
-    law = Law(PLACES[0], "exponential", (Term(((driver, SATURATION),), 0.5),))
+    law = LearntLaw(PLACES[0], "exponential", (Term(((driver, SATURATION),), 0.5),))
     numbers = [
         Number("a1", 0.2, 0.1, "1", (0.0, 1.0)),
         Number("c1", 0.5, 0.1, "1", (0.1, 1.0)),
@@ -503,7 +503,7 @@ def test_along_curves_of_slip_the_soil_is_found_and_each_run_is_one_piece_of_evi
     measured, predicted = problem.points.value[depths], problem.fit.predicted[depths]
     assert np.sqrt(np.mean(np.log(predicted / measured) ** 2)) < 0.2
     # Fourteen values of a column follow nothing, though each is there for twelve slips.
-    followed = {d.name for d in Grid.of(problem.points, problem.fit.model).drivers}
+    followed = {d.name for d in TermGrid.of(problem.points, problem.fit.model).drivers}
     assert followed >= {"load", "slip", "speed", "moisture", "temperature", "battery"}
 
 

@@ -16,7 +16,7 @@ from smallwheel_ros.simulate import (
 from smallwheel_ros.simulate.settings import Stretch
 from smallwheel_ros.simulate.truth import soil_of_pressure
 from smallwheel_ros.simulate.vehicle import EPOCH, STUCK, TICK
-from smallwheel_ros.simulate.world import GRAVITY, ROVERS, Rover, RoverWheel
+from smallwheel_ros.simulate.world import GRAVITY, ROVERS, RoverWheel, SimulatedRover
 from smallwheel_ros.simulate.world_ground import Frame
 
 WHEELS = ["front_left", "front_right", "rear_left", "rear_right"]
@@ -313,7 +313,7 @@ def test_two_wheel_sizes_in_one_soil():
 
 
 def test_own_rover_and_own_soils():
-    rover = Rover(
+    rover = SimulatedRover(
         (RoverWheel("probe", 0.2, 0.05, 0.2, 0.0), RoverWheel("main", 0.3, 0.1, -0.2, 0.1))
     )
     soils = tuple(

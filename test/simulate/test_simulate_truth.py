@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from smallwheel_ros.simulate.hidden import EFFECTS, HiddenEffect, Law, shown_by_instrument
+from smallwheel_ros.simulate.hidden import EFFECTS, HiddenEffect, HiddenLaw, shown_by_instrument
 from smallwheel_ros.simulate.settings import (
     Asked,
     SimulationError,
@@ -406,7 +406,7 @@ def test_rut_is_shallower_than_the_wheel_was():
 
 
 def test_linear_rebound_gives_back_half_of_pressure_times_rise():
-    law = Law("rut = z - A p", 7e-8, "rebound", lambda a, p: (a * p, 1.0))
+    law = HiddenLaw("rut = z - A p", 7e-8, "rebound", lambda a, p: (a * p, 1.0))
     effects = (HiddenEffect("linear_rebound", law, 3e-8, {}),)
     there = WheelsOnSoil(SOIL, effects, NORMAL).response()
     pressure = SOIL.k * NORMAL.diameter**SOIL.m * there.depth**SOIL.n

@@ -115,7 +115,7 @@ class _Sums:
     stamp: int = NEVER
 
 
-class Ground:
+class GroundSpeed:
     """Rows of speed and imu, and how far they are believed.
 
     moves: speed (m/s) and yaw rate (rad/s). felt: the imu's rows, z up. posed: whether speed is that of the

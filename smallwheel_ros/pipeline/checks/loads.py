@@ -14,7 +14,7 @@ from smallwheel_ros.pipeline.tables import Array
 from .odometry import REPEAT_WAY
 from .rims import HELD, SIGN_WAY
 from .sums import Medians, Run, Said
-from .window import Rows, Vehicle, Window
+from .window import CheckedWheels, Rows, Window
 
 WEIGHT_OFF = 0.1  # of the mass, known to 5 %, and 5 % of the cells
 SWAP, SWAP_PIECE, SWAP_PIECES = 0.5, 0.2, 20  # correlation; m: a wheel's contact; how many
@@ -32,7 +32,7 @@ SOFTEST, HARDEST = (
 class HeldColumn:
     """Way on which one wheel shows one number, bit for bit, while most others change again and again."""
 
-    def __init__(self, what: str, vehicle: Vehicle) -> None:
+    def __init__(self, what: str, vehicle: CheckedWheels) -> None:
         self.what, self.names = what, vehicle.names
         self.ways, self.counts = ([Run() for _ in vehicle.names] for _ in range(2))
 
@@ -61,7 +61,7 @@ class HeldColumn:
 class Weight:
     """All loads together carry the vehicle: median of their sum over m g."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle, self.sums = vehicle, Medians()
         self.each = Medians()
 
@@ -100,7 +100,7 @@ class Weight:
 class Swapped:
     """Which sinkage follows which load from stretch to stretch: changes of ln of means of 0.2 m."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, n = vehicle.names, len(vehicle.names)
         self.open: dict[
             int, Array
@@ -167,7 +167,7 @@ class Swapped:
 class Impossible:
     """No wheel rolls above the ground, nor under it: median sinkage of rows on which the vehicle moved."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
         self.middles = [Medians() for _ in vehicle.names]
 

@@ -20,8 +20,8 @@ from .window import (
     LEFT,
     MOVES,
     SPEED,
+    CheckedWheels,
     Rows,
-    Vehicle,
     Window,
     X,
     Y,
@@ -60,7 +60,7 @@ class ZDown:
         return [Said("imu", 1.0, text)] if window.memory.known.down else []
 
 
-class Repeats:
+class RepeatedTwists:
     """Way of the rims on messages that are, bit for bit, the one before."""
 
     def __init__(self, source: str) -> None:
@@ -82,7 +82,7 @@ class Repeats:
         return [Said(subject, self.run.most, text, (self.source,), self.run.began)]
 
 
-class OfWheels:
+class OfWheelsRule:
     """Whether the odometry is made of the wheels: then no rule takes it for a witness."""
 
     def take(self, window: Window) -> list[Said]:
@@ -103,7 +103,7 @@ class Late:
     STEP, SMOOTH, OVER = 0.05, 9, 10  # s; samples of a mean; of a change
     LAGS = np.arange(-10, 21)  # steps
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.count = 0
         self.sums = np.zeros((5, len(self.LAGS)))
         self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
@@ -159,7 +159,7 @@ def _smoothed(values: Array, count: int) -> Array:
 class Jumps:
     """Steps of the pose that neither its own speed nor a wheel makes."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.count, self.most = 0, 0.0
 
     def take(self, window: Window) -> list[Said]:
@@ -191,7 +191,7 @@ class Tilt:
     the deviation of each before; the scatter is that of least squares.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.stands: deque[Array] = deque(maxlen=100)  # heading, ahead, left
         self._open = np.zeros(
             6

@@ -8,8 +8,8 @@ import numpy as np
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.physics.wheel import GRAVITY
 
-from .sums import Agreement, Pieces, Run, Said, robust
-from .window import AHEAD, MOVES, Vehicle, Window
+from .sums import Pieces, Run, RunningAgreement, Said, robust
+from .window import AHEAD, MOVES, CheckedWheels, Window
 
 SIGN_WAY, SIGN_SHARE = 1.0, 0.8  # m, 1
 DEAD_WAY = 2.0  # m
@@ -23,7 +23,7 @@ LEVEL = 0.05 * GRAVITY  # m/s^2: downhill wheels that brake do skid
 class Mirrored:
     """Way on straight driving, and how much of it each joint turned against the travel."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.names = vehicle.names
         self.total, self.against = np.zeros((2, len(self.names)))
 
@@ -58,7 +58,7 @@ class Mirrored:
 class Dead:
     """Way over which a joint shows exactly 0 on straight rows on which most others roll."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
@@ -88,7 +88,7 @@ class Held:
     The largest value of all, which joints of both sides have shown, is a limit of the drivers, and no fault.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
         self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
         self.most = np.zeros(len(vehicle.names))
@@ -120,14 +120,14 @@ class Held:
         return found
 
 
-class Turn:
+class TurnRule:
     """Wheels, gyro and odometry each say which way the vehicle turns: two against one."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
         self.left, self.right = vehicle.y > 0, vehicle.y < 0
-        self.gyro, self.moves, self.both = (Agreement(TURN) for _ in range(3))
-        self.each = [(Agreement(TURN), Agreement(TURN)) for _ in vehicle.names]
+        self.gyro, self.moves, self.both = (RunningAgreement(TURN) for _ in range(3))
+        self.each = [(RunningAgreement(TURN), RunningAgreement(TURN)) for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
         """A vehicle with wheels on one side alone is not asked."""
@@ -179,7 +179,7 @@ class Turn:
 class RollingAll:
     """Way of each rim over that of the odometry on straight, level metres."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         self.y, n = vehicle.y, len(vehicle.names)
         self.pieces = Pieces(ROLL_PIECE, 2 * n)
         self.felt, self.count = 0.0, 0
@@ -221,7 +221,7 @@ class RollingAll:
 class RollingPair:
     """Way of a rim over that of another one of its side, metre by metre; bends cancel."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: CheckedWheels) -> None:
         n, self.names = len(vehicle.names), vehicle.names
         pairs = [(i, j) for i in range(n) for j in range(i + 1, n) if vehicle.y[i] == vehicle.y[j]]
         self.pairs = {pair: Pieces(ROLL_PIECE, 2) for pair in pairs}

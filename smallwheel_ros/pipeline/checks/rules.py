@@ -31,7 +31,7 @@ from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
 
 from .doubts import SHOWS_NO_SLIP, Doubts
-from .ground_speed import DOWN, Ground
+from .ground_speed import DOWN, GroundSpeed
 from .lateness import MADE, PIECES
 from .loads import (
     SWAP,
@@ -57,8 +57,8 @@ from .odometry import (
     Jumps,
     Late,
     NoTwist,
-    OfWheels,
-    Repeats,
+    OfWheelsRule,
+    RepeatedTwists,
     Tilt,
     ZDown,
 )  # fmt: skip
@@ -79,10 +79,10 @@ from .rims import (
     Mirrored,
     RollingAll,
     RollingPair,
-    Turn,
+    TurnRule,
 )  # fmt: skip
 from .sums import Said
-from .window import AROUND, SPAN, Memory, Raw, Vehicle, Window
+from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
 _NEVER = -(1 << 62)
 
@@ -108,7 +108,7 @@ class Rule:
     limit: str
     reason: str
     says: str
-    starts: Callable[[Vehicle], Judge]
+    starts: Callable[[CheckedWheels], Judge]
 
 
 # Those that other rules hear of come first: what is no witness is an odometry that is made of the wheels,
@@ -121,7 +121,7 @@ RULES: tuple[Rule, ...] = (
         f"under {MADE:g}, {PIECES} pieces",
         "the best odometries of their own wander by 0.005; worst good drive 0.03",
         "the odometry is made of the wheels and shows no slip",
-        lambda vehicle: OfWheels(),
+        lambda vehicle: OfWheelsRule(),
     ),
     Rule(
         "z down",
@@ -139,7 +139,7 @@ RULES: tuple[Rule, ...] = (
         f"over {REPEAT_WAY:g} m",
         "one dropped connection, not one missed message",
         "driver of the odometry",
-        lambda vehicle: Repeats(ODOMETRY),
+        lambda vehicle: RepeatedTwists(ODOMETRY),
     ),
     Rule(
         "jumps",
@@ -184,7 +184,7 @@ RULES: tuple[Rule, ...] = (
         f"under {-TURN_AGREES:g}",
         "two outvote one; else it is one or the other",
         "mounting of the imu, frame of the odometry, joints interchanged",
-        Turn,
+        TurnRule,
     ),
     Rule(
         "rolling",
@@ -220,7 +220,7 @@ RULES: tuple[Rule, ...] = (
         f"over {REPEAT_WAY:g} m",
         "the same",
         "driver of the imu",
-        lambda vehicle: Repeats(IMU),
+        lambda vehicle: RepeatedTwists(IMU),
     ),
     Rule(
         "late",
@@ -315,9 +315,9 @@ class Checks:
     """
 
     def __init__(
-        self, settings: OnboardSettings, ground: Ground, doubts: Doubts | None = None
+        self, settings: OnboardSettings, ground: GroundSpeed, doubts: Doubts | None = None
     ) -> None:
-        self.vehicle, self.ground = Vehicle.of(settings), ground
+        self.vehicle, self.ground = CheckedWheels.of(settings), ground
         self.doubts = Doubts() if doubts is None else doubts
         self.memory = Memory()
         self.judges = [(rule.name, rule.starts(self.vehicle)) for rule in RULES]

@@ -93,7 +93,7 @@ class Pieces:
         return np.array(self._rows).reshape(len(self._rows), -1)
 
 
-class Agreement:
+class RunningAgreement:
     """Correlation about 0 of two rates, weighted by time; 0 until the second one has turned by `least`."""
 
     def __init__(self, least: float) -> None:

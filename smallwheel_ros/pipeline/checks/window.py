@@ -32,7 +32,7 @@ Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class CheckedWheels:
     """The rolling wheels whose rims are measured; arrays have a value for each.
 
     x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known.
@@ -45,7 +45,7 @@ class Vehicle:
     mass: float = 0.0
 
     @classmethod
-    def of(cls, settings: OnboardSettings) -> Vehicle:
+    def of(cls, settings: OnboardSettings) -> CheckedWheels:
         """The vehicle that the settings describe."""
         wheels = [
             wheel
@@ -124,7 +124,7 @@ class Memory:
 class Window:
     """The rows of a span and around it; None where there are none. begin: ns. rims: m/s at the rim."""
 
-    def __init__(self, vehicle: Vehicle, raw: Raw, begin: int, memory: Memory) -> None:
+    def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:
         self.vehicle, self.begin, self.memory = vehicle, begin, memory
         self._raw = {name: self._cut(*rows) for name, rows in raw.items()}
         self.rims = self._wheels("wheel_speed", vehicle.radius)

@@ -27,7 +27,7 @@ _DTYPES |= {
 _ORDERS = {b"\x00\x00": "big", b"\x00\x01": "little"}  # of plain CDR (DDS-XTypes 7.6.2.1.2)
 
 
-class Layout:
+class MessageLayout:
     """Where the numbers of a message lie. places: by path, such as 'wrench.force.z'; strings: by path.
 
     Raises ValueError where the bytes are no message of the type.
@@ -100,10 +100,10 @@ class Layout:
             self._take(size * count, fixed=False)
 
 
-class Numbers(Mapping[str, Array]):
+class MessageNumbers(Mapping[str, Array]):
     """Columns of messages of one layout by path, (messages, count) each: read when they are asked for."""
 
-    def __init__(self, layout: Layout, table: NDArray[np.uint8]) -> None:
+    def __init__(self, layout: MessageLayout, table: NDArray[np.uint8]) -> None:
         self._layout, self._table = layout, table
 
     def __getitem__(self, path: str) -> Array:
@@ -124,10 +124,12 @@ class Decoder:
 
     def __init__(self, types: Any, kind: str) -> None:
         self._types, self._kind = types, kind
-        self._layouts: dict[int, Layout] = {}
+        self._layouts: dict[int, MessageLayout] = {}
         self.problems: Counter[str] = Counter()
 
-    def columns(self, raws: Sequence[bytes]) -> list[tuple[NDArray[np.int64], Layout, Numbers]]:
+    def columns(
+        self, raws: Sequence[bytes]
+    ) -> list[tuple[NDArray[np.int64], MessageLayout, MessageNumbers]]:
         """Groups of messages that are alike: their indices, layout, and columns (messages, count)."""
         sizes = np.array([len(raw) for raw in raws])
         groups = []
@@ -140,14 +142,14 @@ class Decoder:
                 same = np.zeros(index.size, dtype=bool) if layout is None else layout.same(table)
                 if layout is None or not same[0]:
                     try:
-                        layout = Layout(self._types, self._kind, bytes(table[0]))
+                        layout = MessageLayout(self._types, self._kind, bytes(table[0]))
                     except ValueError as error:
                         self.problems[str(error)] += 1
                         index, table = index[1:], table[1:]
                         continue
                     self._layouts[size] = layout
                     same = layout.same(table)
-                groups.append((index[same], layout, Numbers(layout, table[same])))
+                groups.append((index[same], layout, MessageNumbers(layout, table[same])))
                 index, table = index[~same], table[~same]
         return groups
 

@@ -20,7 +20,7 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.force_slopes import sloped_forces
 from smallwheel_ros.pipeline.soil.local_law import local_laws, sinkages
 from smallwheel_ros.pipeline.soil.soils import Soils
-from smallwheel_ros.pipeline.soil.stretches import Loaded
+from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
 from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
 from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Force, Rolling
 from smallwheel_ros.pipeline.strength.strengths import RECENT, Strengths
@@ -81,7 +81,7 @@ def mobility(
             found[name][mine] = values
     other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
     nothing = np.where(on.sunk, np.nan, 1.0)
-    loaded = Loaded(
+    loaded = WheelsUnderLoad(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
         rows.pass_doubt,
     )  # fmt: skip

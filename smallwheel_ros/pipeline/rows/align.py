@@ -34,7 +34,7 @@ from smallwheel_ros.pipeline.checks.ground_speed import (
     SPEED_VARIANCE,
     WINDOW,
     YAW_VARIANCE,
-    Ground,
+    GroundSpeed,
     Trust,
     X,
     Y,
@@ -91,7 +91,7 @@ class Align:
     def __init__(self, settings: OnboardSettings, streams: Streams) -> None:
         self.settings, self.streams = settings, streams
         self.doubts = Doubts()
-        self.ground = Ground(settings, streams, self.doubts)
+        self.ground = GroundSpeed(settings, streams, self.doubts)
         self.checks = Checks(settings, self.ground, self.doubts)
         self.since = self.done = NEVER
         self.findings: tuple[Finding, ...] = ()

@@ -14,7 +14,7 @@
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
 
 S: the soil's deviation of ln k from place to place; A: variance of what is shown that load has no part in;
-both are learnt from the innovations (`Scatter`). r, c: 2/e and 1 of a stretch alone, 2 and (1 + a)/(1 - a)
+both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and (1 + a)/(1 - a)
 of one among its neighbours, which are alike by a.
 
 A wrong zero of the sinkage sensors bends ln z_ref and n far from linearly, so there is a filter for each of
@@ -51,7 +51,7 @@ from .model import (
     N,
     U,
 )
-from .scatter import LARGEST, Scatter
+from .scatter import LARGEST, SoilScatter
 from .sensors import CONTRADICTION
 from .stretches import Stretches
 
@@ -139,7 +139,7 @@ class SoilFilter:
         reference: tuple[float, float, float],
     ) -> None:
         self.model = LawModel(prior, settings, effects, wheels, reference)
-        self.scatter = Scatter(settings.soil_scatter, len(wheels))
+        self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
         self.bank = self._split(self.model.mean, self.model.soil_covariance)
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2

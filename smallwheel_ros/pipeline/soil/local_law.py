@@ -32,7 +32,7 @@ from .model import (
     N,
 )
 from .scatter import MODEL_ERROR
-from .stretches import Loaded
+from .stretches import WheelsUnderLoad
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,9 @@ def local_laws(
     return LocalLaws(law, scale, zero, covariance)
 
 
-def sinkages(versions: Versions[Version], rows: Loaded, version: Integers) -> tuple[Array, Array]:
+def sinkages(
+    versions: Versions[Version], rows: WheelsUnderLoad, version: Integers
+) -> tuple[Array, Array]:
     """Sinkage of wheels (m) and its variance by law, place and load; NaN before any stretch."""
     value, variance = np.full((2, len(rows)), np.nan)
     of = [versions[number] for number in version.tolist()]

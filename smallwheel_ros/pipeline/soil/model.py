@@ -43,7 +43,7 @@ from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, unknown
 
-from .stretches import Loaded, Stretches
+from .stretches import Stretches, WheelsUnderLoad
 
 U, N, M, PASS, SIDE, LOAD_SCALE, LOAD_ZERO, SLIP, DELAY, PITCH, ZERO, SCALE, WHEELS = range(13)
 LAW, EACH = 3, 2  # numbers of the law; of each wheel from WHEELS on: d_w, l_w
@@ -224,7 +224,7 @@ class LawModel:
         value = value + whole[:, PITCH] * rows.pitch + whole[:, ZERO] + whole[index, zero]
         return Shown(value, row, scale * sunk.by_load, scale**2 * sunk.doubt)
 
-    def sinkage(self, y: Array, rows: Loaded) -> Shown:
+    def sinkage(self, y: Array, rows: WheelsUnderLoad) -> Shown:
         """The sinkage itself, without what is wrong with its sensor; y (rows, size) and H are the soil's."""
         index, own = np.arange(len(rows)), WHEELS + EACH * rows.wheel + 1
         u, n, m, passed, sides, scale, off, digs, delay = y[:, : DELAY + 1].T

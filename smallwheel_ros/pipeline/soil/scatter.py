@@ -17,7 +17,7 @@ LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
 MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
 
 
-class Scatter:
+class SoilScatter:
     """What stretches differ by beyond state and sensors, learnt from innovations.
 
     A regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2) and `soil`, the variance of
@@ -37,7 +37,7 @@ class Scatter:
         self._newest = np.zeros(wheels)  # normalised innovations
         self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
 
-    def copy(self) -> Scatter:
+    def copy(self) -> SoilScatter:
         """It as it is now."""
         own = copy(self)
         own._newest = self._newest.copy()

@@ -59,7 +59,9 @@ _LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
 # near normal; one row alone has the tails of single places.
 _ONE_ROW, _LEAST_SIGMA, _LONG = 6.25, 4.75, 5.5
 _WINDOW, _APART = 4.0, 0.5  # m, in which a border is looked for; between laws that are kept
-_DOUBTED = 3.0  # sigma of a border that is suspected: until it is found or gone nothing is determined
+_DOUBTED = (
+    3.0  # sigma of a border that is suspected: until it is found or gone nothing is determined
+)
 _SHARE, _WILD = (
     0.3,
     5.0,

@@ -48,7 +48,7 @@ _MOST_ROWS = 2000  # of a pressed wheel, which need not move
 
 
 @dataclass(frozen=True)
-class Loaded(Columns):
+class WheelsUnderLoad(Columns):
     """Wheels under loads: what the law is asked of.
 
     load: N, without its cell's noise; load_variance: of its logarithm by that. load_rate: d ln load / dt,
@@ -66,7 +66,7 @@ class Loaded(Columns):
 
 
 @dataclass(frozen=True)
-class Stretches(Loaded):
+class Stretches(WheelsUnderLoad):
     """A row for each stretch, in the order in which they close.
 
     end: stamp (ns) of the row that closed it. sinkage: mean, m; variance: m^2, of that by the sensor's
@@ -94,7 +94,7 @@ def length_of(wheel: Wheel) -> float:
 
 
 @dataclass(frozen=True)
-class _Rows(Columns):
+class _StretchRows(Columns):
     """What a stretch is made of: columns of `Readings`."""
 
     stamp: Integers
@@ -110,7 +110,7 @@ class _Rows(Columns):
     onward: Flags
 
     @classmethod
-    def of(cls, rows: Readings, chosen: Integers) -> _Rows:
+    def of(cls, rows: Readings, chosen: Integers) -> _StretchRows:
         """These columns of some of the rows."""
         return cls(**{one.name: getattr(rows, one.name)[chosen] for one in fields(cls)})
 
@@ -127,7 +127,7 @@ class _Wheel:
     load_mean: float = 0.0
     load_spread: float = _LEAST_LOAD_SPREAD**2
     stretches: int = 0
-    open: _Rows | None = None
+    open: _StretchRows | None = None
 
     def calibrated(self, mean: Array, count: Array) -> tuple[Array, Array]:
         """Load (N) of means of ln load, and the variance of its logarithm."""
@@ -173,7 +173,7 @@ def stretches(
         if not mine.size:
             continue
         static = wheel.name in settings.static_loads
-        own = _Rows.of(rows, mine)
+        own = _StretchRows.of(rows, mine)
         closed, calm, deviation = _of_wheel(state.wheels[number], own, settings, number)
         found += closed
         if not static:
@@ -185,14 +185,14 @@ def stretches(
 
 
 def _of_wheel(
-    state: _Wheel, rows: _Rows, settings: OnboardSettings, number: int
+    state: _Wheel, rows: _StretchRows, settings: OnboardSettings, number: int
 ) -> tuple[list[Stretches], Array, Array]:
     """Closed stretches of a wheel; loads of its rows as they are known at each, and their deviations."""
     wheel = settings.wheels[number]
     ahead = wheel.longitudinal_position
     before = state.open
     held = 0 if before is None else len(before)
-    joined = rows if before is None else _Rows.joined([before, rows])
+    joined = rows if before is None else _StretchRows.joined([before, rows])
     path, onward = joined.path, joined.onward
     moved = np.concatenate([[False], path[1:] > path[:-1]])
     if wheel.contact != ROLLING:
@@ -233,7 +233,7 @@ def _of_wheel(
 
 
 def _close(
-    state: _Wheel, number: int, rows: _Rows, log_load: Array, end: int, ahead: float
+    state: _Wheel, number: int, rows: _StretchRows, log_load: Array, end: int, ahead: float
 ) -> Stretches:
     """One stretch; what it tells of the wheel's noise and loads is learnt before."""
     sinkage, count = rows.sinkage, len(rows)

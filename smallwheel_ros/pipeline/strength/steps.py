@@ -30,7 +30,7 @@ _FORCE_STD, _LAG = 0.07, 0.2  # m/s^2 of a mean specific force; s by which an ac
 
 
 @dataclass(frozen=True)
-class _Rows(Columns):
+class _StepRows(Columns):
     """Readings of wheels that roll, with their loads without noise, and their law."""
 
     readings: Readings
@@ -42,17 +42,17 @@ class _Rows(Columns):
     def __len__(self) -> int:
         return len(self.version)
 
-    def take(self, rows: object) -> _Rows:
+    def take(self, rows: object) -> _StepRows:
         """Some of the rows."""
         own = (getattr(self, name)[rows] for name in ("load", "load_std", "version", "soil"))
-        return _Rows(self.readings.take(rows), *own)
+        return _StepRows(self.readings.take(rows), *own)
 
     @classmethod
-    def joined(cls, parts: list[_Rows]) -> _Rows:  # type: ignore[override]
+    def joined(cls, parts: list[_StepRows]) -> _StepRows:  # type: ignore[override]
         """All rows of the parts."""
         names = ("load", "load_std", "version", "soil")
         own = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
-        return _Rows(Readings.joined([part.readings for part in parts]), *own)
+        return _StepRows(Readings.joined([part.readings for part in parts]), *own)
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Excitation(NamedTuple):
 class StepState:
     """Rows of the open step, and what is known of the imu's zero."""
 
-    open: _Rows | None = None
+    open: _StepRows | None = None
     level: Level = field(default_factory=Level)
 
 
@@ -116,8 +116,8 @@ def steps(
     rolling = np.array([w.contact == ROLLING for w in settings.wheels])[rows.wheel]
     use = rolling & ~rows.stands & np.isfinite(rows.speed) & np.isfinite(rows.rim_speed)
     number = np.array([soils.versions[v].number for v in version[use].tolist()], dtype=np.int64)
-    new = _Rows(rows.take(use), load[use], load_std[use], version[use], number)
-    whole = new if state.open is None else _Rows.joined([state.open, new])
+    new = _StepRows(rows.take(use), load[use], load_std[use], version[use], number)
+    whole = new if state.open is None else _StepRows.joined([state.open, new])
     if not len(whole):
         return None
     bounds, kept, way, whole_start = _bounds(whole)
@@ -130,7 +130,7 @@ def steps(
     return replace(made, level=level, unlisted=soils.weighing.unlisted(made.end))
 
 
-def _bounds(rows: _Rows) -> tuple[list[tuple[int, int, int]], int, list[float], int]:
+def _bounds(rows: _StepRows) -> tuple[list[tuple[int, int, int]], int, list[float], int]:
     """First, last + 1 and ending row of each step; how many; their lengths (m); where the open one begins."""
     of = rows.readings
     distance = np.maximum.accumulate(of.distance)
@@ -160,7 +160,7 @@ def _bounds(rows: _Rows) -> tuple[list[tuple[int, int, int]], int, list[float], 
 
 
 def _means(
-    rows: _Rows, bounds: list[tuple[int, int, int]], way: list[float], soils: Soils,
+    rows: _StepRows, bounds: list[tuple[int, int, int]], way: list[float], soils: Soils,
     settings: OnboardSettings,
 ) -> Steps:  # fmt: skip
     of, wheels = rows.readings, len(settings.wheels)
@@ -205,7 +205,7 @@ def _means(
 
 
 def _contacts(
-    rows: _Rows, inside: Integers, group: Integers, good: Flags, at: tuple[Array, Array], soils: Soils,
+    rows: _StepRows, inside: Integers, group: Integers, good: Flags, at: tuple[Array, Array], soils: Soils,
     settings: OnboardSettings,
 ) -> OnSoil:  # fmt: skip
     """Mean contact of the wheels of steps that are good: under the mean load on each version of the law."""

@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.rows.align import Align
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
-from .margin import AnyGround, Ground, Margins
+from .margin import AnyGround, GroundMargin, Margins
 
 # Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
@@ -122,7 +122,7 @@ class Judgement:
         if self._wheels_since is None:
             return margins
         wrong = margins.stamp > self._wheels_since
-        mean, deviation = Ground().moments()
+        mean, deviation = GroundMargin().moments()
         return replace(
             margins,
             margin=np.where(wrong, mean, margins.margin),

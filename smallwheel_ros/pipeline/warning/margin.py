@@ -53,7 +53,7 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 )  # m/s, 1, slip, slip, instants of a step
 
 
-class Ground:
+class GroundMargin:
     """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights."""
 
     def __init__(self) -> None:
@@ -134,7 +134,7 @@ class AnyGround:
     """The margin at work on the instants of `warnings`. side: places of the rolling wheels, m to the left."""
 
     def __init__(self, side: Array) -> None:
-        self.ground = Ground()
+        self.ground = GroundMargin()
         self.side = side
         self._open: Instants | None = None
         self._unshared: list[float] = []

@@ -25,12 +25,12 @@ from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.checks.ground_speed import Ground
+from smallwheel_ros.pipeline.checks.ground_speed import GroundSpeed
 from smallwheel_ros.pipeline.checks.lateness import OfWheels
 from smallwheel_ros.pipeline.checks.loads import impossible_soil
 from smallwheel_ros.pipeline.checks.odometry import Tilt
 from smallwheel_ros.pipeline.checks.rules import RULES, Checks, Finding, table
-from smallwheel_ros.pipeline.checks.window import Vehicle
+from smallwheel_ros.pipeline.checks.window import CheckedWheels
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
 from smallwheel_ros.pipeline.tables import Array
@@ -46,7 +46,7 @@ class Listening:
     def __init__(self, onboard: OnboardSettings | None = None) -> None:
         onboard = onboard or settings()
         self.streams = Streams(widths_of(onboard), rules_of(onboard))
-        self.ground = Ground(onboard, self.streams)
+        self.ground = GroundSpeed(onboard, self.streams)
         self.checks = Checks(onboard, self.ground)
 
     def take(self, rows: Rows, until: int) -> list[Finding]:
@@ -169,7 +169,7 @@ def test_a_vehicle_that_spins_on_a_diagonal_has_good_encoders() -> None:
 
 def stood(headings: Array, slopes: Array, zero: float) -> Tilt:
     """A judge of an imu that shows so much too much, after stands on slopes (east, north)."""
-    judge = Tilt(Vehicle.of(settings()))
+    judge = Tilt(CheckedWheels.of(settings()))
     for a, (e, n) in zip(headings, slopes, strict=True):
         ahead, left = e * np.cos(a) + n * np.sin(a) + zero, n * np.cos(a) - e * np.sin(a)
         judge.stands.append(np.array([a, GRAVITY * ahead, GRAVITY * left]))

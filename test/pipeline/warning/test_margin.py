@@ -19,7 +19,7 @@ from smallwheel_ros.pipeline.warning.margin import (
     RESISTANCE,
     SOFTNESS,
     AnyGround,
-    Ground,
+    GroundMargin,
     Margins,
 )
 
@@ -33,9 +33,9 @@ def law(slip: float, grip: float, softness: float, resistance: float) -> float:
 
 def driven(
     grip: float, softness: float, resistance: float, steps: int = 60, seed: int = 0
-) -> Ground:
+) -> GroundMargin:
     """Steps at pulls from 0 to what slip 0.5 gives."""
-    rng, ground = np.random.default_rng(seed), Ground()
+    rng, ground = np.random.default_rng(seed), GroundMargin()
     for slip in rng.uniform(0.0, 0.5, steps):
         pull = law(slip, grip, softness, resistance) + 0.01 * rng.standard_normal()
         ground.update(float(slip + 0.03 * rng.standard_normal()), 0.04, pull, 1.0)
@@ -56,7 +56,7 @@ def instants(
 
 
 def test_before_any_drive_it_is_the_prior() -> None:
-    ground = Ground()
+    ground = GroundMargin()
     low, middle, high = ground.quantiles()
     assert middle == pytest.approx(0.31, abs=0.02)  # WARNING: 0.31 [0.00, 1.27]
     assert low == pytest.approx(0.0, abs=0.02)
@@ -80,7 +80,7 @@ def test_a_drive_that_pulls_tells_the_margin(
 
 
 def test_what_the_vehicle_does_bounds_the_margin_from_below() -> None:
-    ground = Ground()
+    ground = GroundMargin()
     before = ground.quantiles()[0]
     for _ in range(10):
         ground.update(0.04, 0.04, 0.35, 1.0)
@@ -104,7 +104,7 @@ def test_ground_behind_is_forgotten() -> None:
     ground.forget(1.0)
     assert np.allclose(ground.quantiles(), known, atol=0.05)
     ground.forget(200.0)
-    assert np.allclose(ground.quantiles(), Ground().quantiles(), atol=1e-6)
+    assert np.allclose(ground.quantiles(), GroundMargin().quantiles(), atol=1e-6)
 
 
 @pytest.mark.parametrize("column", ["felt", "speed", "rim"])
@@ -149,7 +149,7 @@ def test_margins_do_not_depend_on_where_blocks_are_cut(edges: list[int]) -> None
 
 
 def test_a_step_costs_under_two_milliseconds() -> None:
-    ground, costs = Ground(), []
+    ground, costs = GroundMargin(), []
     for _ in range(30):
         begin = time.process_time()
         ground.update(0.1, 0.05, 0.05, 1.0)
