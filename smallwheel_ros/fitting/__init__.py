@@ -9,4 +9,4 @@ from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.fitting.result import FitResult
 
-__all__ = ["Base", "FitResult", "FittedParameter", "FittingError", "Problem", "ParameterPrior"]
+__all__ = ["Base", "FitResult", "FittedParameter", "FittingError", "ParameterPrior", "Problem"]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The size of each value and its repeatability: what rows of one point differ by, and which do not belong.
 
-The size is what a log-log regression of what was measured on the settings has (`NoiseLine`, `levels_of`). It has
-no physics, is what any law has to beat, and is a row of `smallwheel compare`:
+The size is what a log-log regression of what was measured on the settings has (`NoiseLine`, `levels_of`). It
+has no physics, is what any law has to beat, and is a row of `smallwheel compare`:
 
     ln value = own of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
 

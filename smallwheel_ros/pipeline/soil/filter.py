@@ -14,8 +14,8 @@
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
 
 S: the soil's deviation of ln k from place to place; A: variance of what is shown that load has no part in;
-both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and (1 + a)/(1 - a)
-of one among its neighbours, which are alike by a.
+both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and
+(1 + a)/(1 - a) of one among its neighbours, which are alike by a.
 
 A wrong zero of the sinkage sensors bends ln z_ref and n far from linearly, so there is a filter for each of
 19 zeros, 0.3 of its prior deviation apart, each sure of its own to 0.3: a sum of Gaussians whose mean and
@@ -140,7 +140,10 @@ class SoilFilter:
     ) -> None:
         self.model = LawModel(prior, settings, effects, wheels, reference)
         self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
-        self.bank = self._split(self.model.mean, self.model.soil_covariance)
+        self.bank = [
+            Member(self.model, wide, _WIDE_SHARE if wide else 1.0 - _WIDE_SHARE)
+            for wide in (False, True)
+        ]
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
         self._fade = drift if drives else math.inf  # a rig presses into one soil
