@@ -18,9 +18,11 @@ both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stret
 (1 + a)/(1 - a) of one among its neighbours, which are alike by a.
 
 A wrong zero of the sinkage sensors bends ln z_ref and n far from linearly, so there is a filter for each of
-19 zeros, 0.3 of its prior deviation apart, each sure of its own to 0.3: a sum of Gaussians whose mean and
-covariance are what is believed (Alspach and Sorenson 1972). Weights are products of likelihoods to the power
-of 0.2: whatever the law has no part for looks like a wrong zero.
+11 zeros, each sure of its own to about the way to its neighbours: a sum of Gaussians whose mean and covariance
+are what is believed (Alspach and Sorenson 1972). Before any measurement they are Student's t of 4 degrees of
+freedom with the prior's deviation. The weight of each is its share of that times its likelihood to the power of
+0.7 over how much the errors of a wheel are alike over 1.6 m (`SoilScatter`): whatever the law has no part for
+goes on over metres, and looks like a wrong zero.
 """
 
 from __future__ import annotations
@@ -55,14 +57,19 @@ from .scatter import LARGEST, SoilScatter
 from .sensors import CONTRADICTION
 from .stretches import Stretches
 
-# Zeros that the filters of the bank begin with, over the prior's deviation, and their shares; the variance
-# between them, what is left being each one's own.
-_ZEROS = 0.3 * np.arange(-9, 10)
-_SHARES = np.exp(-0.5 * _ZEROS**2 / 0.93) / np.exp(-0.5 * _ZEROS**2 / 0.93).sum()
-_BETWEEN = float(_SHARES @ _ZEROS**2)
+# Zeros that the filters of the bank begin with, over the prior's deviation: sinh of equal steps, close where
+# most zeros are; their shares by Student's t; variances of each about its own.
+_REACH, _STEP = 5, 0.35
+_FREEDOM = 4.0  # of Student's t
+_AT = _STEP * np.arange(-_REACH, _REACH + 1)
+_ZEROS, _OWN = np.sinh(_AT), (0.85 * _STEP * np.cosh(_AT)) ** 2
+_SHARES = np.cosh(_AT) * (1.0 + _ZEROS**2 * 2.0 / _FREEDOM) ** (-0.5 * (_FREEDOM + 1.0))
+_SHARES /= _SHARES.sum()
+_WHOLE = float(_SHARES @ (_ZEROS**2 + _OWN))  # variance of all together, to be 1
+_ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
-# Of likelihoods that weigh the bank: zeros are what any misfit of the law is taken for.
-_DOUBT = 0.2
+# Power of likelihoods that weigh the bank, for errors that are independent from stretch to stretch.
+_POWER = 0.7
 # Stretches of a soil after which all are taken again; before the first time the law has been linearised only
 # at the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).
 _AGAIN = (40, 120, 360)
@@ -81,7 +88,7 @@ class Member:
         self.model = model
         self.kalman = KalmanFilter(dim_x=model.size, dim_z=1)
         self.kalman.x, self.kalman.P = mean - model.mean, covariance
-        self.log_prior = self.log_weight = log_share
+        self.log_prior, self.evidence = log_share, 0.0
 
     def copy(self) -> Member:
         """It as it is now: no array of a filter is changed in place."""
@@ -140,10 +147,7 @@ class SoilFilter:
     ) -> None:
         self.model = LawModel(prior, settings, effects, wheels, reference)
         self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
-        self.bank = [
-            Member(self.model, wide, _WIDE_SHARE if wide else 1.0 - _WIDE_SHARE)
-            for wide in (False, True)
-        ]
+        self.bank = self._split(self.model.mean, self.model.soil_covariance)
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
         self._fade = drift if drives else math.inf  # a rig presses into one soil
@@ -157,10 +161,14 @@ class SoilFilter:
     def _split(self, mean: Array, covariance: Array) -> list[Member]:
         """A bank that together is this Gaussian: each member has a zero of its own."""
         by_zero = covariance[:, ZERO] / math.sqrt(covariance[ZERO, ZERO])
-        own = covariance - _BETWEEN * np.outer(by_zero, by_zero)
         return [
-            Member(self.model, mean + at * by_zero, own, math.log(share))
-            for at, share in zip(_ZEROS, _SHARES, strict=True)
+            Member(
+                self.model,
+                mean + at * by_zero,
+                covariance - (1.0 - own) * np.outer(by_zero, by_zero),
+                math.log(share),
+            )
+            for at, own, share in zip(_ZEROS.tolist(), _OWN.tolist(), _SHARES.tolist(), strict=True)
         ]
 
     def absorb(self, rows: Stretches) -> None:
@@ -249,22 +257,26 @@ class SoilFilter:
     def _remember(self) -> None:
         """From here on stretches are of this soil: what the bank is before them."""
         for member in self.bank:
-            member.log_prior = member.log_weight
+            member.log_prior, member.evidence = self._log_weight(member), 0.0
         self._started = [member.copy() for member in self.bank], self._travelled
         self._store = []
 
     def _mix(self) -> None:
         """Weights relative to the best, none lost for ever; what is believed with them."""
-        best = max(member.log_weight for member in self.bank)
+        best = max(member.evidence for member in self.bank)
         for member in self.bank:
-            faded = (1.0 - _FORGET) * (member.log_weight - best) + _FORGET * member.log_prior
-            member.log_weight = max(faded, _LOWEST)
+            member.evidence = (1.0 - _FORGET) * (member.evidence - best)
         self._believe()
+
+    def _log_weight(self, member: Member) -> float:
+        """What a member's zero has for it."""
+        power = _POWER / self.scatter.alike_over_metres
+        return member.log_prior + power * member.evidence
 
     def _believe(self) -> None:
         """Mean and covariance of the soil's numbers, and the law, by the weights as they are."""
-        likely = np.array([member.log_weight for member in self.bank])
-        weights = np.exp(likely - likely.max())
+        likely = np.array([self._log_weight(member) for member in self.bank])
+        weights = np.exp(np.maximum(likely - likely.max(), _LOWEST))
         self._weights = weights / weights.sum()
         x = np.array([member.x for member in self.bank])
         self.mean: Array = self._weights @ x
@@ -358,7 +370,7 @@ def _weighted(
     state = np.einsum("ri,ij,rj->r", H, member.kalman.P, H)
     squares = miss * miss / (state + alone)
     likely = np.minimum(squares, LARGEST) + np.log(state + alone)
-    member.log_weight -= 0.5 * _DOUBT * float(likely.sum())
+    member.evidence -= 0.5 * float(likely.sum())
     return state, counts * _huber(squares)
 
 

@@ -17,8 +17,8 @@ State:
     f    ln of the scale of all sinkage sensors
     d_w, l_w   of each wheel besides: zero of its sensor (m), ln of the scale of its load cell
 
-Of f the measurements say nothing: a soil on which all sinkages are a twentieth less fits as well. h of a wheel
-with load W, slip i, and p of its rut:
+Of f the measurements say nothing: a soil on which all sinkages are a twentieth less fits as well. h of a
+wheel with load W, slip i, and p of its rut:
 
     h(x) = z(W'; z_ref, n, m) exp(g p + f) (1 + s max(i, 0)) + e pitch + c + d_w
     W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)        side: 1 left, -1 right

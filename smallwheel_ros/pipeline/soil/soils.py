@@ -8,10 +8,13 @@ covariance, g = -by on the stretches beyond the border and 0 before it,
 
     shift = g^T S^-1 nu / (g^T S^-1 g),    variance = alike(rows) / (g^T S^-1 g)
 
-More than 4.75 sigma (5.5 over more than 0.6 m, 6.25 on one row), over a factor of 1.25, and shown by each wheel
-beyond it, is another soil: the filter goes back to what it was, uses what lies before the border, and opens to the
-prior, or to one of four remembered soils that is likelier of these stretches; what is known of the sensors
-stays. Stretches nearer to the border than their length are used for neither. Over 3 sigma nothing is determined.
+More than 4.75 sigma (6.25 on one row), over a factor of 1.25, and shown by each wheel
+beyond it, is another soil: the filter goes back to what it was, uses what lies before the border, and opens to
+the prior, or to one of four remembered soils that is likelier of these stretches; what is known of the sensors
+stays. Stretches nearer to the border than their length are used for neither.
+
+Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground is
+no power of depth (`shape`).
 """
 
 from __future__ import annotations
@@ -42,13 +45,10 @@ from .filter import Law, SoilFilter
 from .identifiability import Variety
 from .local_law import Version, constants
 from .missing_effect import MissingEffectWatch
-from .model import (
-    LAW,
-    WHEELS,
-    reference_wheel,
-)
+from .model import LAW, WHEELS, ZERO, U, reference_wheel
 from .saved_state import SoilRecord
 from .sensors import StuckSensors, Weighing
+from .shape import ShapeTest
 from .stretches import Stretches, length_of
 
 _PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at 0.8 m/s
@@ -57,15 +57,17 @@ _SETTLED = 10  # stretches of a soil after which it is worth remembering
 _LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
 # 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
 # near normal; one row alone has the tails of single places.
-_ONE_ROW, _LEAST_SIGMA, _LONG = 6.25, 4.75, 5.5
+_ONE_ROW, _LEAST_SIGMA = 6.25, 4.75
 _WINDOW, _APART = 4.0, 0.5  # m, in which a border is looked for; between laws that are kept
 _DOUBTED = (
     3.0  # sigma of a border that is suspected: until it is found or gone nothing is determined
 )
-_SHARE, _WILD = (
-    0.3,
-    5.0,
-)  # of the shift that each wheel shows; deviations to which an innovation is cut
+# Of the shift that each wheel shows; deviations to which an innovation is cut.
+_SHARE, _WILD = 0.3, 5.0
+# Newest stretches whose predictions are looked at, and the mean of their squared innovations over what is
+# stated (each cut at 9) from which on predictions miss; 1 is right, and 1.6 is rare where it is.
+_LATELY, _MISSES, _WORST = 24, 2.5, 9.0
+_DEEP = 3.0  # deviations of the zeros that wheels have to sink
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,9 @@ class Soils:
         self._border, self._old, self._number = -math.inf, 0, self._met
         self._known: list[_Known] = []
         self._past: deque[_Past] = deque()
-        self._doubted = False
+        self._suspected = False
+        self._lately: deque[float] = deque(maxlen=_LATELY)
+        self.shape = ShapeTest()
         law, covariance = self.prior.law
         scatter = self.settings.soil_scatter**2, 0.0
         return Version(
@@ -191,7 +195,9 @@ class Soils:
                 self.prior, self.settings, self.effects, self.wheels, reference
             )
         self.watch.take(rows, lambda: constants(self.versions[-1].law))
-        self.health.add(rows, self._squares(rows))
+        squares = self._squares(rows)
+        self.health.add(rows, squares)
+        self._lately.extend(np.minimum(squares[np.isfinite(squares)], _WORST).tolist())
         onward = bool(rows.onward[-1])
         if onward is not self._onward:
             self._onward = onward
@@ -254,6 +260,7 @@ class Soils:
         self.filter.absorb(rows)
         if quietly:
             return
+        self.shape.add(rows, self.filter)
         self.accepted += int(rows.count.sum())
         for wheel, load in zip(rows.wheel.tolist(), rows.load.tolist(), strict=True):
             size = self.wheels[wheel]
@@ -267,10 +274,29 @@ class Soils:
         self.versions.append(
             Version(
                 law.model, *law.law, law.mean, law.covariance, (places + watch.missed_variance, still),
-                self._number, law.settled and not self._doubted, self.accepted, self._border, self._old, self.variety,
-                watch.alarm, watch.missed_variance, self.outliers, self.changes, self._distance,
+                self._number, law.settled, self._doubt(law), self.accepted, self._border, self._old,
+                self.variety, watch.alarm, watch.missed_variance, self.outliers, self.changes, self._distance,
             )
         )  # fmt: skip
+
+    def _doubt(self, law: SoilFilter) -> str:
+        """Why nothing is determined at this moment, whatever the deviations; empty for no reason."""
+        if self._suspected:
+            return "another soil may have begun"
+        times = math.sqrt(sum(self._lately) / _LATELY)
+        if len(self._lately) == _LATELY and times**2 > _MISSES:
+            return (
+                f"the newest sinkages are {times:.1f} times as far from their predictions as stated: other ground,"
+                " a sensor, or physics that the model lacks"
+            )
+        sunk, known = math.exp(law.mean[U]), math.sqrt(law.covariance[ZERO, ZERO])
+        if sunk < _DEEP * known:
+            return (
+                f"the wheels sink by {1e3 * sunk:.1f} mm, and the zero of their sensors is known to"
+                f" {1e3 * known:.1f} mm; take it with the wheels lifted, and give its deviation as"
+                " sinkage_zero_std"
+            )
+        return self.shape.doubt
 
     def _turn_back(self) -> None:
         """The vehicle drives the other way: the last wheels come first, and places count from there."""
@@ -301,9 +327,9 @@ class Soils:
         sigma /= np.sqrt(_alike(counts.max(axis=1)))
         enough = (counts > 0).sum(axis=1) >= min(2, int(ones.any(axis=0).sum()))
         sigma = np.where(enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)
-        self._doubted = bool(sigma.max() > _DOUBTED)
+        self._suspected = bool(sigma.max() > _DOUBTED)
         longest = counts.max(axis=1)
-        least = np.where(longest == 1, _ONE_ROW, np.where(longest <= _WAIT, _LEAST_SIGMA, _LONG))
+        least = np.where(longest == 1, _ONE_ROW, _LEAST_SIGMA)
         found = sigma >= least
         if not found.any():
             return False
@@ -340,9 +366,11 @@ class Soils:
         self.variety = Variety() if known is None else known.variety
         self._met += known is None
         self._number = self._met if known is None else known.number
-        self._border, self._doubted = place, False
+        self._border, self._suspected = place, False
         self.changes += 1
         self.health.forget()
+        self._lately.clear()
+        self.shape.forget()
         self._publish()
         clear = new.take(new.place >= place + self.length)
         self._absorb(clear)
