@@ -11,8 +11,8 @@ from smallwheel_ros.common.errors import SmallwheelError
 if TYPE_CHECKING:
     import pandas as pd
 
-# Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is taken,
-# since a diagnosis takes a tenth of a second for each.
+# Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is
+# taken, since a diagnosis takes a tenth of a second for each.
 _FEWEST, _MOST = 120, 240
 
 
@@ -47,7 +47,7 @@ def diagnosed(table: pd.DataFrame, name: str) -> DriveDiagnosis:
         return _none(table, f"there are {len(table)}, and it needs {_FEWEST}")
     from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
     from smallwheel_ros.diagnosis.text import verdict_sentences
-    from smallwheel_ros.measurements.wheels import read_measurements
+    from smallwheel_ros.measurements.from_file import read_measurements
 
     runs = table["run"].drop_duplicates()
     used = table[table["run"].isin(runs.iloc[:: -(-len(table) // _MOST)])]

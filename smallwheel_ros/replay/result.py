@@ -137,8 +137,8 @@ class Replayed(Result, shown="replay.report"):
     wrong with the bag, or where the replay stopped; empty when complete. start, end: ns. messages_read,
     message_count: of the topics that were read, and how many the bag says there are. prefix: of the
     topics of the estimates in the new bag. left_out: topics and types that are not in the new bag, since
-    the type is not known. diagnosis: of the steady stretches, None where there are none. place: what keeps a folder that is only for this result; it goes when the
-    result does.
+    the type is not known. diagnosis: of the steady stretches, None where there are none. place: what keeps a
+    folder that is only for this result; it goes when the result does.
     """
 
     spec: ReplaySpec

@@ -9,12 +9,12 @@ covariance, g = -by on the stretches beyond the border and 0 before it,
     shift = g^T S^-1 nu / (g^T S^-1 g),    variance = alike(rows) / (g^T S^-1 g)
 
 More than 4.75 sigma (6.25 on one row), over a factor of 1.25, and shown by each wheel
-beyond it, is another soil: the filter goes back to what it was, uses what lies before the border, and opens to
-the prior, or to one of four remembered soils that is likelier of these stretches; what is known of the sensors
-stays. Stretches nearer to the border than their length are used for neither.
+beyond it, is another soil: the filter goes back to what it was, uses what lies before the border, and opens
+to the prior, or to one of four remembered soils that is likelier of these stretches; what is known of the
+sensors stays. Stretches nearer to the border than their length are used for neither.
 
-Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground is
-no power of depth (`shape`).
+Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground
+is no power of depth (`shape`).
 """
 
 from __future__ import annotations
@@ -286,8 +286,8 @@ class Soils:
         times = math.sqrt(sum(self._lately) / _LATELY)
         if len(self._lately) == _LATELY and times**2 > _MISSES:
             return (
-                f"the newest sinkages are {times:.1f} times as far from their predictions as stated: other ground,"
-                " a sensor, or physics that the model lacks"
+                f"the newest sinkages are {times:.1f} times as far from their predictions as stated: other"
+                " ground, a sensor, or physics that the model lacks"
             )
         sunk, known = math.exp(law.mean[U]), math.sqrt(law.covariance[ZERO, ZERO])
         if sunk < _DEEP * known:
@@ -346,12 +346,12 @@ class Soils:
         """Close the old soil, and go on with the prior or with a soil that is remembered."""
         assert self.waiting is not None
         past = [rows for one in self._past for rows in one.rows]
-        self.filter, new = self._past[0].law, []
+        self.filter, beyond = self._past[0].law, []
         self._past.clear()
         for rows in (*past, self.waiting):
             self._absorb(rows.take(rows.place < place - self.length), quietly=True)
-            new.append(rows.take(rows.place >= place))
-        law, new, self.waiting = self.filter, Stretches.joined(new), None
+            beyond.append(rows.take(rows.place >= place))
+        law, new, self.waiting = self.filter, Stretches.joined(beyond), None
         self._past.clear()
         self._publish()
         self._old = len(self.versions) - 1

@@ -18,11 +18,11 @@ both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stret
 (1 + a)/(1 - a) of one among its neighbours, which are alike by a.
 
 A wrong zero of the sinkage sensors bends ln z_ref and n far from linearly, so there is a filter for each of
-11 zeros, each sure of its own to about the way to its neighbours: a sum of Gaussians whose mean and covariance
-are what is believed (Alspach and Sorenson 1972). Before any measurement they are Student's t of 4 degrees of
-freedom with the prior's deviation. The weight of each is its share of that times its likelihood to the power of
-0.7 over how much the errors of a wheel are alike over 1.6 m (`SoilScatter`): whatever the law has no part for
-goes on over metres, and looks like a wrong zero.
+11 zeros, each sure of its own to about the way to its neighbours: a sum of Gaussians whose mean and
+covariance are what is believed (Alspach and Sorenson 1972). Before any measurement they are Student's t of 4
+degrees of freedom with the prior's deviation. The weight of each is its share of that times its likelihood
+to the power of 0.7 over how much the errors of a wheel are alike over 1.6 m (`SoilScatter`): whatever the
+law has no part for goes on over metres, and looks like a wrong zero.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What keeps a number of the soil from being known better.
 
-Faults of sensors and ground are in the filter's state beside the law. Were a group g of them known exactly, the
-variance v of a number would fall by
+Faults of sensors and ground are in the filter's state beside the law. Were a group g of them known exactly,
+the variance v of a number would fall by
 
     share = c^T C_gg^-1 c / v,    c = C_g. a
 
@@ -35,19 +35,21 @@ from .model import (
 
 _LIMITS = 1.0 / 3.0  # least share of the variance
 _SHOWS = 2.5  # deviations from which on slip sinkage is reported
-# Groups of the state: numbers of all wheels, and those of each; what is not known where the group is the limit,
-# and what would help.
+# Groups of the state: numbers of all wheels, and those of each; what is not known where the group is the
+# limit, and what would help.
 _GROUPS = (
     ((ZERO,), (0,), "the zero of the sinkage sensors is known to {mm:.1f} mm",
      "take it with the wheels lifted, and give its deviation as sinkage_zero_std"),
-    ((PASS,), (), "how much deeper or less deep a wheel rolls in the rut of another is known to {percent:.0f} %",
+    ((PASS,), (), "how much less a wheel sinks in the rut of another is known to {percent:.0f} %",
      "drive a bend, in which their tracks differ"),
     ((LOAD_SCALE, LOAD_ZERO), (1,), "the scale of the load cells is known to {percent:.0f} %",
      "give vehicle.mass, or check a cell with a known weight"),
     ((SIDE,), (), "the ground under the left and the right wheels may differ by {percent:.0f} %",
      "drive where both are alike"),
-    ((SLIP,), (), "what slip adds to the sinkage is known to {value:.1f} times the slip", "drive at other slips"),
-    ((PITCH,), (), "the sinkage sensors' error with pitch is known to {mm:.1f} mm/rad", "drive on level ground"),
+    ((SLIP,), (), "what slip adds to the sinkage is known to {value:.1f} times the slip",
+     "drive at other slips"),
+    ((PITCH,), (), "the sinkage sensors' error with pitch is known to {mm:.1f} mm/rad",
+     "drive on level ground"),
     ((DELAY,), (), "the delay of sinkage against load is known to {value:.2f} s", "drive more slowly"),
     ((SCALE,), (), "the scale of the sinkage sensors is known to {percent:.0f} %",
      "check one with a gauge block"),
@@ -93,7 +95,8 @@ class StateBelief:
     def _removed(self, across: Array, index: list[int]) -> Array:
         """Variance of each number that would go if these of the state were known, (numbers,)."""
         own, shared = self.covariance[np.ix_(index, index)], across[:, index]
-        return np.einsum("ij,jk,ik->i", shared, np.linalg.pinv(own, hermitian=True), shared)
+        inverse = np.linalg.pinv(own, hermitian=True)
+        return np.asarray(np.einsum("ij,jk,ik->i", shared, inverse, shared))
 
     @property
     def slip_sinkage(self) -> str:

@@ -43,9 +43,9 @@ class Version:
     law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
     the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
     ln k and of sinkage from place to place. doubt: why nothing is determined, in words, or empty. border: m
-    along the vehicle's path; wheels that have not reached it are on version `old`. variety: of the stretches used. missing: effect that the model misses;
-    missed_variance: of ln k by that, in scatter, too. outliers: readings left out; changes: of soil found;
-    distance: m, of the vehicle: all up to here.
+    along the vehicle's path; wheels that have not reached it are on version `old`. variety: of the stretches
+    used. missing: effect that the model misses; missed_variance: of ln k by that, in scatter, too. outliers:
+    readings left out; changes: of soil found; distance: m, of the vehicle: all up to here.
     """
 
     model: LawModel | None

@@ -13,8 +13,8 @@ from smallwheel_ros.pipeline.tables import Array
 from .model import Shown
 from .stretches import Stretches
 
-# Stretches of a wheel over which errors are summed; how much more such a sum varies than if each error were by
-# itself until that is learnt, and how many sums that counts for.
+# Stretches of a wheel over which errors are summed; how much more such a sum varies than if each error were
+# by itself until that is learnt, and how many sums that counts for.
 _LENGTHS, _ALIKE, _BLOCKS = 8, 2.0, 10.0
 LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
 MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil

@@ -2,8 +2,8 @@
 """Whether pressure grows with depth as the law says: residuals against depth.
 
 Over a hard layer at depth q a wheel sinks less beyond q than any power of depth has it, over a soft one more.
-With e = z - h(x0) linearised at the newest state, S = H P0 H^T + R its covariance by the state's prior and by the
-noise of stretches, and c = max(z_law - q, 0) the depth beyond q as the law has it,
+With e = z - h(x0) linearised at the newest state, S = H P0 H^T + R its covariance by the state's prior and
+by the noise of stretches, and c = max(z_law - q, 0) the depth beyond q as the law has it,
 
     share = c^T S^-1 e / (c^T S^-1 c),    sigmas = c^T S^-1 e / (c^T S^-1 c)^1/2
 
@@ -83,6 +83,6 @@ class ShapeTest:
         if abs(self.sigmas) > _SIGMAS and abs(self.share) > _SHARE:
             what, depth = "harder" if self.share < 0.0 else "softer", 1e3 * edges[best]
             self.doubt = (
-                f"this ground is {what} below {depth:.0f} mm than any power of depth has it; go by the sinkages"
-                " that are predicted, not by k, n and m"
+                f"this ground is {what} below {depth:.0f} mm than any power of depth has it; go by the"
+                " sinkages that are predicted, not by k, n and m"
             )
