@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench's diagnosis at the end of a replay: of tables of steady stretches, made by another law."""
+"""The bench's diagnosis at the end of a replay, `diagnosis.py`: of steady stretches made by another law."""
 
 from __future__ import annotations
 
