@@ -324,11 +324,12 @@ class Soils:
         ones = (rows.wheel[:, None] == np.arange(len(self.wheels))).astype(float)
         size, sigma = _shifts(score, weight)
         counts = np.cumsum(ones, axis=0)
-        sigma /= np.sqrt(_alike(counts.max(axis=1)))
+        longest = counts.max(axis=1)
+        over_metres = np.where(longest > _WAIT, self._past[0].law.scatter.alike_over_metres, 1.0)
+        sigma /= np.sqrt(_alike(longest) * over_metres)
         enough = (counts > 0).sum(axis=1) >= min(2, int(ones.any(axis=0).sum()))
         sigma = np.where(enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)
         self._suspected = bool(sigma.max() > _DOUBTED)
-        longest = counts.max(axis=1)
         least = np.where(longest == 1, _ONE_ROW, _LEAST_SIGMA)
         found = sigma >= least
         if not found.any():
