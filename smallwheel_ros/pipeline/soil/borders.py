@@ -2,16 +2,15 @@
 """Which soil the wheels are on: stretches in, versions of the law out.
 
 Those that end in the same quarter of a second are taken together, at its end, and wait for 0.6 m before they
-are used. The filter as it was up to 4 m ago is kept. With any stretch that comes, all since then are held
-against the law of then, for each border that there may be: with nu the innovations, S = H P H^T + R their
-covariance, g = -by on the stretches beyond the border and 0 before it,
+are used. With any that come, those of leading wheels (no other runs ahead of them), the furthest first, are
+compared with the law, for each border that there may be:
 
-    shift = g^T S^-1 nu / (g^T S^-1 g),    variance = alike(rows) / (g^T S^-1 g)
+    shift    = sum(nu / by / v) / sum(1 / v),   v = var(nu of a stretch alone) / by^2
+    variance = alike(rows) / sum(1 / v) + H P H / by^2
 
-More than 4.75 sigma (6.25 on one row), over a factor of 1.25, and shown by each wheel
-beyond it, is another soil: the filter goes back to what it was, uses what lies before the border, and opens
-to the prior, or to one of four remembered soils that is likelier of these stretches; what is known of the
-sensors stays. Stretches nearer to the border than their length are used for neither.
+More than 4.75 sigma (6.25 on one row), over a factor of 1.25, and shown by each wheel ahead of it, is another
+soil: the law opens to the prior, or to one of four remembered soils that is likelier of these stretches; what
+is known of the sensors stays. Stretches nearer to the border than their length are used for neither.
 
 Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground
 is no power of depth (`shape`).
@@ -23,7 +22,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -53,19 +51,17 @@ from .stretches import Stretches, length_of
 
 _PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at 0.8 m/s
 _WAIT, _MOST = 3.0, 8  # lengths that a stretch waits; stretches of a wheel that turns on the spot
-_SETTLED = 10  # stretches of a soil after which it is worth remembering
+# Stretches of a soil before another is looked for; after which it is worth remembering.
+_TESTED, _SETTLED = 20, 10
 _LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
 # 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
 # near normal; one row alone has the tails of single places.
-_ONE_ROW, _LEAST_SIGMA = 6.25, 4.75
-_WINDOW, _APART = 4.0, 0.5  # m, in which a border is looked for; between laws that are kept
-_DOUBTED = (
-    3.0  # sigma of a border that is suspected: until it is found or gone nothing is determined
-)
+_LEAST_SIGMA, _ONE_ROW = 4.75, 1.5
 # Of the shift that each wheel shows; deviations to which an innovation is cut.
 _SHARE, _WILD = 0.3, 5.0
+_SUSPECTED = 3.0  # sigma of a border, until it is found or gone
 # Newest stretches whose predictions are looked at, and the mean of their squared innovations over what is
-# stated (each cut at 9) from which on predictions miss; 1 is right, and 1.6 is rare where it is.
+# stated (each cut at 9) from which on predictions miss: 1 is right, and over 1.6 is rare where it is.
 _LATELY, _MISSES, _WORST = 24, 2.5, 9.0
 _DEEP = 3.0  # deviations of the zeros that wheels have to sink
 
@@ -77,14 +73,6 @@ class _Known:
     state: Law
     number: int
     variety: Variety
-
-
-class _Past(NamedTuple):
-    """The law before stretches were used, from a distance (m) on."""
-
-    distance: float
-    law: SoilFilter
-    rows: list[Stretches]
 
 
 class Soils:
@@ -126,7 +114,6 @@ class Soils:
         self.accepted = 0
         self._border, self._old, self._number = -math.inf, 0, self._met
         self._known: list[_Known] = []
-        self._past: deque[_Past] = deque()
         self._suspected = False
         self._lately: deque[float] = deque(maxlen=_LATELY)
         self.shape = ShapeTest()
@@ -223,8 +210,8 @@ class Soils:
         law = self.filter
         if law is None or not law.settled:
             return np.full(len(rows), np.nan)
-        miss, covariance, _ = law.innovations(rows)
-        return np.asarray(miss**2 / np.diag(covariance))
+        miss, _, variance, _ = law.innovations(rows)
+        return np.asarray(miss**2 / variance)
 
     def _moving(self, rows: Stretches) -> Stretches:
         """Those of sensors that are not stuck; what waits of one that turns out to be is dropped."""
@@ -248,18 +235,10 @@ class Soils:
         self.waiting = _where(waiting, ~ready)
         return _where(waiting, ready)
 
-    def _absorb(self, rows: Stretches | None, *, quietly: bool = False) -> None:
+    def _absorb(self, rows: Stretches | None) -> None:
         if rows is None or not len(rows) or self.filter is None:
             return
-        distance = float(rows.distance[-1])
-        if not self._past or distance >= self._past[-1].distance + _APART:
-            self._past.append(_Past(distance, self.filter.copy(), []))
-            while len(self._past) > 1 and self._past[1].distance < distance - _WINDOW:
-                self._past.popleft()
-        self._past[-1].rows.append(rows)
         self.filter.absorb(rows)
-        if quietly:
-            return
         self.shape.add(rows, self.filter)
         self.accepted += int(rows.count.sum())
         for wheel, load in zip(rows.wheel.tolist(), rows.load.tolist(), strict=True):
@@ -302,41 +281,36 @@ class Soils:
         """The vehicle drives the other way: the last wheels come first, and places count from there."""
         self._absorb(self._ready(math.inf))
         self._border = -math.inf
-        self._past.clear()  # places count from here
 
     def _changed(self) -> bool:
         """Look for a border: everything ahead of it is off by one factor of k."""
-        while len(self._past) > 1 and not self._past[0].law.settled:
-            self._past.popleft()
-        if not self._past or not self._past[0].law.settled:
+        law, waiting = self.filter, self.waiting
+        assert law is not None
+        assert waiting is not None
+        if law.used < _TESTED:
             return False
-        parts = [rows for one in self._past for rows in one.rows]
-        assert self.waiting is not None
-        rows = Stretches.joined([*parts, self.waiting])
+        rows = _where(waiting, self._leads[waiting.wheel, waiting.onward.astype(int)])
         rows = rows.take(np.argsort(-rows.place, kind="stable"))
-        miss, covariance, by_load = self._past[0].law.innovations(rows)
+        miss, state, variance, by_load = law.innovations(rows)
         if not (by_load > 0.0).all():
             return False
-        most = _WILD * np.sqrt(np.diag(covariance))
-        known = np.linalg.inv(covariance)
-        score = -by_load * (known @ np.clip(miss, -most, most))
-        weight = known * np.outer(by_load, by_load)
-        ones = (rows.wheel[:, None] == np.arange(len(self.wheels))).astype(float)
-        size, sigma = _shifts(score, weight)
+        most = _WILD * np.sqrt(variance)
+        shift = -np.clip(miss, -most, most) / by_load
+        weight = by_load**2 / (variance - state)
+        total = np.cumsum(weight)
+        size = np.cumsum(weight * shift) / total
+        ones = rows.wheel[:, None] == np.arange(len(self.wheels))
         counts = np.cumsum(ones, axis=0)
         longest = counts.max(axis=1)
-        over_metres = np.where(longest > _WAIT, self._past[0].law.scatter.alike_over_metres, 1.0)
-        sigma /= np.sqrt(_alike(longest) * over_metres)
+        law_variance = np.maximum.accumulate(state / by_load**2)
+        sigma = np.abs(size) / np.sqrt(_alike(longest) / total + law_variance)
+        means = np.cumsum(ones * shift[:, None], axis=0) / np.maximum(counts, 1)
+        agree = ((counts == 0) | (means / size[:, None] > _SHARE)).all(axis=1)
         enough = (counts > 0).sum(axis=1) >= min(2, int(ones.any(axis=0).sum()))
-        sigma = np.where(enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)
-        self._suspected = bool(sigma.max() > _DOUBTED)
-        least = np.where(longest == 1, _ONE_ROW, _LEAST_SIGMA)
-        found = sigma >= least
-        if not found.any():
-            return False
-        for mine, count in zip(ones.T, counts.T, strict=True):
-            own, _ = _shifts(score * mine, weight * np.outer(mine, mine))
-            found &= (count == 0) | (own / size > _SHARE)
+        least = _LEAST_SIGMA + np.where(longest == 1, _ONE_ROW, 0.0)
+        likely = agree & enough & (np.abs(size) >= _LEAST_SHIFT)
+        self._suspected = bool((likely & (sigma >= _SUSPECTED)).any())
+        found = likely & (sigma >= least)
         if not found.any():
             return False
         best = int(np.argmax(np.where(found, sigma, 0.0)))
@@ -345,16 +319,12 @@ class Soils:
 
     def _change(self, place: float, shift: float) -> None:
         """Close the old soil, and go on with the prior or with a soil that is remembered."""
-        assert self.waiting is not None
-        past = [rows for one in self._past for rows in one.rows]
-        self.filter, beyond = self._past[0].law, []
-        self._past.clear()
-        for rows in (*past, self.waiting):
-            self._absorb(rows.take(rows.place < place - self.length), quietly=True)
-            beyond.append(rows.take(rows.place >= place))
-        law, new, self.waiting = self.filter, Stretches.joined(beyond), None
-        self._past.clear()
-        self._publish()
+        law, waiting = self.filter, self.waiting
+        assert law is not None
+        assert waiting is not None
+        self._absorb(waiting.take(waiting.place < place - self.length))
+        new = waiting.take(waiting.place >= place)
+        self.waiting = None
         self._old = len(self.versions) - 1
         if law.used >= _SETTLED:
             state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
@@ -363,7 +333,7 @@ class Soils:
         likely += [law.log_likelihood(known.state, new) for known in self._known]
         best = int(np.argmax(likely))
         known = None if best == 0 else self._known[best - 1]
-        law.reopen(None if known is None else known.state, shift, float(new.distance.max()))
+        law.reopen(None if known is None else known.state, shift, float(waiting.distance.max()))
         self.variety = Variety() if known is None else known.variety
         self._met += known is None
         self._number = self._met if known is None else known.number
@@ -419,15 +389,8 @@ def _where(rows: Stretches, keep: Flags) -> Stretches:
     return found
 
 
-def _shifts(score: Array, weight: Array) -> tuple[Array, Array]:
-    """Shift of ln k of all rows up to each, and how many deviations that is."""
-    many = np.diag(np.cumsum(np.cumsum(weight, axis=0), axis=1))
-    total = np.maximum(many, 1e-12)
-    sums = np.cumsum(score)
-    return sums / total, np.abs(sums) / np.sqrt(total)
-
-
-def _alike(lengths: Array) -> Array:
+def _alike(lengths: Integers) -> Array:
     """Variance of the mean over so many lengths, over that of independent single lengths."""
-    mean_variance = 2.0 / lengths**2 * (lengths - 1.0 + np.exp(-lengths))
-    return np.asarray(lengths * mean_variance / (2.0 * math.exp(-1.0)))
+    u = lengths.astype(float)
+    mean_variance = 2.0 / u**2 * (u - 1.0 + np.exp(-u))
+    return np.asarray(u * mean_variance / (2.0 * math.exp(-1.0)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil's law from stretches: a bank of iterated Kalman filters (filterpy) over the state of `law`.
+"""The soil's law from stretches: two iterated Kalman filters (filterpy) over the state of `law`.
 
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
@@ -17,12 +17,9 @@ S: the soil's deviation of ln k from place to place; A: variance of what is show
 both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and
 (1 + a)/(1 - a) of one among its neighbours, which are alike by a.
 
-A wrong zero of the sinkage sensors bends ln z_ref and n far from linearly, so there is a filter for each of
-11 zeros, each sure of its own to about the way to its neighbours: a sum of Gaussians whose mean and
-covariance are what is believed (Alspach and Sorenson 1972). Before any measurement they are Student's t of 4
-degrees of freedom with the prior's deviation. The weight of each is its share of that times its likelihood
-to the power of 0.7 over how much the errors of a wheel are alike over 1.6 m (`SoilScatter`): whatever the
-law has no part for goes on over metres, and looks like a wrong zero.
+The filters differ in the deviations of passes and zeros: as told ("wide"), or a tenth ("tight"). Their
+weights are products of likelihoods to the power of 1/2; the mean is that of both, the covariance always the
+wide one's about that mean: a nuisance that the data does not show is still allowed for.
 """
 
 from __future__ import annotations
@@ -46,9 +43,8 @@ from .model import (
     LEAST_SHARE,
     LOAD_SCALE,
     LOAD_ZERO,
-    N_RANGE,
+    SHOWN_N_RANGE,
     WHEELS,
-    ZERO,
     LawModel,
     N,
     U,
@@ -57,19 +53,8 @@ from .scatter import LARGEST, SoilScatter
 from .sensors import CONTRADICTION
 from .stretches import Stretches
 
-# Zeros that the filters of the bank begin with, over the prior's deviation: sinh of equal steps, close where
-# most zeros are; their shares by Student's t; variances of each about its own.
-_REACH, _STEP = 5, 0.35
-_FREEDOM = 4.0  # of Student's t
-_AT = _STEP * np.arange(-_REACH, _REACH + 1)
-_ZEROS, _OWN = np.sinh(_AT), (0.85 * _STEP * np.cosh(_AT)) ** 2
-_SHARES = np.cosh(_AT) * (1.0 + _ZEROS**2 * 2.0 / _FREEDOM) ** (-0.5 * (_FREEDOM + 1.0))
-_SHARES /= _SHARES.sum()
-_WHOLE = float(_SHARES @ (_ZEROS**2 + _OWN))  # variance of all together, to be 1
-_ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
+_WIDE_SHARE, _TIGHT = 0.3, 0.1  # that a nuisance is there at all; deviations of the tight filter
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
-# Power of likelihoods that weigh the bank, for errors that are independent from stretch to stretch.
-_POWER = 0.7
 # Stretches of a soil after which all are taken again; before the first time the law has been linearised only
 # at the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).
 _AGAIN = (40, 120, 360)
@@ -82,13 +67,13 @@ Law = tuple[Array, Array]  # mean (3,) and covariance (3, 3)
 
 
 class Member:
-    """One filter of the bank: filterpy's, of x - x0, about a zero of its own."""
+    """One filter of the bank: filterpy's, of x - x0. wide: deviations of passes and zeros as told."""
 
-    def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
+    def __init__(self, model: LawModel, wide: bool, share: float) -> None:
         self.model = model
         self.kalman = KalmanFilter(dim_x=model.size, dim_z=1)
-        self.kalman.x, self.kalman.P = mean - model.mean, covariance
-        self.log_prior, self.evidence = log_share, 0.0
+        self.kalman.x, self.kalman.P = np.zeros(model.size), model.prior(1.0 if wide else _TIGHT)
+        self.log_prior = self.log_weight = math.log(share)
 
     def copy(self) -> Member:
         """It as it is now: no array of a filter is changed in place."""
@@ -98,7 +83,7 @@ class Member:
 
     @property
     def x(self) -> Array:
-        """The state of `law`."""
+        """What is shown."""
         return np.asarray(self.model.mean + self.kalman.x)
 
     def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
@@ -109,7 +94,7 @@ class Member:
         kalman.update(straight, np.diag(noise), H)
         kalman.P = 0.5 * (kalman.P + kalman.P.T)
         mean = self.model.mean[N]
-        kalman.x[N] = min(max(kalman.x[N], N_RANGE[0] - mean), N_RANGE[1] - mean)
+        kalman.x[N] = min(max(kalman.x[N], SHOWN_N_RANGE[0] - mean), SHOWN_N_RANGE[1] - mean)
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
         """See `SoilFilter.weigh`. Where both are over 10 % apart the loads' scale is as unsure as that."""
@@ -132,7 +117,7 @@ class Member:
 class SoilFilter:
     """The bank for one vehicle on one soil.
 
-    mean, covariance: of the state of `law`; law: ln pressure at the soil's reference, n
+    mean, covariance: of the soil's numbers (`LawModel.soil`); law: ln pressure at the soil's reference, n
     and m, and their slopes by mean. used: stretches of this soil; settled: whether the law has been
     linearised where it is.
     """
@@ -147,7 +132,10 @@ class SoilFilter:
     ) -> None:
         self.model = LawModel(prior, settings, effects, wheels, reference)
         self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
-        self.bank = self._split(self.model.mean, self.model.soil_covariance)
+        self.bank = [
+            Member(self.model, wide, _WIDE_SHARE if wide else 1.0 - _WIDE_SHARE)
+            for wide in (False, True)
+        ]
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
         self._fade = drift if drives else math.inf  # a rig presses into one soil
@@ -157,19 +145,6 @@ class SoilFilter:
         self.used, self.settled = 0, False
         self._remember()
         self._mix()
-
-    def _split(self, mean: Array, covariance: Array) -> list[Member]:
-        """A bank that together is this Gaussian: each member has a zero of its own."""
-        by_zero = covariance[:, ZERO] / math.sqrt(covariance[ZERO, ZERO])
-        return [
-            Member(
-                self.model,
-                mean + at * by_zero,
-                covariance - (1.0 - own) * np.outer(by_zero, by_zero),
-                math.log(share),
-            )
-            for at, own, share in zip(_ZEROS.tolist(), _OWN.tolist(), _SHARES.tolist(), strict=True)
-        ]
 
     def absorb(self, rows: Stretches) -> None:
         """Use stretches that are ready together for the soil."""
@@ -257,33 +232,29 @@ class SoilFilter:
     def _remember(self) -> None:
         """From here on stretches are of this soil: what the bank is before them."""
         for member in self.bank:
-            member.log_prior, member.evidence = self._log_weight(member), 0.0
+            member.log_prior = member.log_weight
         self._started = [member.copy() for member in self.bank], self._travelled
         self._store = []
 
     def _mix(self) -> None:
         """Weights relative to the best, none lost for ever; what is believed with them."""
-        best = max(member.evidence for member in self.bank)
+        best = max(member.log_weight for member in self.bank)
         for member in self.bank:
-            member.evidence = (1.0 - _FORGET) * (member.evidence - best)
+            faded = (1.0 - _FORGET) * (member.log_weight - best) + _FORGET * member.log_prior
+            member.log_weight = max(faded, _LOWEST)
         self._believe()
-
-    def _log_weight(self, member: Member) -> float:
-        """What a member's zero has for it."""
-        power = _POWER / self.scatter.alike_over_metres
-        return member.log_prior + power * member.evidence
 
     def _believe(self) -> None:
         """Mean and covariance of the soil's numbers, and the law, by the weights as they are."""
-        likely = np.array([self._log_weight(member) for member in self.bank])
-        weights = np.exp(np.maximum(likely - likely.max(), _LOWEST))
+        likely = np.array([member.log_weight for member in self.bank])
+        weights = np.exp(likely - likely.max())
         self._weights = weights / weights.sum()
-        x = np.array([member.x for member in self.bank])
-        self.mean: Array = self._weights @ x
-        off = x - self.mean
-        within = np.array([member.kalman.P for member in self.bank])
-        self.covariance: Array = np.einsum("i,ijk->jk", self._weights, within)
-        self.covariance += np.einsum("i,ij,ik->jk", self._weights, off, off)
+        y, jacobian = self.model.soil(np.array([member.x for member in self.bank]))
+        self.mean: Array = self._weights @ y
+        off = y[-1] - self.mean
+        self.covariance: Array = jacobian[-1] @ self.bank[-1].kalman.P @ jacobian[-1].T + np.outer(
+            off, off
+        )
         self.law: Law = self.model.law(self.mean)
 
     @property
@@ -291,19 +262,23 @@ class SoilFilter:
         slopes = self.law[1]
         return np.asarray(np.sqrt(np.diag(slopes @ self.covariance @ slopes.T)))
 
-    def innovations(self, rows: Stretches) -> tuple[Array, Array, Array]:
-        """What stretches would say: miss (m), covariance of all (m^2), slope by ln load."""
-        shown = self.model.h(self.mean, rows)
-        alone, _, _ = self.scatter.noise(rows, shown)
-        covariance = shown.H @ self.covariance @ shown.H.T + np.diag(alone)
-        return rows.sinkage - shown.value, covariance, shown.by_load
+    @property
+    def widest(self) -> Member:
+        """The filter in which all faults are free."""
+        return self.bank[-1]
 
-    def copy(self) -> SoilFilter:
-        """It as it is now."""
-        own = copy(self)
-        own.bank, own.scatter = [member.copy() for member in self.bank], self.scatter.copy()
-        own._store = None if self._store is None else self._store.copy()
-        return own
+    @property
+    def likeliest(self) -> Member:
+        """The filter of the greatest weight."""
+        return self.bank[int(np.argmax(self._weights))]
+
+    def innovations(self, rows: Stretches) -> tuple[Array, Array, Array, Array]:
+        """What stretches would say: miss, variance by the state and in all (m^2), slope by ln load."""
+        member = self.likeliest
+        shown = self.model.h(member.x, rows)
+        state = np.einsum("ri,ij,rj->r", shown.H, member.kalman.P, shown.H)
+        alone, _, _ = self.scatter.noise(rows, shown)
+        return rows.sinkage - shown.value, state, state + alone, shown.by_load
 
     # -- another soil
 
@@ -311,33 +286,42 @@ class SoilFilter:
         """Another soil from here on: the law is the prior's again, or a remembered one; nuisances stay."""
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
         for member in self.bank:
-            x, member.kalman.P = self._with_law(member.x, member.kalman.P, law)
+            x, member.kalman.P = self._with_law(member, law)
             member.kalman.x = x - self.model.mean
         self.used, self.settled = 0, law is not None
         self._remember()
         self._mix()
 
-    def _with_law(self, x: Array, P: Array, law: Law | None) -> tuple[Array, Array]:
-        """The same with another law, that of the prior for None."""
-        model, x, P = self.model, x.copy(), P.copy()
-        P[:LAW, :] = P[:, :LAW] = 0.0
-        x[:LAW], P[:LAW, :LAW] = (
-            (model.mean[:LAW], model.soil_covariance[:LAW, :LAW]) if law is None else law
-        )
-        return x, P
+    def _with_law(self, member: Member, law: Law | None) -> tuple[Array, Array]:
+        model = self.model
+        y, jacobian = (part[0] for part in model.soil(member.x[None]))
+        whole = jacobian @ member.kalman.P @ jacobian.T
+        whole[:LAW, :] = whole[:, :LAW] = 0.0
+        whole[:LAW, :LAW] = model.soil_covariance[:LAW, :LAW] if law is None else law[1]
+        y = y.copy()
+        y[:LAW] = model.mean[:LAW] if law is None else law[0]
+        x = model.shown(y)
+        back = np.linalg.inv(model.soil(x[None])[1][0])
+        return x, back @ whole @ back.T
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
-        """Go on from a state as saved, without what is of single wheels."""
-        x, whole = self.model.mean.copy(), self.model.soil_covariance.copy()
-        x[:WHEELS], whole[:WHEELS, :WHEELS] = mean, covariance
-        self.bank = self._split(x, whole)
+        """Go on from the soil's numbers as saved (`LawModel.soil`; without those of single wheels)."""
+        y = self.model.mean.copy()
+        y[:WHEELS] = mean
+        x = self.model.shown(y)
+        back = np.linalg.inv(self.model.soil(x[None])[1][0])
+        for member in self.bank:
+            whole = member.kalman.P.copy()
+            whole[:WHEELS, :] = whole[:, :WHEELS] = 0.0
+            whole[:WHEELS, :WHEELS] = covariance
+            member.kalman.x, member.kalman.P = x - self.model.mean, back @ whole @ back.T
         self.used, self.settled = used, True
         self._remember()
         self._mix()
 
     def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
         """How likely stretches are of a law as in `reopen`, in ln of sinkage, linearised about it."""
-        x, P = self._with_law(self.mean, self.covariance, law)
+        x, P = self._with_law(self.likeliest, law)
         shown = self.model.h(x, rows)
         alone, _, _ = self.scatter.noise(rows, shown)
         value = np.maximum(shown.value, 1e-4)
@@ -370,7 +354,7 @@ def _weighted(
     state = np.einsum("ri,ij,rj->r", H, member.kalman.P, H)
     squares = miss * miss / (state + alone)
     likely = np.minimum(squares, LARGEST) + np.log(state + alone)
-    member.evidence -= 0.5 * float(likely.sum())
+    member.log_weight -= 0.5 * _TEMPER * float(likely.sum())
     return state, counts * _huber(squares)
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 
 import numpy as np
 
@@ -13,9 +12,6 @@ from smallwheel_ros.pipeline.tables import Array
 from .model import Shown
 from .stretches import Stretches
 
-# Stretches of a wheel over which errors are summed; how much more such a sum varies than if each error were
-# by itself until that is learnt, and how many sums that counts for.
-_LENGTHS, _ALIKE, _BLOCKS = 8, 2.0, 10.0
 LARGEST = 9.0  # a squared innovation counts at most as so many of its variances
 MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, within one soil
 
@@ -38,15 +34,7 @@ class SoilScatter:
         self._normal: Array = np.zeros((2, 2))
         self._moment: Array = np.zeros(2)
         self._newest = np.zeros(wheels)  # normalised innovations
-        self._block: Array = np.zeros((wheels, 3))  # sum, squares, count of each wheel's open block
-        self._blocks: Array = np.array([_BLOCKS * _ALIKE, _BLOCKS])  # squared sums, squares
         self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
-
-    def copy(self) -> SoilScatter:
-        """It as it is now."""
-        own = copy(self)
-        own._newest, own._block = self._newest.copy(), self._block.copy()
-        return own
 
     @property
     def places(self) -> tuple[float, float]:
@@ -64,11 +52,6 @@ class SoilScatter:
         alone = base + self.share * by_load * self.soil + self.additive
         counts = base + self.together * by_load * self.soil + self._alike * self.additive
         return alone, counts, base
-
-    @property
-    def alike_over_metres(self) -> float:
-        """How much more the errors of a wheel over metres count than if each were by itself."""
-        return max(float(self._blocks[0] / self._blocks[1]), 1.0)
 
     @property
     def _alike(self) -> float:
@@ -101,9 +84,3 @@ class SoilScatter:
         now = min(max(miss / math.sqrt(variance), -3.0), 3.0)
         before, self._newest[wheel] = self._newest[wheel], now
         self._products = keep * self._products + [now * before, 0.5 * (now**2 + before**2)]
-        self._block[wheel] += now, now * now, 1.0
-        total, squares, count = self._block[wheel].tolist()
-        if count >= _LENGTHS:
-            keep = 1.0 - _LENGTHS / self._MEMORY
-            self._blocks = keep * self._blocks + np.array([total**2, squares]) / _LENGTHS
-            self._block[wheel] = 0.0

@@ -55,18 +55,20 @@ class ShapeTest:
             self._test(Stretches.joined(list(self._kept)), law)
 
     def _test(self, rows: Stretches, law: SoilFilter) -> None:
-        model = law.model
-        shown = model.h(law.mean, rows)
+        model, x = law.model, law.widest.x
+        state, jacobian = (part[0] for part in model.soil(x[None]))
+        shown = model.h(x, rows)
+        by_state = shown.H @ np.linalg.inv(jacobian)
         noise, _, _ = law.scatter.noise(rows, shown)
         miss = rows.sinkage - shown.value
         noise = noise * np.maximum(1.0, np.abs(miss) / (_CUT * np.sqrt(noise)))
-        depth = model.sinkage(np.broadcast_to(law.mean, (len(rows), model.size)), rows).value
+        depth = model.sinkage(np.broadcast_to(state, (len(rows), model.size)), rows).value
         edges = np.quantile(depth, _QUARTILES)
         beyond = np.maximum(depth[:, None] - edges, 0.0)
         # Woodbury: S^-1 = N - N H (P0^-1 + H^T N H)^-1 H^T N, with e = miss + H (x - x0)
-        by = shown.H / noise[:, None]
-        information = np.linalg.inv(model.soil_covariance) + shown.H.T @ by
-        about = miss + shown.H @ (law.mean - model.mean)
+        by = by_state / noise[:, None]
+        information = np.linalg.inv(model.soil_covariance) + by_state.T @ by
+        about = miss + by_state @ (state - model.mean)
 
         def whitened(columns: Array) -> Array:
             return np.asarray(

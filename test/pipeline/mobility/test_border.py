@@ -61,8 +61,8 @@ def test_a_wheel_behind_the_border_has_the_mobility_of_its_own_soil(crossed: Cro
     behind = crossed.behind & np.isfinite(crossed.error)
     assert set(crossed.made.wheel[behind].tolist()) == {2, 3}  # the rear ones
     assert behind.sum() >= 10
-    # The other soil's sinkages differ by more than a factor of two.
-    assert abs(np.median(crossed.error[behind])) < 0.1
+    # The soil's modulus is another one by more than a factor of two.
+    assert abs(np.median(crossed.error[behind])) < 0.05
     assert np.mean(np.abs(crossed.error[behind]) < 0.15) > 0.8
 
 
