@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 DETERMINED = 0.5  # posterior over prior standard deviation, at most
 _SAME_DIAMETER = 1.05  # largest over smallest
 _SAME_LOAD = 1.3
-_AT_BOUND = 2.0  # deviations of n from an end of its range within which it is the range that speaks
+# Deviations of n from an end of its range within which it is the range that speaks: of an n that is determined,
+# and of one that is not.
+_AT_BOUND, _ON_BOUND = 2.0, 0.5
 
 
 class Identifiable(NamedTuple):
@@ -150,9 +152,9 @@ class SoilEstimate:
         """Why nothing is determined, though deviations are small; empty where there is no reason."""
         if self.missing_effect is not None:
             return self._misses
-        near = _AT_BOUND * math.sqrt(max(self.log_covariance[1, 1], 0.0))
-        known = self.settled and self.remaining["n"] <= DETERMINED
-        if known and not N_RANGE[0] + near <= self.n <= N_RANGE[1] - near:
+        std = math.sqrt(max(self.log_covariance[1, 1], 0.0))
+        near = std * (_AT_BOUND if self.remaining["n"] <= DETERMINED else _ON_BOUND)
+        if self.settled and not N_RANGE[0] + near <= self.n <= N_RANGE[1] - near:
             return (
                 f"n is at the end of its range ({N_RANGE[0]:g} to {N_RANGE[1]:g}): this is no soil of the law"
                 " p = k z^n D^m, or a sensor's zero is off by more than its prior says"
