@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 DETERMINED = 0.5  # posterior over prior standard deviation, at most
 _SAME_DIAMETER = 1.05  # largest over smallest
 _SAME_LOAD = 1.3
-# Deviations of n from an end of its range within which it is the range that speaks: of an n that is determined,
+# Deviations of n from an end of its range within which it is the range that speaks: of an n that is known,
 # and of one that is not.
 _AT_BOUND, _ON_BOUND = 2.0, 0.5
 
