@@ -46,7 +46,7 @@ from .missing_effect import MissingEffectWatch
 from .model import LAW, WHEELS, ZERO, U, reference_wheel
 from .saved_state import SoilRecord
 from .sensors import StuckSensors, Weighing
-from .shape import ShapeTest
+from .shape import EVERY, NEWEST, shape_doubt
 from .stretches import Stretches, length_of
 
 _PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at 0.8 m/s
@@ -116,7 +116,8 @@ class Soils:
         self._known: list[_Known] = []
         self._suspected = False
         self._lately: deque[float] = deque(maxlen=_LATELY)
-        self.shape = ShapeTest()
+        self._used: deque[Stretches] = deque(maxlen=NEWEST)
+        self._shape, self._shape_due = "", self._distance + EVERY
         law, covariance = self.prior.law
         scatter = self.settings.soil_scatter**2, 0.0
         return Version(
@@ -239,7 +240,10 @@ class Soils:
         if rows is None or not len(rows) or self.filter is None:
             return
         self.filter.absorb(rows)
-        self.shape.add(rows, self.filter)
+        self._used.append(rows)
+        if self._distance >= self._shape_due:
+            self._shape_due = self._distance + EVERY
+            self._shape = shape_doubt(Stretches.joined(list(self._used)), self.filter)
         self.accepted += int(rows.count.sum())
         for wheel, load in zip(rows.wheel.tolist(), rows.load.tolist(), strict=True):
             size = self.wheels[wheel]
@@ -275,7 +279,7 @@ class Soils:
                 f" {1e3 * known:.1f} mm; take it with the wheels lifted, and give its deviation as"
                 " sinkage_zero_std"
             )
-        return self.shape.doubt
+        return self._shape
 
     def _turn_back(self) -> None:
         """The vehicle drives the other way: the last wheels come first, and places count from there."""
@@ -341,7 +345,8 @@ class Soils:
         self.changes += 1
         self.health.forget()
         self._lately.clear()
-        self.shape.forget()
+        self._used.clear()
+        self._shape, self._shape_due = "", self._distance + EVERY
         self._publish()
         clear = new.take(new.place >= place + self.length)
         self._absorb(clear)
