@@ -253,11 +253,12 @@ class Soils:
     def _publish(self) -> None:
         law, watch = self.filter, self.watch
         assert law is not None
+        doubt = self._doubt(law)
         places, still = law.scatter.places
         self.versions.append(
             Version(
                 law.model, *law.law, law.mean, law.covariance, (places + watch.missed_variance, still),
-                self._number, law.settled, self._doubt(law), self.accepted, self._border, self._old,
+                self._number, law.settled, doubt, self.accepted, self._border, self._old,
                 self.variety, watch.alarm, watch.missed_variance, self.outliers, self.changes, self._distance,
             )
         )  # fmt: skip
