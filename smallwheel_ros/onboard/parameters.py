@@ -14,6 +14,7 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.registry import load
+from smallwheel_ros.model.mixture import mixed, rivals_text
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.declared import (
@@ -28,7 +29,7 @@ from smallwheel_ros.onboard.declared import (
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.onboard.strength import any_strength, strength_of
-from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -267,11 +268,11 @@ def _fields(given: object, of: type) -> dict[str, Any]:
 
 def _onboard(given: Parameters) -> OnboardSettings:
     """What the estimate rests on besides the measurements."""
-    model, soil = _start(given)
-    told = bool(given.soil.name or given.model_file)
-    strength, measured = strength_of(model, soil) if told else (any_strength(), False)
     of = given.inputs
     wheels = tuple(_wheel(name, own) for name, own in of.items())
+    calibrated, model, soil, note = _start(given, wheels)
+    told = bool(given.soil.name or given.model_file)
+    strength, measured = strength_of(calibrated, soil) if told else (any_strength(), False)
     rolling = [wheel.name for wheel in wheels if wheel.contact == ROLLING]
     static = _static_loads(given)
     by_topic = bool(given.velocity_topic)
@@ -290,6 +291,7 @@ def _onboard(given: Parameters) -> OnboardSettings:
         velocity="topic" if by_topic else "none" if given.odometry_from_wheels else "odometry",
         soil_told=told,
         strength_measured=measured,
+        model_note=note,
     )
 
 
@@ -314,8 +316,11 @@ def _estimator(given: Parameters, static: Mapping[str, Quantity]) -> EstimatorSe
     return EstimatorSettings(told.sinkage_std, told.sinkage_zero_std, scatter, loads_measured=False)
 
 
-def _start(given: Parameters) -> tuple[CalibratedModel, Soil]:
-    """The model that the estimate starts from, and its soil: of the model file, or of the library."""
+def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel, Model, Soil, str]:
+    """What was calibrated, the model that the estimate runs with, its soil, and a note.
+
+    Of the model file, or of the library.
+    """
     name, file = given.soil.name, given.model_file
     if not file:
         if given.effects_file:
@@ -326,19 +331,21 @@ def _start(given: Parameters) -> tuple[CalibratedModel, Soil]:
             kind = soil(name or "dry_sand")
         except SoilError as error:
             raise ParametersError(f"parameter soil.name: {error}") from None
-        return CalibratedModel(Model(kind)), kind
+        only = Model(kind)
+        return CalibratedModel(only), only, kind, ""
     effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
-    model = read_model(Path(file).expanduser(), effects)
+    calibrated = read_model(Path(file).expanduser(), effects)
+    model, note = mixed(calibrated), _model_note(file, calibrated, wheels)
     _refuse_what_cannot_be_honoured(file, model)
     found = {kind.name: kind for kind in model.soils}
     if name is None and len(found) == 1:
-        return model, model.soils[0]
+        return calibrated, model, model.soils[0], note
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
             f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
         )
-    return model, found[name]
+    return calibrated, model, found[name], note
 
 
 def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
@@ -354,6 +361,31 @@ def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
             f"{file}: geometry is closed_form, which needs n < 3, and effect {shifts[0]} changes n: write"
             " geometry: contact_integral, and fit the model again"
         )
+
+
+def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel]) -> str:
+    """Rivals of which the estimate runs with the mean, and wheels that the model was not measured with."""
+    said = []
+    if calibrated.rivals:
+        said.append(
+            f"{file}: its data could not tell these models apart: {rivals_text(calibrated)}; the estimate "
+            "runs with their mean"
+        )
+    sizes = Conditions.of(
+        [1.0] * len(wheels), [w.diameter for w in wheels], [w.width for w in wheels]
+    )
+    for name in ("diameter", "width"):
+        beyond = calibrated.measured.beyond(name, sizes)
+        if beyond.any():
+            low, high = calibrated.measured.ranges[name]
+            which = ", ".join(
+                w.name for w, is_beyond in zip(wheels, beyond, strict=True) if is_beyond
+            )
+            said.append(
+                f"{file}: measured was a {name} of {low:g} to {high:g} m, and that of {which} is beyond: its "
+                "numbers are extrapolated"
+            )
+    return "; ".join(said)
 
 
 def _static_loads(given: Parameters) -> dict[str, Quantity]:

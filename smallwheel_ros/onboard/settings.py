@@ -56,6 +56,9 @@ class OnboardSettings(DriveParameters):
         Whether the user has said which soil it is; else it is any.
     strength_measured
         Whether the model file's strength was measured: then it is that of this ground from the start.
+    model_note
+        What to know of the model file, in words: rivals of which it runs with the mean, and wheels that were
+        not measured; empty: nothing.
     """
 
     wheels: tuple[Wheel, ...]
@@ -71,6 +74,7 @@ class OnboardSettings(DriveParameters):
     velocity: VelocitySource = "odometry"
     soil_told: bool = True
     strength_measured: bool = False
+    model_note: str = ""
 
     @property
     def mass(self) -> float:
@@ -140,3 +144,7 @@ class NodeSettings(Parameters):
     """The parameters, and what the estimate rests on besides the measurements."""
 
     onboard: OnboardSettings
+
+    def frame_of(self, wheel: str) -> str:
+        """Frame of a wheel's messages."""
+        return self.inputs[wheel].frame or wheel

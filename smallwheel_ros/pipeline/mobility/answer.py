@@ -116,10 +116,12 @@ def answer(
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     by_now, by_reserve = _determined(strengths, strength_version)
-    margin, margin_std, risk, of_ground = _margins(
+    margin, margin_std, by_soil, risk = _margins(
         state, rows, can, judged, measured, by_reserve, strengths, rolls
     )
-    has[Condition.MARGIN_OF_PRIOR] = of_ground & is_prior(margin_std, settings.reference_slip)
+    has[Condition.MARGIN_OF_PRIOR] = (
+        rolls & ~by_soil & is_prior(margin_std, settings.reference_slip)
+    )
     has[Condition.STRENGTH_OF_PRIOR] = (
         np.isfinite(can.drawbar_pull) & (not strengths.measured) & ~by_now
     )
@@ -138,6 +140,7 @@ def answer(
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
+        margin_by_soil=by_soil,
         rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
     )  # fmt: skip
@@ -189,8 +192,8 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     determined: Flags, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Array, Flags]:  # fmt: skip
-    """Margin of each wheel with its deviation, the vehicle's risk, and which margins are any ground's.
+) -> tuple[Array, Array, Flags, Array]:  # fmt: skip
+    """Margin of each wheel with its deviation, whether soil and strength tell it, and the vehicle's risk.
 
     measured: whether the soil's law is, determined: its strength. A margin of the filter is less the
     resistance by that law. Where a model file has the strength as measured, the margin is the filter's from
@@ -214,7 +217,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, risk, rolls & ~by_filter & np.isfinite(margin)
+    return margin, deviation, by_filter & rolls, risk
 
 
 def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:

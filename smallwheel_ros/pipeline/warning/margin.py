@@ -55,11 +55,11 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
     """Whether a margin of any ground is its prior's still: over half of the prior's variance is left."""
-    return np.asarray(np.square(deviation) > 0.5 * before_driving(reference_slip)[1] ** 2)
+    return np.asarray(np.square(deviation) > 0.5 * unknown_ground(reference_slip)[1] ** 2)
 
 
 @lru_cache
-def before_driving(reference_slip: float) -> tuple[float, float]:
+def unknown_ground(reference_slip: float) -> tuple[float, float]:
     """Mean and deviation of the margin of ground of which nothing is known."""
     return GroundMargin(reference_slip).moments()
 
