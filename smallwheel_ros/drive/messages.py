@@ -223,7 +223,7 @@ def _level_texts(rows: VehicleEstimates) -> list[str]:
     ]
 
 
-def margin_unknown_ground(settings: OnboardSettings) -> Quantity | None:
+def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """Margin on any ground, as believed before the first message; None without a rolling wheel."""
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
