@@ -5,17 +5,10 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from smallwheel_ros.arguments import (
-    AnyModel,
-    Flag,
-    OtherSetting,
-    OwnEffects,
-    Setting,
-    SoilName,
-)
+from smallwheel_ros.arguments import Flag, OtherSetting, Setting, SoilName
 from smallwheel_ros.common.errors import ArgumentError
 from smallwheel_ros.measurements.typed import check_setting, levels_of
-from smallwheel_ros.model.given import model_of, registry_of
+from smallwheel_ros.model.given import AnyModel, OwnEffects, model_of, registry_of
 
 if TYPE_CHECKING:
     from smallwheel_ros.model.model import CalibratedModel
