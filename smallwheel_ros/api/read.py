@@ -6,8 +6,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.arguments import Compliance, Contact, Data, Headers, Sheets, Size
+from smallwheel_ros.arguments import Compliance, Contact, Headers, Sheets, Size
 from smallwheel_ros.common.errors import ArgumentError, kind_of
+from smallwheel_ros.measurements.given import Data
 from smallwheel_ros.measurements.typed import number_of
 
 if TYPE_CHECKING:
@@ -75,6 +76,18 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
         return data
     known, said = _in_all_rows(**{name: how.pop(name, None) for name in _SIZES})
     found = read_tests(_source(data), **how, **known)
+    return replace(found, understood=(*said, *found.understood))
+
+
+def conditions_of(data: Any, **how: Any) -> "Measurements":
+    """A table of settings to predict: none of its rows need have measured anything. how: as in `read`."""
+    from smallwheel_ros.measurements.from_file import read_conditions
+    from smallwheel_ros.measurements.measurements import Measurements
+
+    if isinstance(data, Measurements):
+        return data
+    known, said = _in_all_rows(**{name: how.pop(name, None) for name in _SIZES})
+    found = read_conditions(_source(data), **how, **known)
     return replace(found, understood=(*said, *found.understood))
 
 

@@ -155,7 +155,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     known = soil.identifiable
     return {
         "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
-        "status_text": "; ".join(soil.status),
+        "status_text": "; ".join((*soil.status, *soil.remarks)),
         "k": float(soil.k),
         "n": float(soil.n),
         "m": float(soil.m),

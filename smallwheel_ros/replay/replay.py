@@ -29,6 +29,7 @@ from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
+from smallwheel_ros.replay.diagnosis import diagnosed
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.result import (
@@ -95,6 +96,8 @@ def replay(
             result.measurements = len(measured)
             if result.measurements:
                 measured.to_csv(folder / MEASUREMENTS, index=False)
+                if result.state != "interrupted":
+                    result.diagnosis = diagnosed(measured, MEASUREMENTS)
             if result.state != "interrupted" and (saved := drive.save_soil()):
                 result.notes.append(saved)
             drive.write_map(folder / FILES["cost_map"])
@@ -116,10 +119,9 @@ class _Drive:
             self._notes.append(
                 "soil.file is the node's, and not read: give --soil-file to go on from it"
             )
-        if self._settings.onboard.unknown_positions:
-            self._notes.append(self._settings.onboard.unknown_positions)
-        self.start = reader.start_time  # log time
         onboard = self._settings.onboard
+        self._notes += filter(None, [onboard.unknown_positions, onboard.model_note])
+        self.start = reader.start_time  # log time
         self.wheels = [wheel.name for wheel in onboard.wheels]
         self._pipeline = Pipeline(onboard)
         cost_map = CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))

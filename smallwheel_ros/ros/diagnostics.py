@@ -78,7 +78,7 @@ def _soil(pipeline: Pipeline) -> DiagnosticStatus:
     values["soil changes"] = str(soil.soil_changes)
     values["travel [m]"] = f"{soil.distance:.2f}"
     words = soil.status if soil.accepted else (*soil.status, *pipeline.undeterminable)
-    text = "; ".join(words) or "k, n and m are determined"
+    text = "; ".join((*words, *soil.remarks)) or "k, n and m are determined"
     return status("soil", OK, text, values)
 
 

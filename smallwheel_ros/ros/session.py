@@ -115,7 +115,8 @@ class Session:
         self._pipeline = Pipeline(settings.onboard)
         self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
-        said = self._soil_file.problem, settings.onboard.unknown_positions
+        onboard = settings.onboard
+        said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note
         idle = [why for name, why in idle_remaps(settings).items() if _is_remapped(node, name)]
         self.warnings = [*idle, *self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
