@@ -40,7 +40,12 @@ from smallwheel_ros.init.rover import (
     rover_of_wheels,
     wheel_joints,
 )
-from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, fill_silent
+from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
+from smallwheel_ros.onboard.robot_description import (
+    DESCRIPTION_TYPE,
+    described_mass,
+    fill_silent,
+)
 from smallwheel_ros.onboard.urdf import RobotDescriptionError
 from smallwheel_ros.onboard.wheel_names import (
     best_match,
@@ -81,7 +86,8 @@ class _Finder:
     ) -> None:
         self._reader, self._asked = reader, joint_states
         self._notes: list[str] = [reader.hole] if reader.hole else []
-        self._remaps: dict[str, str] = {}
+        # Parameters of topics that are not called as is expected.
+        self._named: dict[str, Value] = {}
         self._ranged: list[str] = []  # wheels with a range sensor
         self._topics: defaultdict[str, list[str]] = defaultdict(list)  # names, by type
         for topic in reader.topics:
@@ -113,33 +119,58 @@ class _Finder:
         )
         joints = found or JointSpeeds(np.empty(0), [], np.empty((0, 0)))
         if topic not in (None, USUAL):
-            self._remaps["joint_states"] = str(topic)
+            self._named["joint_states_topic"] = str(topic)
         self._notes += [words] if words else []
         values = self._wheels(joints, turned)
+        values |= self._named  # of joint states and the description; the odometry's comes below
         if description is not None:
             filled = fill_silent(description, values)
             values |= filled.values
             self._notes += filled.lacking
         turning = self._recorded_joints(values, joints)
         rims = [joint for joint in turning.values() if joint in joints.names]
+        if which := [joint for joint in rims if joint in joints.by_positions]:
+            self._notes.append(f"{topic}: {', '.join(which)}: {BY_POSITIONS}")
         speed = self._odometry(joints, rims)
+        values |= self._named
         if speed is not None:
             signs = signs_of(joints, speed, rims)
             if not self._looks_back(values, turning, signs):
                 self._turn_axes(values, turning, signs)
         # What may help, and only people know: whether the wheels make it, how it is mounted.
-        offers = {"velocity_topic": [topic for topic in self._topics[TWIST] if "cmd" not in topic]}
-        if not self._imu(values):
-            offers["imu_topic"] = self._topics[IMU]
+        offers: dict[str, Value] = {}
+        if speeds := [topic for topic in self._topics[TWIST] if "cmd" not in topic]:
+            offers["velocity_topic"] = speeds[0]
+        if not self._imu(values) and self._topics[IMU]:
+            offers["imu_topic"] = self._topics[IMU][0]
+        self._mass(values, description, offers)
         return Rover(
             str(self._reader.path),
             values,
-            self._remaps,
             self._notes,
             described=description is not None,
-            offers={name: topics[0] for name, topics in offers.items() if topics},
+            offers=offers,
             ranged=self._ranged,
+            of_bag=True,
         )
+
+    def _mass(
+        self, values: dict[str, Value], description: str | None, offers: dict[str, Value]
+    ) -> None:
+        """Take the mass of the robot description where loads are shares of it; else it is offered.
+
+        Measured loads are weighed against it, and a mass that is not the one that drives would accuse them.
+        """
+        mass = None if description is None else described_mass(description)
+        if mass is None:
+            return
+        if values.get("load.source") == "static":
+            values["vehicle.mass"] = mass
+            self._notes.append(
+                "vehicle.mass is the sum of the robot description's links: weigh the vehicle as it drives"
+            )
+        else:
+            offers["vehicle.mass"] = mass
 
     def _odometry(self, joints: JointSpeeds, rims: list[str]) -> Speed | None:
         """Choose the odometry, and say why; of several one that the wheels have no part in goes first."""
@@ -175,7 +206,7 @@ class _Finder:
         if speeds[chosen].by_pose:
             said.append(f"{chosen} has no speed (its twist is 0 throughout)")
         if chosen != "/odom":
-            self._remaps["odom"] = chosen
+            self._named["odom_topic"] = chosen
         if said:
             self._notes.append("; ".join(said))
         return speeds[chosen]
@@ -210,10 +241,10 @@ class _Finder:
             )
 
     def _imu(self, values: dict[str, Value]) -> bool:
-        """Take the imu of a vehicle without load sensors, where gravity is along its z axis."""
+        """Take the imu where gravity is along its z axis."""
         topics = self._topics[IMU]
-        if not topics or values.get("load.source") != "static":
-            return False  # with load sensors it is offered, and people decide
+        if not topics:
+            return False
         found = only_or_best_match("imu", topics) or topics[0]
         way, why = upright(self._reader, found)
         if not way:
@@ -293,7 +324,7 @@ class _Finder:
         if message is None:
             return None
         if named[0] != "/robot_description":
-            self._remaps["robot_description"] = named[0]
+            self._named["robot_description_topic"] = named[0]
         self._notes.append(f"sizes and places of wheels from {named[0]}")
         return str(message.data)
 

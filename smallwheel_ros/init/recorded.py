@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
 from typing import Any, NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.onboard.joint_motion import SECOND, JointMotion
 
 Array = NDArray[np.float64]
 _MOST = 50_000  # messages of a topic that are looked at: minutes of driving tell all of this
@@ -30,11 +31,15 @@ _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
-    """times: s. names: of the first message. speeds: rad/s, (instants, joints), NaN where not told."""
+    """times: s. names: of the joints. speeds: rad/s, (instants, joints), NaN where not told.
+
+    by_positions: joints whose speed is the difference of their positions.
+    """
 
     times: Array
     names: list[str]
     speeds: Array
+    by_positions: Sequence[str] = ()
 
     def turning(self) -> list[str]:
         """Joints that turn at some time."""
@@ -52,18 +57,32 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Speeds of all joints of a topic of JointState."""
-    names: list[str] = []
-    times, rows = [], []
+    """Speeds of all joints of a topic of JointState, by positions where velocities tell nothing."""
+    told: dict[str, list[tuple[int, float, float, bool]]] = {}
     for states in _first(reader, topic):
-        for name in states.name:
-            if str(name) not in names:
-                names.append(str(name))
-        if len(states.velocity) == len(states.name):
-            times.append(_seconds(states.header.stamp))
-            rows.append(dict(zip(map(str, states.name), states.velocity, strict=True)))
-    speeds = np.array([[row.get(name, math.nan) for name in names] for row in rows], dtype=float)
-    return JointSpeeds(np.array(times), names, speeds.reshape(len(times), len(names)))
+        stamp = states.header.stamp.sec * SECOND + states.header.stamp.nanosec
+        count = len(states.name)
+        velocities, positions = (
+            values if len(values) == count else [math.nan] * count
+            for values in (states.velocity, states.position)
+        )
+        has = len(states.velocity) == count
+        for name, velocity, position in zip(states.name, velocities, positions, strict=True):
+            row = stamp, float(velocity), float(position), has
+            told.setdefault(str(name), []).append(row)
+    found, by_positions = {}, []
+    for name, rows in told.items():
+        stamps, velocity, position, has_one = (
+            np.array(column) for column in zip(*rows, strict=True)
+        )
+        joint = JointMotion()
+        at, speeds, _ = joint.take(stamps, velocity, position, has_one)
+        found[name] = dict(zip(at.tolist(), speeds.tolist(), strict=True))
+        by_positions += [name] if joint.by_positions else []
+    times = sorted({stamp for one in found.values() for stamp in one})
+    table = [[one.get(stamp, math.nan) for one in found.values()] for stamp in times]
+    speeds = np.array(table, dtype=float).reshape(len(times), len(found))
+    return JointSpeeds(np.array(times) / SECOND, list(found), speeds, by_positions)
 
 
 def speed_of(reader: BagReader, topic: str) -> Speed:
