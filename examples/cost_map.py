@@ -95,10 +95,11 @@ def main() -> int:
                 bag, classes = simulated(Path(folder))
             config = options.config or config_file("four_wheels.yaml")
             found, way = cost_map(bag, config, classes)
-        grid = found.grid()
-        if grid is None:
+        grids = found.grids()
+        if grids is None:
             print("no cost map: the bag has no poses", file=sys.stderr)
             return 1
+        grid = grids.spread
         options.output.parent.mkdir(parents=True, exist_ok=True)
         draw_cost(grid, options.output, way=way, title="Cost of the ground, as Nav2 gets it")
     except SmallwheelError as error:
@@ -108,11 +109,11 @@ def main() -> int:
     print(
         f"{known.size} of {grid.cells.size} cells are known, costs {known.min()} to {known.max()}"
     )
-    places = found.classes.places()
-    for terrain, margin in found.classes.margins().items():
+    places = found.ahead.classes.places()
+    for terrain, margin in found.ahead.classes.margins().items():
         print(
             f"class {terrain}: {places[terrain]} places, margin {margin.value:.3f} +-"
-            f" {margin.standard_deviation:.3f}, cost {found.classes.table()[terrain]}"
+            f" {margin.standard_deviation:.3f}, cost {found.ahead.classes.table()[terrain]}"
         )
     print(options.output)
     return 0

@@ -119,20 +119,25 @@ def grid_from(message: Any) -> Grid:
     Raises CostMapError naming what is wrong with it, what was found and what was expected.
     """
     info, data = message.info, np.array(message.data, dtype=np.int8)
-    place, turn = info.origin.position, info.origin.orientation
+    place = info.origin.position
     if data.size != info.width * info.height:
         raise CostMapError(
             f"the grid has {data.size} cells, expected width * height = {info.width} * {info.height}"
         )
+    check_straight(info.origin.orientation, "the grid")
+    cells = data.reshape(info.height, info.width)
+    return Grid(message.header.frame_id, float(info.resolution), (place.x, place.y), cells)
+
+
+def check_straight(turn: Any, what: str) -> None:
+    """Raise CostMapError where a quaternion turns something, which is named, in its frame."""
     facing = (turn.x, turn.y, turn.z, turn.w)
     off = min(np.abs(facing - _STRAIGHT).max(), np.abs(facing + _STRAIGHT).max())
     if not off <= _TURNED:
         raise CostMapError(
-            f"the grid's origin is turned (quaternion {facing}), expected 0, 0, 0, 1:"
-            " planners take no turned grid either"
+            f"{what} is turned in its frame (quaternion {facing}), expected 0, 0, 0, 1: planners take no"
+            " turned grid either"
         )
-    cells = data.reshape(info.height, info.width)
-    return Grid(message.header.frame_id, float(info.resolution), (place.x, place.y), cells)
 
 
 # --- One laid over another, and costs spread

@@ -11,7 +11,7 @@ from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.costmap.cost_map import CostRules, CostSettings
+from smallwheel_ros.costmap.cost import CostRules, CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
 from smallwheel_ros.model.model_file import read_model
@@ -175,6 +175,7 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
             v["cost.spread"],
             v["cost.unknown"],
             CostRules(v["cost.required_margin"]),
+            reference_slip=v["reference_slip"],
         )
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.physics.conditions import ROLLING

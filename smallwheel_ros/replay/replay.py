@@ -173,7 +173,7 @@ class _Drive:
         if recording.damage is not None:
             state, ended = "ended_early", str(recording.damage)
         if self._last_stamp and self._ground.map.changed:
-            self._write_grid(self._last_stamp, recording.time)
+            self._write_grids(self._last_stamp, recording.time)
         bag.write_soil()
         self._happened.finish()
         whole = state == "complete" and self._reader.end_time is not None
@@ -238,7 +238,7 @@ class _Drive:
             self._last_stamp = int(rows.stamp[part[-1]])
             time = int(recorded[part[-1]])
             if self._ground.map.changed and self._bag.is_due("cost", time, period):
-                self._write_grid(self._last_stamp, time)
+                self._write_grids(self._last_stamp, time)
 
     def _told(self) -> list[dict[str, Any]]:
         """What is told of the soils of the newest turn."""
@@ -253,11 +253,11 @@ class _Drive:
         self._soils = list(zip(self._happened.soils, told, strict=True))
         return told
 
-    def _write_grid(self, stamp: int, time: int) -> None:
-        """Write the grid as the node would have published it."""
-        grid = self._ground.map.grid()
-        if grid is not None:
-            self._bag.write_grid(grid, stamp, time)
+    def _write_grids(self, stamp: int, time: int) -> None:
+        """Write the grids as the node would have published them."""
+        grids = self._ground.map.grids()
+        if grids is not None:
+            self._bag.write_grids(grids, stamp, time)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""

@@ -136,7 +136,7 @@ def _alarms(pipeline: Pipeline, newest: Estimates) -> dict[str, str]:
 
 def _cost(cost: CostPublisher) -> DiagnosticStatus:
     """What the cost map rests on."""
-    places = cost.map.classes.places()
+    places = cost.map.ahead.classes.places()
     values = {
         "grids published": str(cost.published),
         "grids of terrain classes received": str(cost.received),
@@ -144,7 +144,7 @@ def _cost(cost: CostPublisher) -> DiagnosticStatus:
     }
     if cost.map.problem:
         return status("cost", WARN, cost.map.problem, values)
-    text = "terrain classes and crossed ground" if cost.map.class_grid else "crossed ground"
+    text = "terrain classes and crossed ground" if cost.map.ahead.class_grid else "crossed ground"
     return status("cost", OK, text if cost.published else "no grid yet: no pose has come", values)
 
 

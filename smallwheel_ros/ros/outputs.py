@@ -23,7 +23,8 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
+from smallwheel_ros.costmap.cost_map import COST_TOPICS, CostMap
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
 from smallwheel_ros.drive.ground_map import GroundMapper
 from smallwheel_ros.drive.messages import (
@@ -47,7 +48,7 @@ OUTPUTS = {
     "~/mobility": (MobilityEstimate, ESTIMATE),
     "~/soil": (SoilEstimate, LATCHED),
     "~/markers": (MarkerArray, ESTIMATE),
-    "~/cost": (OccupancyGrid, LATCHED),
+    **{f"~/{name}": (OccupancyGrid, LATCHED) for name in COST_TOPICS},
 }
 TWIST = {"~/twist": (TwistWithCovarianceStamped, ESTIMATE)}  # where twist.publish is set
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
@@ -165,28 +166,39 @@ _LAST = 0.5  # s for listeners to take the last grid
 
 
 class CostPublisher:
-    """Keeps the cost map of a vehicle (`map`), and publishes it.
+    """Keeps the cost map of a vehicle (`map`), and publishes its two grids, each on its topic.
 
-    received, published: how many grids of terrain classes have come, and how many of costs were sent.
-    report: takes what is wrong with a grid that cannot be used. prior: the vehicle's margin on any ground, as
-    it is believed before driving.
+    Parameters
+    ----------
+    publishers
+        Of each of `COST_TOPICS`.
+    report
+        Takes what is wrong with a grid that cannot be used.
+    prior
+        The vehicle's margin on any ground, as it is believed before driving.
+
+    Attributes
+    ----------
+    received, published
+        How many grids of terrain classes have come, and how often grids of costs were sent.
     """
 
     def __init__(
         self,
         settings: CostSettings,
         wheels: Sequence[Wheel],
-        publisher: LifecyclePublisher,
+        publishers: Sequence[LifecyclePublisher],
         report: Report,
         prior: Quantity | None = None,
     ) -> None:
-        self._publisher = publisher
+        self._publishers = publishers
         self._report = report
         self._stamp = 0
         self._last: Any = None
-        self._sent: Any = None  # the newest grid, and when that was by time.monotonic()
+        # The newest grids, of one place; empty before the first. When that was by time.monotonic().
+        self._sent: list[Any] = []
         self._sent_at = 0.0
-        # Of that grid, where tf had it when it was sent.
+        # Of these grids, where tf had it when they were sent.
         self._corner: tuple[float, float] | None = None
         self._corrected = False
         # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
@@ -219,8 +231,8 @@ class CostPublisher:
             self._report(TERRAIN_CLASSES, "other_frame", self.map.problem)
 
     def on_transforms(self, message: Any) -> None:
-        """Take transforms (tf2_msgs/TFMessage): the grid is sent again once its frame has moved."""
-        of_grid = None if self._sent is None else self._sent.header.frame_id
+        """Take transforms (tf2_msgs/TFMessage): grids are sent again once their frame has moved."""
+        of_grid = self._sent[0].header.frame_id if self._sent else None
         for found in message.transforms:
             frame = found.child_frame_id
             if frame not in (self.map.frame, of_grid):
@@ -240,8 +252,8 @@ class CostPublisher:
         self.on_transforms(message)
 
     def _look_at_corner(self, pose: Pose) -> None:
-        """See whether the far corner of the grid that was sent has moved in the frame above it."""
-        info = self._sent.info
+        """See whether the far corner of the grids that were sent has moved in the frame above it."""
+        info = self._sent[0].info
         corner = pose.place(
             info.origin.position.x + info.width * info.resolution,
             info.origin.position.y + info.height * info.resolution,
@@ -257,30 +269,32 @@ class CostPublisher:
         self._stamp = 0
 
     def publish(self, now: int) -> None:
-        """Publish the grid if it has changed, and the same one again after 5 s or a correction by tf.
+        """Publish the grids if they have changed, and the same ones again after 5 s or a correction by tf.
 
-        now (ns): its stamp before any measurement.
+        now (ns): their stamp before any measurement.
         """
         again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
-        grid = self.map.grid() if self.map.changed else None
-        if grid is not None:
-            self._send(grid_message(grid, self._stamp or now))
-        elif again and self._sent is not None:
+        grids = self.map.grids() if self.map.changed else None
+        if grids is not None:
+            self._send([grid_message(grid, self._stamp or now) for grid in grids])
+        elif again and self._sent:
             self._send(self._sent)
 
     def empty(self) -> None:
-        """Tell listeners, before the topic goes, that nothing is known any more: Nav2 would keep it."""
-        if self._sent is None or not rclpy.ok():
+        """Tell listeners, before the topics go, that nothing is known any more: Nav2 would keep it."""
+        if not self._sent or not rclpy.ok():
             return
-        self._sent.data = array("b", bytes([UNKNOWN % 256])) * len(self._sent.data)
-        # The publisher of a node that is not active any more is silent by itself.
-        Publisher.publish(self._publisher, self._sent)
-        self._publisher.wait_for_all_acked(Duration(seconds=_LAST))
-        self._sent = None
+        for publisher, message in zip(self._publishers, self._sent, strict=True):
+            message.data = array("b", bytes([UNKNOWN % 256])) * len(message.data)
+            # The publisher of a node that is not active any more is silent by itself.
+            Publisher.publish(publisher, message)
+            publisher.wait_for_all_acked(Duration(seconds=_LAST))
+        self._sent = []
 
-    def _send(self, message: Any) -> None:
-        self._publisher.publish(message)
-        self._sent, self._sent_at = message, time.monotonic()
+    def _send(self, messages: list[Any]) -> None:
+        for publisher, message in zip(self._publishers, messages, strict=True):
+            publisher.publish(message)
+        self._sent, self._sent_at = messages, time.monotonic()
         self._corner, self._corrected = None, False
         self.published += 1
 
@@ -312,7 +326,7 @@ class Outputs:
                     kind, topic, profile, event_callbacks=NO_PUBLISHER_EVENTS
                 )
             prior = margin_before_driving(vehicle)
-            cost = self._publishers["~/cost"]
+            cost = [self._publishers[f"~/{name}"] for name in COST_TOPICS]
             self.cost = CostPublisher(settings.cost, vehicle.wheels, cost, report, prior)
         except Exception:
             self.destroy()
@@ -424,7 +438,7 @@ class Outputs:
         self._publishers["~/soil"].publish(message)
 
     def publish_cost(self) -> None:
-        """Publish the cost map if it has changed."""
+        """Publish the cost grids if they have changed."""
         self.cost.publish(self._node.get_clock().now().nanoseconds)
 
     def publish_markers(self, frame: str) -> None:

@@ -187,7 +187,7 @@ class Session:
 
     def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
-        classes = self._outputs.cost.map.classes
+        classes = self._outputs.cost.map.ahead.classes
         found, places = {}, classes.places()
         for terrain, margin in classes.margins().items():
             known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
