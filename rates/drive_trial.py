@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -19,6 +19,7 @@ from rates.faults import BEGINS, FAULTS, Raw
 from rates.judges import Line
 from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import Warned
 from smallwheel_ros.simulate.vehicle import EPOCH, TICK
@@ -100,6 +101,45 @@ def judged(drive: WorldDrive) -> tuple[Pipeline, Line]:
     return pipeline, judge.line
 
 
+def add_sums(
+    line: Line, name: str, value: Array, deviation: Array, true: Array, rows: Flags
+) -> None:
+    """Add to the sums of one quantity: counts and squares of those rows in which all is known."""
+    rows = rows & np.isfinite(value) & np.isfinite(deviation) & np.isfinite(true)
+    off = (value - true)[rows]
+    for what, more in (
+        ("counts", int(rows.sum())),
+        ("inside", int((np.abs(off) <= 1.96 * deviation[rows]).sum())),
+        ("squares", float((off**2).sum())),
+        ("variances", float((deviation[rows] ** 2).sum())),
+    ):
+        line[what][name] = line[what].get(name, 0) + more
+
+
+def flags_line(line: Line, soil: SoilEstimate, truth: Mapping[str, tuple[float, float]]) -> None:
+    """Count what is flagged as determined, and what of it is wrong. truth: least and most that is right."""
+    modulus, deviation = soil.effective_modulus()
+    covariance = soil.log_covariance
+    values = {
+        "reference_pressure": (soil.log_reference_pressure, covariance[0, 0]),
+        "n": (soil.n, covariance[1, 1]),
+        "m": (soil.m, covariance[2, 2]),
+        "effective_modulus": (math.log(modulus), (deviation / modulus) ** 2),
+    }
+    line["error"], line["stated"] = {}, {}
+    for name, (value, variance) in values.items():
+        least, most = truth[name]
+        error = float(min(value - least, 0.0) + max(value - most, 0.0))
+        line["error"][name], line["stated"][name] = error, math.sqrt(variance)
+        if not getattr(soil.identifiable, name):
+            continue
+        line["looks"][name] += 1
+        sigmas = abs(error) / math.sqrt(variance)
+        if sigmas > SIGMAS:
+            line["wrong"][name] = line["wrong"].get(name, 0) + 1
+            line["worst"][name] = max(sigmas, line["worst"].get(name, 0.0))
+
+
 class _Judge:
     def __init__(self, drive: WorldDrive, pipeline: Pipeline) -> None:
         self.drive, self.pipeline, self.truth = drive, pipeline, drive.truth
@@ -122,18 +162,6 @@ class _Judge:
         self.too_steep = sums[np.minimum(ahead + 1, needed.size)] > sums[:-1]
         self.seen = (ahead < needed.size) | (self.truth.stuck is not None)
 
-    def add(self, name: str, value: Array, deviation: Array, true: Array, rows: Flags) -> None:
-        """Sums of one quantity, of rows in which all is known."""
-        rows = rows & np.isfinite(value) & np.isfinite(deviation) & np.isfinite(true)
-        off, line = (value - true)[rows], self.line
-        for what, more in (
-            ("counts", int(rows.sum())),
-            ("inside", int((np.abs(off) <= 1.96 * deviation[rows]).sum())),
-            ("squares", float((off**2).sum())),
-            ("variances", float((deviation[rows] ** 2).sum())),
-        ):
-            line[what][name] = line[what].get(name, 0) + more
-
     def estimates(self, made: Estimates) -> None:
         """Those of a turn."""
         drive, truth, j = self.drive, self.truth, made.wheel
@@ -143,13 +171,17 @@ class _Judge:
         self.line["known"][0] += int((rolls & np.isfinite(made.slip)).sum())
         self.line["known"][1] += int(rolls.sum())
         if drive.world.sensors.sinkage:
-            self.add("sinkage", made.sinkage, made.sinkage_std, truth.sinkage[i, j], late)
+            add_sums(
+                self.line, "sinkage", made.sinkage, made.sinkage_std, truth.sinkage[i, j], late
+            )
         resistance = made.compaction_resistance + made.other_resistance
         spread = made.rolling_resistance_coefficient_std * made.load
         moves = late & (np.abs(truth.speed[i]) > 0.004)
-        self.add("resistance", resistance, spread, truth.resistance[i, j], moves)
-        self.add("pull", made.drawbar_pull, made.drawbar_pull_std, truth.pull[i, j], moves)
-        self.add("slip", made.slip, made.slip_std, truth.slip[i, j], any_row)
+        add_sums(self.line, "resistance", resistance, spread, truth.resistance[i, j], moves)
+        add_sums(
+            self.line, "pull", made.drawbar_pull, made.drawbar_pull_std, truth.pull[i, j], moves
+        )
+        add_sums(self.line, "slip", made.slip, made.slip_std, truth.slip[i, j], any_row)
         stated = made.probability_drawbar_pull_positive
         known = moves & np.isfinite(stated)
         self.line["brier"][0] += float(np.sum((stated - (truth.pull[i, j] > 0.0))[known] ** 2))
@@ -165,9 +197,10 @@ class _Judge:
             )
         whole, first = load.sum(axis=1), late & (j == 0)
         means = ((one * load).sum(axis=1) / whole for one in (margin, margin_std))
-        self.add("margin", *means, truth.margin[i], first)
+        add_sums(self.line, "margin", *means, truth.margin[i], first)
         used = truth.thrust[i].sum(axis=1) / truth.load[i].sum(axis=1)
-        self.add(
+        add_sums(
+            self.line,
             "used grip",
             thrust.sum(axis=1) / whole,
             thrust_std.sum(axis=1) / whole,
@@ -202,30 +235,10 @@ class _Judge:
 
     def _flags(self, place: float) -> None:
         """Whether what is said to be determined is right."""
-        world, line, soil = self.drive.world, self.line, self.pipeline.soil
+        world, soil = self.drive.world, self.pipeline.soil
         if world.hardpan is not None or (world.rut != 1.0 and "back" in world.way):
             return
-        truth = _soil_at(self.drive, place, soil.reference_diameter)
-        modulus, deviation = soil.effective_modulus()
-        covariance = soil.log_covariance
-        values = {
-            "reference_pressure": (soil.log_reference_pressure, covariance[0, 0]),
-            "n": (soil.n, covariance[1, 1]),
-            "m": (soil.m, covariance[2, 2]),
-            "effective_modulus": (math.log(modulus), (deviation / modulus) ** 2),
-        }
-        line["error"], line["stated"] = {}, {}
-        for name, (value, variance) in values.items():
-            least, most = truth[name]
-            error = float(min(value - least, 0.0) + max(value - most, 0.0))
-            line["error"][name], line["stated"][name] = error, math.sqrt(variance)
-            if not getattr(soil.identifiable, name):
-                continue
-            line["looks"][name] += 1
-            sigmas = abs(error) / math.sqrt(variance)
-            if sigmas > SIGMAS:
-                line["wrong"][name] = line["wrong"].get(name, 0) + 1
-                line["worst"][name] = max(sigmas, line["worst"].get(name, 0.0))
+        flags_line(self.line, soil, _soil_at(self.drive, place, soil.reference_diameter))
 
     def end(self, warned: list[Warned], raw: Raw) -> None:
         """What holds of the drive as a whole."""
@@ -286,6 +299,14 @@ def detectors_of(
     true = np.interp(times, drive.truth.time, drive.truth.middle_slip)
     found[f"true slip over {TRUE_THRESHOLD}"] = times, true > TRUE_THRESHOLD
     return found
+
+
+def warned_on(warned: list[Warned], level: int, epoch: int) -> Array:
+    """Times (s) at which there is a warning of a level, or of a higher one."""
+    if not warned:
+        return np.empty(0)
+    made = Warned.joined(warned)
+    return np.asarray((made.stamp[made.level >= level] - epoch) / 1e9)
 
 
 def shown_slip(raw: Raw) -> tuple[Array, Array]:

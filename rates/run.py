@@ -33,7 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pandas as pd
 from tqdm import tqdm
 
-from rates import cost_detours, faults, learn_worlds
+from rates import cost_detours, faults, foreign, learn_worlds
 from rates import diagnosis as rates_diagnosis
 from rates import drives as rates_drives
 from rates import laws as rates_laws
@@ -217,6 +217,7 @@ def subjects() -> dict[str, Subject]:
     """All subjects, by name."""
     modules = (
         rates_drives,
+        foreign,
         faults,
         rates_diagnosis,
         learn_worlds,
