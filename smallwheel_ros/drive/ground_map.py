@@ -85,7 +85,7 @@ class GroundMapper:
         newest = next((one for one in reversed(margins) if one is not None), None)
         if newest is not None:
             # Of ground ahead as much is unsure as the places of one field differ by.
-            self.map.expect(Quantity(newest.value, max(newest.standard_deviation, AHEAD)))
+            self.map.expect(Quantity(newest.value, math.hypot(newest.standard_deviation, AHEAD)))
 
     def _seen_sunk(self, found: Estimates) -> Flags:
         """Whether a wheel was measured, surely, to be as deep as its axle."""
@@ -114,9 +114,13 @@ class GroundMapper:
         return shown
 
     def _margins(self, found: Estimates) -> list[Quantity | None]:
-        """Margin of the vehicle at each row, by the wheels that are on one soil with the row's."""
+        """Margin of the vehicle at each row, by the wheels that are on one soil with the row's.
+
+        Its median, and the standard deviation of its lower half, of which costs are made.
+        """
         count, rows = len(self._wheels), np.arange(len(found))
-        columns = (found.stamp, found.load, found.margin, found.margin_std, found.elsewhere)
+        margins = found.margin_median, found.margin_lower_std
+        columns = (found.stamp, found.load, *margins, found.elsewhere)
         # What was newest of each wheel before these rows, then the rows; and which is at each row.
         stamp, load, margin, deviation, elsewhere = (
             np.concatenate([before, column])

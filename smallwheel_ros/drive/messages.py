@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.pipeline.warning.margin import GroundMargin
+from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -192,7 +193,11 @@ def vehicle_margin(newest: Estimates) -> Quantity | None:
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
-    """Margin on any ground, as believed before the first message; None without a rolling wheel."""
+    """Margin on any ground ahead, as believed before the first message; None without a rolling wheel.
+
+    Its median, and the standard deviation of its lower half.
+    """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    return Quantity(*GroundMargin().moments())
+    median, deviation = GroundMargin().lower_half()
+    return Quantity(median, math.hypot(deviation, AHEAD))

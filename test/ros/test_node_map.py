@@ -135,16 +135,16 @@ def test_crossed_ground_becomes_a_grid_that_nav2_takes(
 def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from smallwheel_ros.costmap.cost_map import CostSettings
+    from smallwheel_ros.costmap.cost import CostSettings
     from smallwheel_ros.costmap.grid import Pose
     from smallwheel_ros.physics.wheel import Wheel
     from smallwheel_ros.ros import outputs
 
-    clock, sent = [100.0], []
+    clock, bare, sent = [100.0], [], []
     monkeypatch.setattr(outputs.time, "monotonic", lambda: clock[0])
-    publisher = SimpleNamespace(publish=sent.append)
+    publishers = [SimpleNamespace(publish=each.append) for each in (bare, sent)]
     cost = outputs.CostPublisher(
-        CostSettings(), [Wheel("front", 0.2, 0.1)], publisher, lambda *_: None
+        CostSettings(), [Wheel("front", 0.2, 0.1)], publishers, lambda *_: None
     )
 
     def passes(seconds: float) -> int:
@@ -161,7 +161,11 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     cost.map.add(Wheel("front", 0.2, 0.1), "odom", Pose(30.0, 0.0, 0.0), 30.0, None)
     assert [passes(1.0), passes(4.9), passes(0.2)] == [1, 0, 1]
     assert sent[2] != sent[1]
-    assert cost.published == len(sent)
+    # While it moves there is one each second, also where no cell changes: a local costmap rolls along.
+    for x in (30.1, 30.2, 30.3):
+        cost.map.add(Wheel("front", 0.2, 0.1), "odom", Pose(x, 0.0, 0.0), x, None)
+        assert passes(1.0) == 1
+    assert cost.published == len(sent) == len(bare)
 
 
 def test_terrain_classes_in_costs_out(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:

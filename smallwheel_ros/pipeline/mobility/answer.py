@@ -145,7 +145,7 @@ def answer(
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
         status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
-    margin, margin_std, risk = _margins(
+    margin, margin_std, median, lower_std, risk = _margins(
         state, rows, can, judged, measured, strength, strengths, rolls
     )
     numbers = [soils.versions[number].number for number in newest.tolist()]
@@ -157,8 +157,8 @@ def answer(
         x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
         conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
-        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), demand=judged.asked,
-        risk=risk,
+        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), 
+        margin_median=median, margin_lower_std=lower_std, demand=judged.asked, risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
         rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
@@ -212,8 +212,8 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     strength: Integers, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, and the vehicle's risk.
+) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
+    """Margin of each wheel with its deviation, its median with that of its lower half; the vehicle's risk.
 
     measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
     """
@@ -222,8 +222,13 @@ def _margins(
     known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
     by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)
     by_filter |= can.sunk
-    margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
-    deviation = np.where(rolls, np.where(by_filter, can.margin_std, judged.margin_std), np.nan)
+    margin, deviation, median, lower = (
+        np.where(rolls, np.where(by_filter, ours, of_any), np.nan)
+        for ours, of_any in (
+            (can.margin, judged.margin), (can.margin_std, judged.margin_std),
+            (can.margin, judged.median), (can.margin_std, judged.lower_std),
+        )
+    )  # fmt: skip
     risk = judged.risk.copy()
     for i in np.flatnonzero(by_filter & rolls).tolist():
         now = int(rows.stamp[i])
@@ -237,7 +242,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, risk
+    return margin, deviation, median, lower, risk
 
 
 def _tilt(state: AnswerState, rows: Readings) -> Array:
