@@ -19,7 +19,6 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
-
 # Name of each server, and the grid that it leads to.
 SERVERS = {"soil_filter_info_server": "cost", "soil_bare_filter_info_server": "cost_bare"}
 
@@ -34,7 +33,13 @@ def generate_launch_description() -> LaunchDescription:
     def server(name: str, topic: str) -> Node:
         # A costmap takes a relative name for one of its own namespace, /robot1/local_costmap: a full name.
         grid = PythonExpression(
-            ["'/'.join(['', *'", namespace, "'.strip('/').split(), 'mobility_estimator', '", topic, "'])"]
+            [
+                "'/'.join(['', *'",
+                namespace,
+                "'.strip('/').split(), 'mobility_estimator', '",
+                topic,
+                "'])",
+            ]
         )
         return Node(
             package="nav2_map_server",

@@ -7,7 +7,8 @@
 World `stuck`: simulated drives that end stuck on slippery ground or a slope, one a seed.
 
 - Own way on 100: how far back from where it stands the bare grid has 100 on base_link's own way, m.
-- Paths by the rules of Nav2's planners (`planners`) over ~/cost. Round: from 8 m before the place to 3 m behind
+- Paths by the rules of Nav2's planners (`planners`) over ~/cost. Round: from 8 m before the place to 3 m
+behind
   it, each end moved along that line to where no wheel stands on ground of 50 and more. Home: from where it
   stands, with the vehicle there, and over the map that is saved from 2 m back; to 8 m before.
 - Metres on 100: of the planned way, on which the footprint touches a 100 of ~/cost_bare, the grid that the

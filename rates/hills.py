@@ -5,9 +5,9 @@
 forecast cost of each metre, as the bare grid stood before the front wheels came to it, summed over all metres
 that the vehicle's middle came to, over how often it got stuck.
 
-`hills`: after a drive over soil, an elevation map of hills beyond it. A cell stops the vehicle where the slope
-is more than the margin there, which differs from block to block as it did on the drive. And a ridge across
-the way between level ground: do planners go round it, before a wheel is on it?
+`hills`: after a drive over soil, an elevation map of hills beyond it. A cell stops the vehicle where the
+slope is more than the margin there, which differs from block to block as it did on the drive. And a ridge
+across the way between level ground: do planners go round it, before a wheel is on it?
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from rates.drive_trial import turns_of, with_faults
 from rates.drive_worlds import SLIP, WorldDrive, make_drive
 from rates.judges import Line
 from rates.planners import PLANNERS, Array, plan, under_footprint
-from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost import CostSettings
+from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.elevation import Elevation, slopes
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.drive.ground_map import GroundMapper
@@ -100,7 +100,8 @@ def _cells(grid: Grid, metre: int, half: float) -> Array:
     columns = np.arange(round((metre - x) / side), round((metre + 1 - x) / side))
     rows = np.arange(round((-half - y) / side), round((half - y) / side))
     rows, columns = (
-        one[(one >= 0) & (one < size)] for one, size in zip((rows, columns), grid.cells.shape, strict=True)
+        one[(one >= 0) & (one < size)]
+        for one, size in zip((rows, columns), grid.cells.shape, strict=True)
     )
     cells = grid.cells[np.ix_(rows, columns)]
     return np.asarray(cells[cells >= 0], dtype=np.float64)
@@ -138,7 +139,8 @@ def hills(rng: np.random.Generator) -> Array:
     """Heights of a field whose steepest slope is given."""
     count = round(_FIELD / SIDE)
     found = sum(
-        gaussian_filter(rng.standard_normal((count, count)), size / SIDE) * size**2 for size in (1.5, 3.0)
+        gaussian_filter(rng.standard_normal((count, count)), size / SIDE) * size**2
+        for size in (1.5, 3.0)
     )
     slope = np.hypot(*np.gradient(found, SIDE))
     return np.asarray(found * _STEEPEST / np.quantile(slope, 0.99))
@@ -173,7 +175,9 @@ def _goes_round(made: CostMap, margin: float, corner: tuple[float, float], seed:
     ridge = np.zeros(grids.bare.cells.shape)
     rows, columns = np.nonzero(heights > 0.02)
     at = np.array([SIDE * (rows + 0.5) + corner[1], SIDE * (columns + 0.5) + corner[0]])
-    cells = np.floor((at - np.array(grids.bare.origin)[::-1, None]) / grids.bare.resolution).astype(int)
+    cells = np.floor((at - np.array(grids.bare.origin)[::-1, None]) / grids.bare.resolution).astype(
+        int
+    )
     ridge[tuple(cells)] = 1.0
     start, goal = (corner[0] + 0.25 * _FIELD, pose.y), (corner[0] + middle + 4.0, pose.y)
     for planner in PLANNERS:

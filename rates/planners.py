@@ -2,8 +2,8 @@
 """Paths by the rules of Nav2's planners (1.3.13) over a cost grid, and the vehicle's footprint along them.
 
 Paths are shortest ones over 8 neighbours. A cell of the grid becomes one of the costmap as KeepoutFilter has
-it, 0 to 254, unknown 0 (a costmap that does not track unknown space); soil is not inflated, since filters come
-after inflation.
+it, 0 to 254, unknown 0 (a costmap that does not track unknown space); soil is not inflated, since filters
+come after inflation.
 
 NavFn goes by base_link: a step costs its length times 50 + 0.8 of the cost (navfn.cpp: COST_NEUTRAL,
 COST_FACTOR), and 253 and more cannot be entered.
@@ -91,7 +91,10 @@ def plan(
 
 def _off_line(grid: Grid, start: tuple[float, float], goal: tuple[float, float]) -> Array:
     """Distance of each cell from the straight line from start to goal, m."""
-    y, x = (grid.resolution * (index + 0.5) for index in np.ogrid[: grid.cells.shape[0], : grid.cells.shape[1]])
+    y, x = (
+        grid.resolution * (index + 0.5)
+        for index in np.ogrid[: grid.cells.shape[0], : grid.cells.shape[1]]
+    )
     ahead, aside = goal[0] - start[0], goal[1] - start[1]
     across = ahead * (y + grid.origin[1] - start[1]) - aside * (x + grid.origin[0] - start[0])
     found: Array = np.abs(across) / max(math.hypot(ahead, aside), grid.resolution)
@@ -161,7 +164,9 @@ def under_footprint(path: Array, values: Array, grid: Grid, outline: Outline) ->
     row = np.floor((y - grid.origin[1]) / grid.resolution).astype(int)
     column = np.floor((x - grid.origin[0]) / grid.resolution).astype(int)
     inside = (row >= 0) & (row < values.shape[0]) & (column >= 0) & (column < values.shape[1])
-    row, column = (np.clip(one, 0, size - 1) for one, size in zip((row, column), values.shape, strict=True))
+    row, column = (
+        np.clip(one, 0, size - 1) for one, size in zip((row, column), values.shape, strict=True)
+    )
     found: Array = np.where(inside, values[row, column], -np.inf).max(axis=1)
     return found
 

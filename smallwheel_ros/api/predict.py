@@ -18,7 +18,7 @@ from smallwheel_ros.measurements.typed import check_setting, levels_of
 from smallwheel_ros.model.given import model_of, registry_of
 
 if TYPE_CHECKING:
-    from smallwheel_ros.model.model_file import CalibratedModel
+    from smallwheel_ros.model.model import CalibratedModel
     from smallwheel_ros.prediction.prediction import PredictionTable
 
 

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.benchmark.own import LawError, OwnLaw
+from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
 from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.contact import AXLE_RATIO
 from smallwheel_ros.physics.plates import BERNSTEIN_GORIATCHKIN, LAWS, PlateLaw
@@ -90,7 +90,7 @@ def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[LawPrediction]:
         if points.forces:
             fit = Problem.of(fold.others, Base(thrust_form="wong_reece")).fit
             yield LawPrediction(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
-        diagnosis = diagnose(fold.others)
+        diagnosis = diagnosis_of(start_of(fold.others))
         for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
             held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
             effects = tuple(diagnosis.missing_effects) if name == OURS else ()

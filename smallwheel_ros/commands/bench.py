@@ -119,7 +119,6 @@ def report(**options: Any) -> None:
     missing, the held-out error step by step, what this data cannot tell, what to measure next.
     """
     from smallwheel_ros.views.effects import models_block
-    from smallwheel_ros.views.page import write_page
     from smallwheel_ros.views.report import page
 
     given = taken(diagnose_data, options)
@@ -133,7 +132,7 @@ def report(**options: Any) -> None:
         diagnosis = diagnose_data(**given, progress=progress)
     with progress_bar(**_FITTING) as progress:
         choices = models_block(diagnosis, every=True, progress=progress)
-    write_page(page(diagnosis, comparison, choices), options["output"])
+    page(diagnosis, comparison, choices).write(options["output"])
     found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
     tell({"schema": 1, **found}, f"written: {options['output']}", options["json_file"])
 

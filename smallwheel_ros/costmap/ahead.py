@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is expected of ground that no wheel has been on: by its terrain class, and by its slope.
 
-Of a class: the margin that was met on it, or its prior. Of a cell whose slope is known as well, that margin less
-the slope; where nothing tells the class, the margin that the vehicle has on any ground now.
+Of a class: the margin that was met on it, or its prior. Of a cell whose slope is known as well, that margin
+less the slope; where nothing tells the class, the margin that the vehicle has on any ground now.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from smallwheel_ros.costmap.cost import Array, CostSettings
 from smallwheel_ros.costmap.elevation import Elevation
-from smallwheel_ros.costmap.grid import UNKNOWN, Grid, Pose
+from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid
 from smallwheel_ros.costmap.terrain import PRIORS, TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity
 
@@ -110,19 +110,26 @@ class GroundAhead:
         for name, share in ahead.classes.items():
             value, spread = table[self._settings.names.index(name)]
             part = share / total
-            rest, first, second = rest - part, first + part * value, second + part * (spread + value**2)
+            rest, first, second = (
+                rest - part,
+                first + part * value,
+                second + part * (spread + value**2),
+            )
         rest = np.maximum(rest, 0.0)
         first, second = first + rest * mean, second + rest * (variance + mean**2)
         return first, np.maximum(second - first**2, 0.0)
 
-    def _classes_of(self, ahead: Elevation) -> np.ndarray:
+    def _classes_of(self, ahead: Elevation) -> Cells:
         """Class number of each cell of an elevation, int8."""
-        grid, found = self.class_grid, np.full(ahead.slope.shape, UNKNOWN, dtype=np.int8)
+        grid = self.class_grid
+        found: Cells = np.full(ahead.slope.shape, UNKNOWN, dtype=np.int8)
         if grid is None or grid.frame != ahead.frame:
             return found
         at, inside = [], []
         for axis in (0, 1):
-            middles = ahead.origin[1 - axis] + ahead.resolution * (np.arange(found.shape[axis]) + 0.5)
+            middles = ahead.origin[1 - axis] + ahead.resolution * (
+                np.arange(found.shape[axis]) + 0.5
+            )
             index = np.floor((middles - grid.origin[1 - axis]) / grid.resolution).astype(int)
             inside.append((index >= 0) & (index < grid.cells.shape[axis]))
             at.append(index[inside[-1]])

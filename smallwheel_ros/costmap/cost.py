@@ -87,14 +87,14 @@ class CostSettings:
     resolution, size
         Sides of a cell and of the window of crossed ground, m.
     spread
-        How far costs are spread in the grid for planners that check a point, m; None: to the wheels' outermost
-        corner.
+        How far costs are spread in the grid for planners that check a point, m; None: to the wheels'
+        outermost corner.
     unknown
         What ground costs of a terrain class that nothing is known of: as any ground, or nothing (-1).
     free_below
         Crossed ground that costs no more than this counts as free, 0; None: what any ground costs before
-        driving on a slope of 5 degrees, since ground that nobody has seen is free to planners, and no leveller
-        than that which was crossed.
+        driving on a slope of 5 degrees, since ground that nobody has seen is free to planners, and no
+        leveller than that which was crossed.
     names
         Of terrain classes, by number; empty: without a name.
     reference_slip

@@ -92,8 +92,8 @@ class CostMap:
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
         self._given: Pose | None = None  # where it was at the last grid
-        # Cells that base_link was in, row and column, and what it costs to drive back there: `HIGHEST` where it
-        # was stuck.
+        # Cells that base_link was in, row and column, and what it costs to drive back there: `HIGHEST`
+        # where it was stuck.
         self._track: dict[tuple[int, int], int] = {}
         # Where it was on ground that cannot be crossed, at the last grid.
         self._held: Pose | None = None
@@ -129,8 +129,8 @@ class CostMap:
         margin
             Of the vehicle there, without the slope; None where nothing is known.
         stuck
-            Whether it was seen to make no way there, whatever the margin is. All else is expected, and costs 99
-            at most: it drives there.
+            Whether it was seen to make no way there, whatever the margin is. All else is expected, and
+            costs 99 at most: it drives there.
         risk
             That it gets stuck, by the warning; 0: none.
         slope
@@ -143,8 +143,10 @@ class CostMap:
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)
         given = self._given
-        self.changed |= moved or given is None or (
-            math.dist(pose[:2], given[:2]) > 0.5 * self.settings.resolution
+        self.changed |= (
+            moved
+            or given is None
+            or (math.dist(pose[:2], given[:2]) > 0.5 * self.settings.resolution)
         )
         cost = mark = UNKNOWN
         home = PASSABLE
@@ -296,7 +298,10 @@ class CostMap:
         y, x = self.settings.resolution * (np.array(free)[:, None] + parts).reshape(-1, 2).T
         x, y = pose.place(x, y)
         at = np.floor((np.stack([y, x]) - np.array(costs.origin)[::-1, None]) / costs.resolution)
-        at, each = at.astype(int), np.repeat(np.where(home <= self.free, np.int8(0), home), len(parts))
+        at, each = (
+            at.astype(int),
+            np.repeat(np.where(home <= self.free, np.int8(0), home), len(parts)),
+        )
         inside = ((at >= 0) & (at < np.array(costs.cells.shape)[:, None])).all(axis=0)
         at, each = at[:, inside], each[inside]
         lane = np.full_like(costs.cells, UNKNOWN)

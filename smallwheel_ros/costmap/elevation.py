@@ -13,8 +13,8 @@ deviation: that of the plane's residuals over the length,
 
     rms residual sqrt(12) / length,
 
-as if all of a residual were bumps that a vehicle of that length climbs: a plane of independent errors would be
-better known by the root of their number.
+as if all of a residual were bumps that a vehicle of that length climbs: a plane of independent errors would
+be better known by the root of their number.
 """
 
 from __future__ import annotations
@@ -59,9 +59,7 @@ class Elevation:
     classes: Mapping[str, Array] = field(default_factory=dict)
 
 
-def elevation_from(
-    message: Any, layer: str, length: float, names: Sequence[str] = ()
-) -> Elevation:
+def elevation_from(message: Any, layer: str, length: float, names: Sequence[str] = ()) -> Elevation:
     """Take a grid_map_msgs/GridMap, of rclpy or of a bag.
 
     Parameters

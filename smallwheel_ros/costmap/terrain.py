@@ -60,13 +60,12 @@ class ClassPrior:
         return Quantity(pull - self.resistance, self.deviation)
 
 
-# Grip: road adhesion of tyres (Taborek 1957, in Wong, Theory of Ground Vehicles, chapter 1: asphalt 0.8 to 0.9,
-# gravel 0.6, dry earth 0.68, wet 0.55, packed snow 0.2, ice 0.1); of sand and mud tan(phi) of 22 and 17
-# degrees. Softness: pneumatic tyres on roads reach their best at a slip of 0.1 to 0.2 (Wong), in sand and
-# snow pull goes on rising to 0.5 and more (Wong, chapter 2). Resistance: rolling resistance of tyres,
+# Grip: road adhesion of tyres (Taborek 1957, in Wong, Theory of Ground Vehicles, chapter 1: asphalt 0.8 to
+# 0.9, gravel 0.6, dry earth 0.68, wet 0.55, packed snow 0.2, ice 0.1); of sand and mud tan(phi) of 22 and
+# 17 degrees. Softness: pneumatic tyres on roads reach their best at a slip of 0.1 to 0.2 (Wong), in sand
+# and snow pull goes on rising to 0.5 and more (Wong, chapter 2). Resistance: rolling resistance of tyres,
 # asphalt 0.013, gravel 0.02, earth road 0.05 (Wong, chapter 1), loose sand 0.1 to 0.3 (Carvill 1993; Wong),
-# snow 0.02 to 0.12 (CRREL TR-01-16, table 11). Deviation: the largest and the smallest of these are two apart,
-# widened to what rates/results/real_drives.csv shows (docs/nav2.md).
+# snow 0.02 to 0.12 (CRREL TR-01-16, table 11). Deviation: half of what these differ by.
 PRIORS: Mapping[str, ClassPrior] = {
     "asphalt": ClassPrior(0.9, 0.03, 0.015, 0.12),
     "gravel": ClassPrior(0.6, 0.06, 0.03, 0.12),

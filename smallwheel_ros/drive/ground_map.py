@@ -50,8 +50,9 @@ class GroundMapper:
 
         Every margin counts, with its deviation: before the soil has been measured, and where its sinkage
         never is, that is what balance and torque tell, or the prior. Nothing is known where the measured
-        sinkage did not fit. Stuck is a vehicle that surely makes no way though its rims turn, and a wheel that
-        was measured to be as deep as its axle; one that the soil's law says is so deep is expected to get stuck.
+        sinkage did not fit. Stuck is a vehicle that surely makes no way though its rims turn, and a wheel
+        that was measured to be as deep as its axle; one that the soil's law says is so deep is expected to
+        get stuck.
         """
         stuck = found.spins | self._seen_sunk(found)
         level = np.where(
@@ -80,7 +81,8 @@ class GroundMapper:
             if math.isfinite(x + y + heading):
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
-                    None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand, shown=shown,
+                    None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand,
+                    shown=shown,
                 )  # fmt: skip
         newest = next((one for one in reversed(margins) if one is not None), None)
         if newest is not None:

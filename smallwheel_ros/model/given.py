@@ -15,7 +15,7 @@ from smallwheel_ros.physics.soil import Soil, soil
 
 # A table can be read, and `--help` shown, without models.
 if TYPE_CHECKING:
-    from smallwheel_ros.model.model_file import CalibratedModel
+    from smallwheel_ros.model.model import CalibratedModel
     from smallwheel_ros.physics.conditions import Conditions
 
 
@@ -46,8 +46,8 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
     Raises ArgumentError, ModelFileError.
     """
-    from smallwheel_ros.model.model import Model
-    from smallwheel_ros.model.model_file import CalibratedModel, as_calibrated, read_model
+    from smallwheel_ros.model.model import CalibratedModel, Model
+    from smallwheel_ros.model.model_file import as_calibrated, read_model
 
     of_result = getattr(given, "model", None)
     if isinstance(of_result, CalibratedModel):

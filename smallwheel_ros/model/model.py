@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
 from smallwheel_ros.model.stages import LoadedRows, Stages, guarded
@@ -53,7 +53,7 @@ class ModelError(SmallwheelError):
 
 
 @dataclass(frozen=True, repr=False)
-class Model(Result):
+class Model(Result, shown="model.model_file"):
     """Soils, geometry rule and effects in the order in which they act.
 
     With one soil, it holds for every row; with several, a row's `soil` picks by name. An effect
@@ -110,9 +110,10 @@ class Model(Result):
         effects: those of your own that the file names (`smallwheel_ros.effects.load`). Raises
         ModelFileError naming file, key, what was found and what was expected.
         """
-        from smallwheel_ros.model.model_file import read_model
-
-        return read_model(Path(path), effects)
+        read = cls._view("read_model")
+        assert read is not None
+        loaded: CalibratedModel = read(Path(path), effects)
+        return loaded
 
     from_file = load
 
@@ -122,29 +123,6 @@ class Model(Result):
         effects = " and ".join(effect.id.replace("_", " ") for effect in self.effects)
         rule = self.geometry.replace("_", " ")
         return f"{names}, {rule}" + (f", with {effects}" if effects else "")
-
-    def text(self) -> str:
-        """The model file."""
-        from smallwheel_ros.model.model_file import model_text
-
-        return model_text(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The model file as plain values."""
-        from smallwheel_ros.model.model_file import model_document
-
-        return model_document(self)
-
-    def rows(self) -> list[dict[str, Any]]:
-        """The numbers of soils and effects."""
-        from smallwheel_ros.model.model_file import model_rows
-
-        return model_rows(self)
-
-    def _writers(self) -> dict[str, Writer]:
-        from smallwheel_ros.model.model_file import write_model
-
-        return dict.fromkeys((".yaml", ".yml"), lambda path: write_model(path, self))
 
     def acting(self, conditions: Conditions) -> tuple[Effect, ...]:
         """Effects that act on these rows: the model's, after known physics that has its columns."""

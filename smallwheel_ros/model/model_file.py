@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
+from smallwheel_ros.common.result import Writer
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.model.derived import derived_numbers
-from smallwheel_ros.model.model import CalibratedModel as CalibratedModel
-from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
 from smallwheel_ros.physics.traction import ThrustForm
 
@@ -57,15 +57,20 @@ def as_calibrated(model: Model) -> CalibratedModel:
 
 def write_model(path: str | Path, model: Model) -> None:
     """Write a model file, whole or not at all. Raises OutputError where that is not possible."""
-    write_bytes(path, model_text(model).encode())
+    write_bytes(path, text(model).encode())
 
 
-def model_text(model: Model) -> str:
+def writers(model: Model) -> dict[str, Writer]:
+    """What `Model.save` writes as a model file, by suffix."""
+    return dict.fromkeys((".yaml", ".yml"), lambda path: write_model(path, model))
+
+
+def text(model: Model) -> str:
     """What a model file holds, for people."""
-    return _HEAD + write_yaml(model_document(model))
+    return _HEAD + write_yaml(document(model))
 
 
-def model_rows(model: Model) -> list[dict[str, Any]]:
+def rows(model: Model) -> list[dict[str, Any]]:
     """Numbers of soils and effects, with standard deviations where fitted, or following from what was."""
     calibrated, units = as_calibrated(model), dict(zip(SOIL_NUMBERS, _SOIL_UNITS, strict=True))
     known = {name: calibrated.standard_deviation(name) for name in calibrated.names}
@@ -90,10 +95,10 @@ def model_rows(model: Model) -> list[dict[str, Any]]:
     ]
 
 
-def model_document(model: Model) -> dict[str, Any]:
+def document(model: Model) -> dict[str, Any]:
     """The model as plain values."""
     calibrated = as_calibrated(model)
-    document: dict[str, Any] = {
+    plain: dict[str, Any] = {
         "smallwheel_model": VERSION,
         "geometry": model.geometry,
         "thrust_form": model.thrust_form,
@@ -104,13 +109,13 @@ def model_document(model: Model) -> dict[str, Any]:
         "effects": [_effect_entry(e, calibrated) for e in model.effects],
     }
     if calibrated.names:
-        document["covariance"] = {
+        plain["covariance"] = {
             "names": list(calibrated.names),
             "matrix": [[float(v) for v in row] for row in calibrated.covariance],
         }
     if calibrated.provenance:
-        document["provenance"] = dict(calibrated.provenance)
-    return document
+        plain["provenance"] = dict(calibrated.provenance)
+    return plain
 
 
 def _constants(effect: Effect | type[Effect]) -> tuple[str, ...]:
@@ -291,13 +296,13 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     """
     file, registry = Path(path), effects or default_registry()
     try:
-        document = read_yaml(file)
+        parsed = read_yaml(file)
     except PlainYamlError as error:
         raise ModelFileError(f"{file}: {error}") from error
-    top = _Entry(file, "", document)
-    if not isinstance(document, dict) or "smallwheel_model" not in document:
+    top = _Entry(file, "", parsed)
+    if not isinstance(parsed, dict) or "smallwheel_model" not in parsed:
         raise top.wrong("not a model file: it has no key smallwheel_model")
-    if document["smallwheel_model"] != VERSION:
+    if parsed["smallwheel_model"] != VERSION:
         raise top.get("smallwheel_model").unlike(f"version {VERSION}")
     top.mapping(*_TOP)
     entries = top.get("soils").listing()
@@ -305,13 +310,13 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
         raise top.get("soils").unlike("at least one soil")
     soils = [_soil(entry) for entry in entries]
     _check_once(entries, "soil", [one.name for one in soils])
-    entries = _Entry(file, "effects", document.get("effects") or []).listing()
+    entries = _Entry(file, "effects", parsed.get("effects") or []).listing()
     acting = [_effect(entry, registry) for entry in entries]
     _check_once(entries, "effect", [one.id for one in acting])
     geometry = top.get("geometry", "contact_integral").choice(get_args(Geometry))
     thrust_form = top.get("thrust_form", "stress_integral").choice(get_args(ThrustForm))
     names, covariance = _covariance(top.get("covariance"), parameter_names(soils, acting))
-    provenance = document.get("provenance") or {}
+    provenance = parsed.get("provenance") or {}
     if not isinstance(provenance, dict):
         raise top.get("provenance").unlike("a mapping of keys and values")
     model = Model(soils, geometry, acting, thrust_form)

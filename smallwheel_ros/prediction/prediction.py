@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
 from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS, soil_from, soil_numbers
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
 from smallwheel_ros.measurements.display import listed, words
-from smallwheel_ros.model.model import Model, ModelError, Prediction, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
 

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.results import ResultError
+from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.replay.result import FILES, Replayed
@@ -24,12 +24,11 @@ from smallwheel_ros.views.blocks import (
     Column,
     Details,
     Figure,
-    Page,
     Section,
     Table,
     Text,
 )
-from smallwheel_ros.views.page import write_page
+from smallwheel_ros.views.page import Page
 from smallwheel_ros.views.plots import CYCLE, Layer, Mark, Panel
 from smallwheel_ros.views.plots import draw as draw_panel
 
@@ -81,7 +80,7 @@ def page(result: Replayed, pictures: bool = True, folder: Path | None = None) ->
 
 def save_page(result: Replayed, folder: Path) -> None:
     """Write the page into the folder of a replay that is about to be done."""
-    write_page(page(result, folder=folder), folder / FILES["report"])
+    page(result, folder=folder).write(folder / FILES["report"])
 
 
 def draw(axes: Axes, replayed: Replayed, quantity: str) -> None:

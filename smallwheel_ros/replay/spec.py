@@ -14,7 +14,7 @@ from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
-from smallwheel_ros.common.version import __version__
+from smallwheel_ros.common.release import __version__
 from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import InitError
 from smallwheel_ros.onboard.parameters import (

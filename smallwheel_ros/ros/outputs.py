@@ -379,11 +379,11 @@ class Outputs:
             return
         self._publish_estimates(found)
         self._count_lonely(found)
-        for stamp, law, rejected in zip(
-            found.stamp.tolist(), found.law.tolist(), found.rejected.tolist(), strict=True
+        for stamp, version, rejected in zip(
+            found.stamp.tolist(), found.soil_version.tolist(), found.rejected.tolist(), strict=True
         ):
             sent = self._soil_sent
-            self._soil_waits = stamp, self._pipeline.soil_at(law), rejected
+            self._soil_waits = stamp, self._pipeline.soil_at(version), rejected
             if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
                 self.publish_waiting_soil(frame)
         self.newest = newest_of(self.newest, found)

@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING
 
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.measurements.display import sentence, words
-from smallwheel_ros.views.blocks import (
-    Block,
-    Callout,
-    Column,
-    Figure,
-    Page,
-    Section,
-    Table,
-    of_channel,
-)
+from smallwheel_ros.views.blocks import Block, Callout, Column, Figure, Section, Table, of_channel
 from smallwheel_ros.views.leftovers import shown_channel
+from smallwheel_ros.views.page import Page
 from smallwheel_ros.views.parameters import parameter_rows, parameter_table
 from smallwheel_ros.views.plots import Bar, Panel
 from smallwheel_ros.views.plots import draw as draw_panel

@@ -19,13 +19,13 @@ from smallwheel_ros.views.blocks import (
     Callout,
     Column,
     Details,
-    Page,
     Row,
     Section,
     Table,
     Text,
     of_channel,
 )
+from smallwheel_ros.views.page import Page
 
 _MOST_PARTS = 12  # columns of the errors by part
 _NAMED = 6  # parts that are named where ours loses on them

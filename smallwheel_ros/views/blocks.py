@@ -207,28 +207,6 @@ class Section:
         return [line for block in self.blocks for line in block.lines()]
 
 
-@dataclass(frozen=True)
-class Page:
-    """Sections under a title; those without blocks are left out. The first is the answer."""
-
-    title: str
-    sections: Sequence[Section]
-    subtitle: str = ""
-    footer: str = ""
-
-    def text(self) -> str:
-        """As a command prints it: each section under its title, the first without."""
-        (_, answer), *others = [(s.title, lines) for s in self.sections if (lines := s.lines())]
-        parts = [[self.subtitle, *answer] if self.subtitle else answer]
-        parts += [[title, *(f"  {line}" for line in lines)] for title, lines in others]
-        return "\n\n".join("\n".join(lines) for lines in parts)
-
-    def figures(self) -> list[Figure]:
-        """The pictures of the page, those behind a click too."""
-        return [block for block in walked(b for s in self.sections for b in s.blocks)
-                if isinstance(block, Figure)]  # fmt: skip
-
-
 def walked(blocks: Iterator[Block] | Sequence[Block]) -> Iterator[Block]:
     """The blocks, and those inside of them."""
     for block in blocks:

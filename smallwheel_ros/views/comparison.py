@@ -30,7 +30,6 @@ from smallwheel_ros.views.blocks import (
     Details,
     Figure,
     Models,
-    Page,
     Row,
     Section,
     Table,
@@ -47,6 +46,7 @@ from smallwheel_ros.views.leftovers import (
     settings_of,
     shown_channel,
 )
+from smallwheel_ros.views.page import Page
 from smallwheel_ros.views.plots import CYCLE, Bar, Panel
 from smallwheel_ros.views.plots import draw as draw_panel
 from smallwheel_ros.views.ratio import ratio_blocks

@@ -30,7 +30,6 @@ from smallwheel_ros.views.blocks import (
     Details,
     Figure,
     Models,
-    Page,
     Row,
     Section,
     Table,
@@ -44,6 +43,7 @@ from smallwheel_ros.views.blocks import (
 from smallwheel_ros.views.effects import models_block
 from smallwheel_ros.views.leftovers import Left, residual_panel, settings_of
 from smallwheel_ros.views.notes import grouped
+from smallwheel_ros.views.page import Page
 from smallwheel_ros.views.parameters import parameter_table
 from smallwheel_ros.views.plots import Bar, Layer, Panel
 from smallwheel_ros.views.plots import draw as draw_panel

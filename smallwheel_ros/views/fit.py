@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.display import LAW, shown_value, words
-from smallwheel_ros.views.blocks import Column, Figure, Page, Section, Table, Text, of_channel
+from smallwheel_ros.views.blocks import Column, Figure, Section, Table, Text, of_channel
 from smallwheel_ros.views.leftovers import Left, measured_panel
 from smallwheel_ros.views.notes import grouped
+from smallwheel_ros.views.page import Page
 from smallwheel_ros.views.parameters import parameter_rows, parameter_table
 from smallwheel_ros.views.plots import Panel
 from smallwheel_ros.views.plots import draw as draw_panel

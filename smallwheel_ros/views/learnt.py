@@ -18,13 +18,13 @@ from smallwheel_ros.views.blocks import (
     Column,
     Details,
     Figure,
-    Page,
     Section,
     Table,
     Text,
     of_channel,
     plain_number,
 )
+from smallwheel_ros.views.page import Page
 from smallwheel_ros.views.plots import Layer, Panel
 from smallwheel_ros.views.plots import draw as draw_panel
 

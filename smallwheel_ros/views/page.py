@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page as one HTML file that fetches nothing, and its figures as pictures."""
+"""A page of blocks: text on the terminal, one HTML file that fetches nothing, and its figures as pictures."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import hashlib
 import json
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
 from importlib.resources import files
@@ -15,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.release import __version__
 from smallwheel_ros.common.tables import each
-from smallwheel_ros.common.version import __version__
 from smallwheel_ros.measurements.display import probability_text
-from smallwheel_ros.views.blocks import Models, Page, walked
+from smallwheel_ros.views.blocks import Figure, Models, Section, walked
 from smallwheel_ros.views.plots import write_picture
 from smallwheel_ros.views.svg import svg
 
@@ -32,6 +34,37 @@ _DIGITS = 3  # of a number in the page's data
 _DRAWN = re.compile(r"<svg.*?</svg>", re.DOTALL)
 _ID = re.compile(r'(id="|url\(#|href="#)(\w+)')
 _STYLE = re.compile(r'style="([^"]*)"')
+
+
+@dataclass(frozen=True)
+class Page:
+    """Sections under a title; those without blocks are left out. The first is the answer."""
+
+    title: str
+    sections: Sequence[Section]
+    subtitle: str = ""
+    footer: str = ""
+
+    def text(self) -> str:
+        """As a command prints it: each section under its title, the first without."""
+        (_, answer), *others = [(s.title, lines) for s in self.sections if (lines := s.lines())]
+        parts = [[self.subtitle, *answer] if self.subtitle else answer]
+        parts += [[title, *(f"  {line}" for line in lines)] for title, lines in others]
+        return "\n\n".join("\n".join(lines) for lines in parts)
+
+    def figures(self) -> list[Figure]:
+        """The pictures of the page, those behind a click too."""
+        return [block for block in walked(b for s in self.sections for b in s.blocks)
+                if isinstance(block, Figure)]  # fmt: skip
+
+    def write(self, path: Path) -> None:
+        """Write it as HTML, whole or not at all. Raises OutputError."""
+        write_bytes(path, html_of(self).encode("utf-8", "replace"))
+
+    def write_pictures(self, folder: Path) -> list[Path]:
+        """Write each of its figures as PNG under its name. Raises OutputError."""
+        folder.mkdir(parents=True, exist_ok=True)
+        return [write_picture(f.panels, folder / f"{f.name}.png") for f in self.figures()]
 
 
 def html_of(page: Page) -> str:
@@ -61,19 +94,6 @@ def _with_classes(html: str) -> str:
     body = _DRAWN.sub(shorter, html)
     rules = "".join(f".{name} {{ {style} }}\n" for style, name in styles.items())
     return body.replace("</style>", f"{rules}</style>", 1)
-
-
-def write_page(page: Page, path: Path) -> None:
-    """Write the page, whole or not at all. Raises OutputError."""
-    write_bytes(path, html_of(page).encode("utf-8", "replace"))
-
-
-def write_pictures(page: Page, folder: Path) -> list[Path]:
-    """Write each figure of the page as PNG under its name. Raises OutputError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return [
-        write_picture(figure.panels, folder / f"{figure.name}.png") for figure in page.figures()
-    ]
 
 
 def inline(text: str) -> str:

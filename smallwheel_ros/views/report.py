@@ -7,7 +7,8 @@ from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.views import comparison as compared
 from smallwheel_ros.views import diagnosis as diagnosed
-from smallwheel_ros.views.blocks import Models, Page, Section, Text
+from smallwheel_ros.views.blocks import Models, Section, Text
+from smallwheel_ros.views.page import Page
 
 _TWICE = (
     "Comparison and diagnosis hold out the same runs, and state the same error of the same model."

@@ -18,7 +18,7 @@ from smallwheel_ros.api.benchmark import benchmark
 from smallwheel_ros.benchmark.laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, WONG_REECE
 from smallwheel_ros.benchmark.table import Difference, Errors, difference
 from smallwheel_ros.cli import main
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.views.benchmark import table_text
 
 SIZES = (0.04, 0.07, 0.12, 0.2)

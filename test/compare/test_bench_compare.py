@@ -12,9 +12,9 @@ from click.testing import CliRunner, Result
 
 from smallwheel_ros.cli import main
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.measurements.wheels import read_measurements
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 

@@ -25,7 +25,7 @@ from smallwheel_ros.costmap.grid import (
     spread,
     union,
 )
-from smallwheel_ros.costmap.terrain import PRIORS, TerrainClasses
+from smallwheel_ros.costmap.terrain import TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 RULES = CostRules()

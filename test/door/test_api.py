@@ -25,7 +25,7 @@ from docs.function_table import PAGE, with_table
 from smallwheel_ros.api.compare import compare
 from smallwheel_ros.cli import main
 from smallwheel_ros.commands.command import described
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.pipeline import Diagnosis

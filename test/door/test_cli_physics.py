@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 
 from smallwheel_ros import __version__, cli
 from smallwheel_ros.effects.registry import effect, families
-from smallwheel_ros.model.model import Model, predict
-from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.model.model import CalibratedModel, Model, predict
+from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 

@@ -11,8 +11,8 @@ from click.testing import CliRunner, Result
 
 from smallwheel_ros import cli
 from smallwheel_ros.common.files import OutputError, check_targets
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 

@@ -21,8 +21,8 @@ import smallwheel_ros as sw
 from smallwheel_ros import cli
 from smallwheel_ros.fitting import FitResult
 from smallwheel_ros.model.derived import derived_numbers
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, model_rows, read_model, write_model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 
@@ -67,7 +67,7 @@ def test_deviations_are_those_of_a_sample(
         assert one.value == getattr(soil, one.name)
         assert one.std == pytest.approx(expected[one.name], rel=0.05)
     model = CalibratedModel(Model(soil), tuple(names), covariance[np.ix_(kept, kept)])
-    shown = {row["parameter"]: row["std"] for row in model_rows(model)}
+    shown = {row["parameter"]: row["std"] for row in model.rows()}
     assert {name: shown[name] for name in expected} == pytest.approx(expected, rel=0.05)
     assert shown["cohesion"] is None
 
@@ -98,7 +98,7 @@ def test_each_number_has_its_deviation_in_text_json_frame_and_python(
 ) -> None:
     document, frame = pulled.to_dict(), pulled.to_frame().set_index("parameter")
     write_model(tmp_path / "m.yaml", pulled.model)
-    of_file = {row["parameter"]: row for row in model_rows(read_model(tmp_path / "m.yaml"))}
+    of_file = {row["parameter"]: row for row in read_model(tmp_path / "m.yaml").rows()}
     for name in ("k", "shear_displacement"):
         one = pulled[name]
         assert one is pulled[f"rig_soil.{name}"]

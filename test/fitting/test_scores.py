@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import levels, parts, varies
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 

@@ -284,8 +284,7 @@ class TestInstalledByPip:
             "assert importlib.util.find_spec('rclpy') is None\n"
             "assert importlib.util.find_spec('smallwheel_ros.msg') is None\n"
             "assert message_directory().name == 'definitions'\n"
-            "from smallwheel_ros.views.blocks import Page\n"
-            "from smallwheel_ros.views.page import html_of\n"
+            "from smallwheel_ros.views.page import Page, html_of\n"
             "assert '.callout' in html_of(Page('a page has its style', []))\n"
             "print(sorted(message_definitions()), smallwheel_ros.__version__)\n"
         )

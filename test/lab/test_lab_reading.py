@@ -15,8 +15,8 @@ from smallwheel_ros import cli
 from smallwheel_ros.api.fit import fit
 from smallwheel_ros.api.read import read_test
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.table import Measurements, ShearTests
-from smallwheel_ros.measurements.wheels import read_measurements, read_tests
+from smallwheel_ros.measurements.from_file import read_measurements, read_tests
+from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 from smallwheel_ros.model.model_file import read_model
 
 

@@ -25,9 +25,9 @@ from smallwheel_ros.lab.strength import (
     strength_of,
     with_strength,
 )
-from smallwheel_ros.measurements.table import ShearTests
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, read_model, write_model
+from smallwheel_ros.measurements.measurements import ShearTests
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.shear import peaked_share, rising_share
 from smallwheel_ros.physics.soil import soil

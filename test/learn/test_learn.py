@@ -37,8 +37,8 @@ from smallwheel_ros.learn.law import PLACES, LearntLaw
 from smallwheel_ros.learn.learning import LearnError, Learnt
 from smallwheel_ros.learn.search import LawSearch, TermGrid
 from smallwheel_ros.learn.verdict import SURE, chance
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.onboard.parameters import settings_from

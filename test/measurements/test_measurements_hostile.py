@@ -12,8 +12,8 @@ import messy_tables as messy
 import pytest
 
 from smallwheel_ros.measurements import cells, files, reading
-from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import MeasurementsError
 
 HEADER = "load,diameter,width,sinkage"
 ROW = "60,0.2,0.1,0.01"

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import (
     cluster,
     repeatability,
@@ -17,7 +18,6 @@ from smallwheel_ros.measurements.settings import (
     runs_of_rows,
     settings_of_rows,
 )
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 

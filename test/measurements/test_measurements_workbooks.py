@@ -11,8 +11,8 @@ from pathlib import Path
 import messy_tables as messy
 import pytest
 
-from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import MeasurementsError
 
 
 def book(packed: str) -> bytes:

@@ -14,8 +14,8 @@ from random_examples import examples
 
 from smallwheel_ros.common.files import OutputError
 from smallwheel_ros.effects.registry import covariate, effect, families, load
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, ModelFileError, read_model, write_model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import ModelFileError, read_model, write_model
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
 
 NAMES = (

@@ -10,8 +10,8 @@ from docs.parameter_pages import reference, template
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
-from smallwheel_ros.model.model import Model
-from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.onboard.gone import GONE
 from smallwheel_ros.onboard.parameters import (
     ParametersError,

@@ -17,8 +17,7 @@ from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.measurements.cells import read_numbers
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER
 from smallwheel_ros.measurements.typed import RangeError, typed
-from smallwheel_ros.model.model import Model, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import SOILS, Soil, soil, usual_strength
 from smallwheel_ros.prediction.prediction import PredictionError, on_one_soil, predict_table

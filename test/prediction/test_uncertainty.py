@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.model.model import Model, ModelError, predict
-from smallwheel_ros.model.model_file import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.prediction.prediction import (

@@ -23,7 +23,7 @@ from rates.speed import again_and_again
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]

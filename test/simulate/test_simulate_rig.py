@@ -9,7 +9,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 from scipy.optimize import least_squares
 
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import (
     RigSettings,
     SimulationError,

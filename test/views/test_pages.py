@@ -25,8 +25,8 @@ from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.measurements.display import effect_words
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
@@ -34,9 +34,9 @@ from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.views import comparison as compared_view
 from smallwheel_ros.views import diagnosis as diagnosed_view
 from smallwheel_ros.views import report
-from smallwheel_ros.views.blocks import Callout, Column, Details, Page, Section, Table, Text
+from smallwheel_ros.views.blocks import Callout, Column, Details, Section, Table, Text
 from smallwheel_ros.views.notes import grouped
-from smallwheel_ros.views.page import embedded, html_of, inline, write_page
+from smallwheel_ros.views.page import Page, embedded, html_of, inline
 
 DOCUMENT: dict[str, Any] = json.loads(
     (Path(__file__).parents[1] / "data" / "diagnosis_document.json").read_text()
@@ -433,12 +433,12 @@ def test_blocks_escape_and_keep_their_text() -> None:
 
 def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     target = tmp_path / "a.html"
-    write_page(Page("one", []), target)
-    write_page(Page("two", []), target)
+    Page("one", []).write(target)
+    Page("two", []).write(target)
     assert "two" in target.read_text()
     assert [p.name for p in tmp_path.iterdir()] == ["a.html"]
     with pytest.raises(OutputError):
-        write_page(Page("x", []), tmp_path / "no" / "a.html")
+        Page("x", []).write(tmp_path / "no" / "a.html")
 
 
 def test_notes_of_one_kind_are_one_line() -> None:

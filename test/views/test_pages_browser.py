@@ -18,10 +18,9 @@ from smallwheel_ros.api.compare import compare
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.measurements.display import shown_value
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.views import report
-from smallwheel_ros.views.page import write_page
 
 pytestmark = needs_chromium
 
@@ -80,7 +79,7 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 def page(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The whole report, with the steps to set and unset, as a file's address."""
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write_page(report.page(diagnosis, compare(diagnosis.measurements)), path)
+    report.page(diagnosis, compare(diagnosis.measurements)).write(path)
     return path.as_uri()
 
 

@@ -20,9 +20,9 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import Loads
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import is_determined
 from smallwheel_ros.pipeline.tables import (
     SECOND,
@@ -96,29 +96,30 @@ class AnswerState:
 
 
 def answer(
-    state: AnswerState, rows: Readings, loads: Loads, judged: Judged, law: Integers, newest: Integers,
-    strength: Integers, streams: Streams, soils: Soils, strengths: Strengths, settings: OnboardSettings,
+    state: AnswerState, rows: Readings, loads: Loads, judged: Judged, soil_version: Integers,
+    newest: Integers, strength_version: Integers, streams: Streams, soils: Soils, strengths: Strengths,
+    settings: OnboardSettings,
 ) -> Estimates:  # fmt: skip
     """Estimates of those rows that are due.
 
-    law, newest, strength: versions under each row, of the soil that the first wheels are on, and of the
-    strength. streams: know which measured sinkages were of no use.
+    soil_version, newest, strength_version: of the soil under each row, of that which the first wheels are
+    on, and of the strength. streams: know which measured sinkages were of no use.
     """
     due = np.flatnonzero(rows.due)
     if not due.size:
         return none_of(Estimates)
     rows, loads, judged = rows.take(due), loads.take(due), judged.take(due)
-    law, newest, strength = law[due], newest[due], strength[due]
+    soil_version, newest, strength_version = soil_version[due], newest[due], strength_version[due]
     wheels, count = settings.wheels, len(rows)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = [soils.versions[number] for number in law.tolist()]
+    of = [soils.versions[number] for number in soil_version.tolist()]
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
-        rows.take(loaded), loads.load[loaded], loads.load_std[loaded], law[loaded], strength[loaded],
-        soils, strengths, settings,
+        rows.take(loaded), loads.load[loaded], loads.load_std[loaded], soil_version[loaded],
+        strength_version[loaded], soils, strengths, settings,
     )  # fmt: skip
     can = _among(made, loaded, count)
     predicted = np.isfinite(can.sinkage) & (measured | (not settings.law_unknown))
@@ -146,7 +147,7 @@ def answer(
         conditions |= np.where(applies, int(condition), 0)
         status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
     margin, margin_std, median, lower_std, risk = _margins(
-        state, rows, can, judged, measured, strength, strengths, rolls
+        state, rows, can, judged, measured, strength_version, strengths, rolls
     )
     numbers = [soils.versions[number].number for number in newest.tolist()]
     known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
@@ -157,12 +158,12 @@ def answer(
         x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
         conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
-        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), 
+        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),
         margin_median=median, margin_lower_std=lower_std, demand=judged.asked, risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
         rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
-        law=law, strength=strength,
+        soil_version=soil_version, strength_version=strength_version,
     )  # fmt: skip
 
 
@@ -211,14 +212,14 @@ def _does_not_fit(
 
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
-    strength: Integers, strengths: Strengths, rolls: Flags,
+    strength_version: Integers, strengths: Strengths, rolls: Flags,
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
     """Margin of each wheel with its deviation, its median with that of its lower half; the vehicle's risk.
 
     measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
     """
     prior = strengths.reserve.prior_std
-    versions, index = np.unique(strength, return_inverse=True)
+    versions, index = np.unique(strength_version, return_inverse=True)
     known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
     by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)
     by_filter |= can.sunk

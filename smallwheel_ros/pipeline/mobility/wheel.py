@@ -18,12 +18,12 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.force_slopes import sloped_forces
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import local_laws, sinkages
-from smallwheel_ros.pipeline.soil.soils import Soils
 from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
 from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
 from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Force, Rolling
-from smallwheel_ros.pipeline.strength.strengths import RECENT, Strengths
+from smallwheel_ros.pipeline.strength.two_filters import RECENT, Strengths
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Mobility, Readings, unknown
 
 SCATTER, _LEAST_STD = 0.05, 0.15  # of a thrust about law and grip; N, resolution of any pull

@@ -32,7 +32,8 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 class Judged(Columns):
     """What holds at rows: level of the warning, whether a wheel spins on the spot, margin of any ground.
 
-    median, lower_std: of the margin here, and of its lower half (`GroundMargin.lower_half`). asked: pull over load that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
+    median, lower_std: of the margin here, and of its lower half (`GroundMargin.lower_half`). asked: pull over
+    load that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
     """
 
     level: Integers

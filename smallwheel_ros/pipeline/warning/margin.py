@@ -111,9 +111,9 @@ class GroundMargin:
     def lower_half(self) -> tuple[float, float]:
         """Median of the margin here, and standard deviation of the normal distribution with its lower half.
 
-        Risks come from there. The margin's own distribution has a long upper half: with its mean and standard
-        deviation level ground that a vehicle has driven over for 10 s would hold it back in 10 % of places, by the
-        points it is 1.6 %, and 1.6 % so.
+        Risks come from there. The margin has a long upper half: by its mean and standard deviation, level
+        ground on which a vehicle has driven for 10 s would hold it back in 10 % of places; by the points it
+        does in 1.6 %, and so it does by this.
         """
         low, middle = self.quantiles((0.025, 0.5)).tolist()
         return middle, max((middle - low) / 1.96, LAW)

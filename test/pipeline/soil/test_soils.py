@@ -17,9 +17,9 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import Reported, Version, law_of
 from smallwheel_ros.pipeline.soil.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.pipeline.soil.soils import Soils
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
 

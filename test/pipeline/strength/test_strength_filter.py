@@ -21,7 +21,7 @@ from smallwheel_ros.pipeline.strength.filter import StrengthFilter
 from smallwheel_ros.pipeline.strength.forces import COHESION, FRICTION, OTHER, Rolling, forces
 from smallwheel_ros.pipeline.strength.forces import WHEELS as WHEELS_AT
 from smallwheel_ros.pipeline.strength.steps import Steps
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import constants_of
 from smallwheel_ros.pipeline.tables import Array
 

@@ -16,10 +16,10 @@ from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.mobility.wheel import Predicted, mobility
-from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.strength.steps import StepState, steps
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import constants_of
 from smallwheel_ros.pipeline.tables import Array, Integers, Readings
 

@@ -9,6 +9,7 @@ it names (`shown`), which has some of these functions:
     document(result) -> dict               its JSON, where it has not got it at hand
     rows(result) -> list of mappings       its table, likewise
     draw(axes, result, ...)                one plot of it
+    writers(result) -> dict                further kinds of files, by suffix
 """
 
 from __future__ import annotations
@@ -49,11 +50,12 @@ class Result:
         if shown:
             cls._module = f"smallwheel_ros.{shown}"
 
-    def _view(self, name: str) -> Callable[..., Any] | None:
+    @classmethod
+    def _view(cls, name: str) -> Callable[..., Any] | None:
         """What shows it in that way, imported now: a result does not bring what draws it."""
         found: Callable[..., Any] | None = None
-        if self._module:
-            found = getattr(import_module(self._module), name, None)
+        if cls._module:
+            found = getattr(import_module(cls._module), name, None)
         return found
 
     def headline(self) -> str:
@@ -136,24 +138,20 @@ class Result:
 
     def _writers(self) -> dict[str, Writer]:
         """Further kinds of files, by suffix."""
-        found: dict[str, Writer] = {}
-        page = self._view("page")
+        page, writers = self._view("page"), self._view("writers")
+        found: dict[str, Writer] = dict(writers(self)) if writers else {}
         if self._view("draw") is not None:
             plot: Callable[[Axes], object] = self.plot  # type: ignore[attr-defined]  # a kind that is drawn
             found |= dict.fromkeys(PICTURES, lambda path: write_plot(plot, path))
         if page is not None:
-            found[".html"] = lambda path: import_module("smallwheel_ros.views.page").write_page(
-                page(self), path
-            )
+            found[".html"] = lambda path: page(self).write(path)
         return found
 
     def write_pictures(self, folder: Path) -> list[Path]:
         """Write every figure of the result's page as PNG into a folder."""
         page = self._view("page")
         assert page is not None, f"a {type(self).__name__} has no page"
-        written: list[Path] = import_module("smallwheel_ros.views.page").write_pictures(
-            page(self), folder
-        )
+        written: list[Path] = page(self).write_pictures(folder)
         return written
 
 

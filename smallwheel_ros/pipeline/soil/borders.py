@@ -30,12 +30,12 @@ from smallwheel_ros.onboard.prior import (
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.refused import FilterHealth
 from smallwheel_ros.pipeline.rows.motion import ahead_of
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings
 from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
 
 from .filter import Law, SoilFilter
+from .health import FilterHealth
 from .identifiability import Variety
 from .local_law import Version, constants
 from .missing_effect import MissingEffectWatch
