@@ -7,21 +7,27 @@ less the slope; where nothing tells the class, the margin that the vehicle has o
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from smallwheel_ros.costmap.cost import Array, CostSettings
 from smallwheel_ros.costmap.elevation import Elevation
 from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid
-from smallwheel_ros.costmap.terrain import PRIORS, TerrainClasses
+from smallwheel_ros.costmap.terrain import PRIORS, REFERENCE_SLIP, TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity
 
 
 class GroundAhead:
     """Predictions of ground ahead; none of them is over 99.
 
-    prior: the vehicle's margin on any ground before driving; None: not known.
+    Parameters
+    ----------
+    prior
+        The vehicle's margin on any ground before driving; None: not known.
+    names, reference_slip
+        Of terrain classes by number, and the slip at which margins are worked out: those in `PRIORS` have a
+        margin before any wheel is on them.
 
     Attributes
     ----------
@@ -33,11 +39,18 @@ class GroundAhead:
         Of the vehicle on ground like that it is on; `prior` before it has driven.
     """
 
-    def __init__(self, settings: CostSettings, prior: Quantity | None) -> None:
+    def __init__(
+        self,
+        settings: CostSettings,
+        prior: Quantity | None,
+        names: Sequence[str] = (),
+        reference_slip: float = REFERENCE_SLIP,
+    ) -> None:
         self._settings, self._prior = settings, prior
+        self._names = tuple(names)
         named = {
-            number: PRIORS[name].margin(settings.reference_slip)
-            for number, name in enumerate(settings.names)
+            number: PRIORS[name].margin(reference_slip)
+            for number, name in enumerate(names)
             if name in PRIORS
         }
         self.classes = TerrainClasses(settings.rules, settings.resolution, named)
@@ -108,7 +121,7 @@ class GroundAhead:
         rest = np.ones(mean.shape)
         first, second = np.zeros((2, *mean.shape))
         for name, share in ahead.classes.items():
-            value, spread = table[self._settings.names.index(name)]
+            value, spread = table[self._names.index(name)]
             part = share / total
             rest, first, second = (
                 rest - part,

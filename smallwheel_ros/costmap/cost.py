@@ -20,13 +20,14 @@ expected, of ground ahead or of ground that was crossed, costs 99 at most.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
+from smallwheel_ros.common.node_parameter import parameter
 from smallwheel_ros.costmap.crossed_ground import side_of
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError
 
@@ -78,42 +79,48 @@ class CostRules:
         return np.where(np.isnan(costs), UNKNOWN, costs).astype(np.int8)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CostSettings:
-    """What the cost map is to be: `cost.*` of the parameters.
+    """cost.*: what the cost map is to be. Raises CostMapError where there can be no such window."""
 
-    Attributes
-    ----------
-    resolution, size
-        Sides of a cell and of the window of crossed ground, m.
-    spread
-        How far costs are spread in the grid for planners that check a point, m; None: to the wheels'
-        outermost corner.
-    unknown
-        What ground costs of a terrain class that nothing is known of: as any ground, or nothing (-1).
-    free_below
-        Crossed ground that costs no more than this counts as free, 0; None: what any ground costs before
-        driving on a slope of 5 degrees, since ground that nobody has seen is free to planners, and no
-        leveller than that which was crossed.
-    names
-        Of terrain classes, by number; empty: without a name.
-    reference_slip
-        At which margins are worked out, 1.
+    resolution: float = parameter(
+        0.1, "m", (0.01, 10.0), "Side of a cell of ~/cost and ~/cost_bare."
+    )
+    size: float = parameter(
+        40.0,
+        "m",
+        (1.0, 2000.0),
+        "Side of the window of crossed ground around the vehicle; at most 4 million cells.",
+    )
+    spread: float | None = parameter(
+        None,
+        "m",
+        (0.0, 10.0),
+        "Each cell of ~/cost takes the highest cost within this distance, for every planner (docs/nav2.md)."
+        " Without it: to the outermost corner.",
+    )
+    unknown: Literal["prior", "none"] = parameter(
+        "prior",
+        text="Cost of a terrain class that nothing is known of: that of any ground, or none (-1).",
+    )
+    required_margin: float = parameter(
+        0.0, "1", (-1.0, 2.0),
+        "Margin needed beyond the slope measured at a place. Cost: the risk, in per cent, that the ground"
+        " does not give it.",
+    )  # fmt: skip
+    free_below: float | None = parameter(
+        None,
+        "1",
+        (0.0, 99.0),
+        "Crossed ground that costs up to this counts as free, 0, as ground does that nobody has seen. Without"
+        " it: what any ground costs before driving, on a slope of 5 degrees.",
+    )
 
-    Raises CostMapError where there can be no such window, or no such cost.
-    """
-
-    resolution: float = 0.1
-    size: float = 40.0
-    spread: float | None = None
-    unknown: Literal["prior", "none"] = "prior"
-    rules: CostRules = field(default_factory=CostRules)
-    free_below: float | None = None
-    names: tuple[str, ...] = ()
-    reference_slip: float = 0.4
+    @property
+    def rules(self) -> CostRules:
+        """How a margin becomes a cost."""
+        return CostRules(self.required_margin)
 
     def __post_init__(self) -> None:
-        """Check how many cells there would be, and the cost."""
+        """Check how many cells there would be."""
         side_of(self.size, self.resolution)
-        if self.free_below is not None and not 0.0 <= self.free_below <= PASSABLE:
-            raise CostMapError(f"free_below is {self.free_below!r}, expected 0 to {PASSABLE}")

@@ -37,6 +37,7 @@ from smallwheel_ros.costmap.grid import (
     union,
     wide,
 )
+from smallwheel_ros.costmap.terrain import REFERENCE_SLIP
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 COST_PERIOD = 1.0  # s between two grids at least: planners plan anew about once a second
@@ -54,8 +55,13 @@ class CostGrids(NamedTuple):
 class CostMap:
     """Costs of ground, from wheels' margins as they come.
 
-    prior: the vehicle's margin as it was believed of any ground before driving, None where not known
-    (`drive.messages.margin_before_driving`).
+    Parameters
+    ----------
+    prior
+        The vehicle's margin as it was believed of any ground before driving, None where not known
+        (`drive.ground_map.cost_map_of`).
+    names, reference_slip
+        As of `GroundAhead`.
 
     Attributes
     ----------
@@ -65,6 +71,8 @@ class CostMap:
         Whether there is something to publish: a cell has changed, or the vehicle has moved.
     frame
         Of positions; empty as long as it is not known.
+    reference_slip
+        At which margins are worked out, 1.
     ahead
         What is expected of ground that no wheel has been on.
     remembered
@@ -72,7 +80,12 @@ class CostMap:
     """
 
     def __init__(
-        self, settings: CostSettings, wheels: Sequence[Wheel], prior: Quantity | None = None
+        self,
+        settings: CostSettings,
+        wheels: Sequence[Wheel],
+        prior: Quantity | None = None,
+        names: Sequence[str] = (),
+        reference_slip: float = REFERENCE_SLIP,
     ) -> None:
         self.settings = settings
         self.outline = Outline(wheels)
@@ -85,7 +98,8 @@ class CostMap:
         elif prior is not None:
             self.free = settings.rules.cost(prior.value - _SLOPE, prior.standard_deviation)
         self.changed = False
-        self.ahead = GroundAhead(settings, prior)
+        self.reference_slip = reference_slip
+        self.ahead = GroundAhead(settings, prior, names, reference_slip)
         self._ground = CrossedGround(settings.size, settings.resolution, self.outline.length)
         self.remembered: Grid | None = None
         self.frame = ""

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smallwheel_ros.common.node_parameter import parameter
 from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid
 from smallwheel_ros.physics.wheel import Quantity
@@ -40,6 +41,11 @@ _PRIOR_PLACES = 2.0
 # kind.
 CLASS_SCATTER = 0.05
 _NOTHING_HELD = -1.0  # margin of a vehicle that is stuck: its own load holds it back
+
+
+# The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
+# the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
+REFERENCE_SLIP = 0.4
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,29 @@ PRIORS: Mapping[str, ClassPrior] = {
     "mud": ClassPrior(0.3, 0.20, 0.15, 0.15),
     "ice": ClassPrior(0.1, 0.05, 0.02, 0.05),
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainSettings:
+    """terrain.*: what is known of terrain classes beforehand."""
+
+    names: tuple[str, ...] | None = parameter(
+        None,
+        text="Names of the terrain classes, by number. Of asphalt, gravel, firm earth, grass, sand, snow, mud"
+        " and ice something is known before any wheel is on them. Layers of elevation_topic with such a name"
+        " are probabilities of the class.",
+    )
+
+    @property
+    def without_prior(self) -> str:
+        """Say which names tell nothing of the ground; empty where all do."""
+        others = [name for name in self.names or () if name not in PRIORS]
+        if not others:
+            return ""
+        return (
+            f"terrain.names: nothing is known of {', '.join(others)} before a wheel is on it, as of any"
+            f" ground; there are margins of {', '.join(PRIORS)}"
+        )
 
 
 @dataclass

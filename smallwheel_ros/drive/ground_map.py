@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
@@ -18,9 +19,16 @@ from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW
 
-from .messages import Status
+from .messages import Status, margin_before_driving
 
 _SURELY = 2.0  # standard deviations
+
+
+def cost_map_of(settings: NodeSettings) -> CostMap:
+    """The cost map of a vehicle before it has driven."""
+    onboard = settings.onboard
+    prior, names = margin_before_driving(onboard), settings.terrain.names or ()
+    return CostMap(settings.cost, onboard.wheels, prior, names, settings.reference_slip)
 
 
 class GroundMapper:
@@ -32,7 +40,7 @@ class GroundMapper:
 
     def __init__(self, cost_map: CostMap, wheels: tuple[Wheel, ...]) -> None:
         self.map, self._wheels = cost_map, wheels
-        self._reference_slip = cost_map.settings.reference_slip
+        self._reference_slip = cost_map.reference_slip
         self.clear()
 
     def clear(self) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from smallwheel_ros.arguments import BagOrUrdf, Count, Urdf
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.common.node_parameter import Value
 from smallwheel_ros.init.recorded import (
     JointSpeeds,
     Speed,
@@ -38,7 +39,6 @@ from smallwheel_ros.init.rover import (
     wheels_named_by,
     words_of,
 )
-from smallwheel_ros.onboard.parameter import Value
 from smallwheel_ros.onboard.robot_description import (
     DESCRIPTION_TYPE,
     RobotDescriptionError,

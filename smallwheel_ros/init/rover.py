@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.onboard.parameter import WHEEL, Value, written
+from smallwheel_ros.common.node_parameter import WHEEL, Value, written
+from smallwheel_ros.onboard.declared import PARAMETERS, parameters_for
 from smallwheel_ros.onboard.robot_description import (
     TURNING,
     RobotDescriptionError,
     Urdf,
     fill_silent,
 )
-from smallwheel_ros.onboard.table import PARAMETERS, parameters_for
 
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20

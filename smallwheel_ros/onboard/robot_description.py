@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.onboard.parameter import WHEEL
+from smallwheel_ros.common.node_parameter import WHEEL
+from smallwheel_ros.onboard.declared import PARAMETERS
 from smallwheel_ros.onboard.parameters import ParametersError, problems, wheel_names
-from smallwheel_ros.onboard.table import PARAMETERS
 from smallwheel_ros.physics.conditions import PRESSED
 
 Array = NDArray[np.float64]

@@ -13,11 +13,11 @@ import numpy as np
 from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
-from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
+from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import write_map
 from smallwheel_ros.drive.events import DriveEvents
-from smallwheel_ros.drive.ground_map import GroundMapper
-from smallwheel_ros.drive.messages import margin_before_driving, mobility_columns, soil_fields
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
+from smallwheel_ros.drive.messages import mobility_columns, soil_fields
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.pipeline.intake.inputs import topics_of
@@ -98,7 +98,7 @@ class _Drive:
         self._settings, self._notes = read_settings(spec, reader)
         if not reader.message_count or reader.start_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
-        if self._settings.soil_file and spec.soil_file is None:
+        if self._settings.soil.file and spec.soil_file is None:
             self._notes.append(
                 "soil.file is the node's, and not read: give --soil-file to go on from it"
             )
@@ -108,8 +108,7 @@ class _Drive:
         onboard = self._settings.onboard
         self.wheels = [wheel.name for wheel in onboard.wheels]
         self._pipeline = Pipeline(onboard)
-        cost_map = CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
-        self._ground = GroundMapper(cost_map, onboard.wheels)
+        self._ground = GroundMapper(cost_map_of(self._settings), onboard.wheels)
         self._soil_file = SoilFile(str(spec.soil_file or ""))
         self._go_on()
         self._happened = DriveEvents(self._pipeline, self.start)
@@ -205,11 +204,8 @@ class _Drive:
         self._stretches.add(turn.readings, changing)
 
         if turn.twists is not None and len(turn.twists):
-            assert self._settings.onboard.twist is not None
             self.twists.add(turn.twists)
-            self._bag.write_twists(
-                turn.twists, self._settings.onboard.twist, log_times(turn.twists.stamp)
-            )
+            self._bag.write_twists(turn.twists, self._settings.twist, log_times(turn.twists.stamp))
         rows = turn.estimates
         if not len(rows):
             return

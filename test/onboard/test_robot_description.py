@@ -308,7 +308,7 @@ def test_a_description_is_needed_only_where_nothing_else_is_wrong() -> None:
     assert needs_description(wheels) == ["front.diameter", "front.width"]
     assert needs_description(wheels | {"front.width": 0.1}) == ["front.diameter"]
     assert needs_description(wheels | {"front.width": 0.1, "front.diameter": 0.2}) == []
-    assert needs_description(wheels | {"load_sign": 3}) == []
+    assert needs_description(wheels | {"front.load_sign": 3}) == []
     assert needs_description({}) == silent_parameters({}) == []
 
 

@@ -20,7 +20,7 @@ import pytest
 import yaml
 
 from smallwheel_ros.bags.types import message_definitions
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.costmap.crossed_ground import CrossedGround
 from smallwheel_ros.costmap.grid import Grid
 

@@ -12,12 +12,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros.outputs import CostPublisher
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 WHEEL = Wheel("front", 0.2, 0.1)
+SETTINGS = settings_from({"wheels": ["front"], "front.diameter": 0.2, "front.width": 0.1})
 
 
 def transforms(x: float, yaw: float, child: str = "odom") -> Any:
@@ -41,7 +42,7 @@ def sent() -> list[Any]:
 def made_with(sent: list[Any]) -> CostPublisher:
     """One whose spread grids are kept; the bare ones go to a list of their own."""
     publishers = [SimpleNamespace(publish=each.append) for each in ([], sent)]
-    return CostPublisher(CostSettings(), [WHEEL], publishers, lambda *_: None)
+    return CostPublisher(SETTINGS, publishers, lambda *_: None)
 
 
 @pytest.fixture
@@ -130,8 +131,8 @@ def test_what_is_said_once_of_frames_is_heard_by_whoever_comes_late(
         create_subscription=subscribe,
     )
     monkeypatch.setattr(inputs, "topics_of", lambda _: [])
-    listening = inputs.Inputs(node, SimpleNamespace(), SimpleNamespace())
-    listening.listen(print, "moving", "static")
+    listening = inputs.Inputs(node, SimpleNamespace(elevation_topic=""), SimpleNamespace())
+    listening.listen(print, "moving", "static", print)
     for topic in ("/tf", "/robot1/tf"):
         assert heard[topic][0] == "moving"
         assert heard[topic][1].durability != DurabilityPolicy.TRANSIENT_LOCAL

@@ -113,7 +113,6 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
             "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
         ),
         ("model_file", "/dev/zero", "/dev/zero: cannot be read: it is a device or a pipe"),
-        ("load_sign", -1, "load_sign (-1) is gone, and measurements or the prior went by it"),
     ],
 )
 def test_the_same_at_the_start_is_one_message(
@@ -255,9 +254,10 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     from rclpy.parameter import Parameter
 
     from smallwheel_ros.onboard.parameters import read_parameters
+    from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.inputs import Inputs
     from smallwheel_ros.ros.mobility_estimator import MobilityEstimator
-    from smallwheel_ros.ros.outputs import CostPublisher, Outputs
+    from smallwheel_ros.ros.outputs import Outputs
 
     def fail(*_: object) -> None:
         raise RuntimeError("no network")

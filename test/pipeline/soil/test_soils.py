@@ -12,6 +12,7 @@ import pytest
 from world_drives import Driven, driven_world, table_of
 
 from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.onboard.declared import VehicleParameters
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
@@ -36,7 +37,7 @@ def drive_of(world: str, way: str = "half", seed: int = 1) -> Driven:
 
 
 def settings_of(drive: Driven, **more: object) -> OnboardSettings:
-    return replace(drive.settings, mass=0.0, **more)  # type: ignore[arg-type]
+    return replace(drive.settings, vehicle=VehicleParameters(), **more)  # type: ignore[arg-type]
 
 
 def border_of(drive: Driven) -> float:
