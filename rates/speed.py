@@ -39,7 +39,8 @@ from rates._world_labs import curves
 from rates.diagnosis import read
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
+from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.problem import base_of

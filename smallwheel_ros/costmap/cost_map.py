@@ -255,11 +255,11 @@ class CostMap:
 
     def _layers(self) -> tuple[Grid | None, Grid | None]:
         """What was seen, newest on top; and on the same cells what is expected, None where nothing is."""
+        self.ahead.stuck_at(self.frame, self._ground.stuck_places())
         ground, expected = self._ground.grid(self.frame), self.ahead.by_class()
         below = expected if expected is not None else ground
         if below is None:
             return None, None
-        self.ahead.stuck_at(self.frame, self._ground.stuck_places())
         slopes, old = self.ahead.by_slope(), self.remembered
         if slopes is not None:
             expected = expected if expected is not None else _blank(below)

@@ -13,8 +13,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from smallwheel_ros.costmap.grid import Grid, Pose
-from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 WHEEL = Wheel("front", 0.2, 0.1)
