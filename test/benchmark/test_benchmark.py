@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of laws: what is held against what, that ours may lose, and what is said of it."""
+"""The table of laws: what is held against what, that ours may lose, and what is said of it.
+
+Tests `data_sets.py` and `table.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a law may see of a table, and laws that somebody enters by a file."""
+"""What a law may see of a table, and laws that somebody enters by a file.
+
+Tests `own.py` and `parts.py`.
+"""
 
 from __future__ import annotations
 

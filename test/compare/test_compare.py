@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `comparison.py`, `contenders.py`, `reasons.py`, `resistance_ratio.py` and `shown.py`."""
+
 from __future__ import annotations
 
 import json

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What counts as evidence: runs and not rows, every channel for itself, and one verdict for all commands."""
+"""What counts as evidence: runs and not rows, every channel for itself, and one verdict for all commands.
+
+Tests `apply.py`, `competitors.py`, `held_out.py`, `pipeline.py` and `posterior.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict is never calm over a misfit: lack of fit, bad runs, drifts, laws that the library lacks."""
+"""The verdict is never calm over a misfit: lack of fit, bad runs, drifts, laws that the library lacks.
+
+Tests `curves.py` and `misfit.py`.
+"""
 
 from __future__ import annotations
 

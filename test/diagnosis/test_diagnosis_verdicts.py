@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict of a diagnosis: one table for each, faults of instruments, and what the document holds."""
+"""The verdict of a diagnosis: one table for each, faults of instruments, and what the document holds.
+
+Tests `document.py`, `faults.py`, `next_measurement.py`, `search.py`, `text.py` and `verdict.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `fit.py`, `parameters.py`, `problem.py` and `result.py`."""
+
 from __future__ import annotations
 
 from dataclasses import replace

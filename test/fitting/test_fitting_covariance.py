@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Deviations of fitted numbers: right size, right units, and not moved by what should not move them."""
+"""Deviations of fitted numbers: right size, right units, and not moved by what should not move them.
+
+Tests `noise.py` and `variance.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit takes from a table: points, not rows."""
+"""What a fit takes from a table: points, not rows.
+
+Tests `constants.py` and `points.py`.
+"""
 
 from __future__ import annotations
 

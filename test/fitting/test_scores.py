@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `held_out.py`."""
+
 from __future__ import annotations
 
 import numpy as np

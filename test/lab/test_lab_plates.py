@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates: the model's k, n, m, Bekker's and Reece's constants, and plates that disagree with wheels."""
+"""Plates: the model's k, n, m, Bekker's and Reece's constants, and plates that disagree with wheels.
+
+Tests `agreement.py`, `lab.py` and `plates.py`.
+"""
 
 from __future__ import annotations
 

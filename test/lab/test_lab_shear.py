@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shear tests: cohesion, friction angle, shear modulus, and what the curves cannot tell."""
+"""Shear tests: cohesion, friction angle, shear modulus, and what the curves cannot tell.
+
+Tests `shear.py` and `strength.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `cells.py`, `from_file.py`, `layout.py` and `reading.py`."""
+
 from __future__ import annotations
 
 import builtins

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one table of columns: units, ranges, and which columns the wheel answers with."""
+"""The one table of columns: units, ranges, and which columns the wheel answers with.
+
+Tests `columns.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands above a column, as people write it, and what it is."""
+"""What stands above a column, as people write it, and what it is.
+
+Tests `headers.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that ask for more than a table needs: refused by name, and before the memory is taken."""
+"""Files that ask for more than a table needs: refused by name, and before the memory is taken.
+
+Tests `files.py`.
+"""
 
 from __future__ import annotations
 

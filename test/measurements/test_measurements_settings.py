@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which rows share a setting, and which are repeats of one run."""
+"""Which rows share a setting, and which are repeats of one run.
+
+Tests `settings.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Old workbooks (xls), and what is not read of xls and ods."""
+"""Old workbooks (xls), and what is not read of xls and ods.
+
+Tests `workbooks.py`.
+"""
 
 from __future__ import annotations
 

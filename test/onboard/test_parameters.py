@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `declared.py`, `prior.py` and `settings.py`."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping

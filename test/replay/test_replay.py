@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `new_bag.py`, `recording.py`, `report.py`, `result.py`, `spec.py` and `tables.py`."""
+
 from __future__ import annotations
 
 import contextlib

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many bags, interruptions, a full disk, a cluster."""
+"""Many bags, interruptions, a full disk, a cluster.
+
+Tests `many.py`.
+"""
 
 from __future__ import annotations
 

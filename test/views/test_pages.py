@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `comparison.py`, `diagnosis.py`, `notes.py`, `page.py`, `parameters.py`, `plots.py`,
+`ratio.py`, `report.py` and `svg.py`."""
+
 from __future__ import annotations
 
 import base64

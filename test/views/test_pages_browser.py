@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages in a real browser: they answer to mouse and keyboard, fetch nothing, and can be read."""
+"""Pages in a real browser: they answer to mouse and keyboard, fetch nothing, and can be read.
+
+Tests `benchmark.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strength's filter on steps of the model's own forces: what it finds, keeps and hands over."""
+"""The strength's filter on steps of the model's own forces: what it finds, keeps and hands over.
+
+Tests `filter.py` and `forces.py`.
+"""
 
 from __future__ import annotations
 

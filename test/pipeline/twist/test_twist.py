@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The twist of rims and imu: blocks may be cut anywhere, doubt widens, bad input never gets out."""
+"""The twist of rims and imu: blocks may be cut anywhere, doubt widens, bad input never gets out.
+
+Tests `filter.py`.
+"""
 
 from __future__ import annotations
 

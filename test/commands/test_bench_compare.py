@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel compare` as a user calls it."""
+"""`smallwheel compare` as a user calls it.
+
+Tests `bench.py`.
+"""
 
 from __future__ import annotations
 

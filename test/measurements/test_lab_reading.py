@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables that a lab types: pressure, rectangles, compliance, curves, shear; and what is wrong there."""
+"""The tables that a lab types: pressure, rectangles, compliance, curves, shear; and what is wrong there.
+
+Tests `lab.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which messages are believed, what is said of others, and that nothing else is lost with them."""
+"""Which messages are believed, what is said of others, and that nothing else is lost with them.
+
+Tests `buffer.py` and `plausible.py`.
+"""
 
 from __future__ import annotations
 

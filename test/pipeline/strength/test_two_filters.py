@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts, steps, strength and mobility at their edges, on drives whose truth is a quadrature of its own."""
+"""Contacts, steps, strength and mobility at their edges, on drives whose truth is a quadrature of its own.
+
+Tests `words.py`.
+"""
 
 from __future__ import annotations
 

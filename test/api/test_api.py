@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`import smallwheel_ros as sw`: what the functions return, and that the commands print the same."""
+"""`import smallwheel_ros as sw`: what the functions return, and that the commands print the same.
+
+Tests `add.py`, `benchmark.py`, `compare.py`, `diagnose.py`, `fit.py`, `learn.py`, `predict.py`,
+`read.py` and `replay.py`.
+"""
 
 from __future__ import annotations
 

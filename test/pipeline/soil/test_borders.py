@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stretches and soils at their edges, on drives whose truth is a quadrature of its own."""
+"""Stretches and soils at their edges, on drives whose truth is a quadrature of its own.
+
+Tests `filter.py`, `health.py`, `local_law.py` and `scatter.py`.
+"""
 
 from __future__ import annotations
 

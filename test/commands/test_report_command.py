@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel report`: the page and the JSON are there whole, or one message is."""
+"""`smallwheel report`: the page and the JSON are there whole, or one message is.
+
+Tests `bench.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that the library lacks: drafted where the data can tell, and refused where it cannot."""
+"""A law that the library lacks: drafted where the data can tell, and refused where it cannot.
+
+Tests `document.py`, `draft.py`, `grammar.py`, `law.py`, `search.py`, `tangent.py` and `verdict.py`.
+"""
 
 from __future__ import annotations
 
