@@ -188,6 +188,10 @@ JUDGES = [
     Judge("grades before the 100", share(partial(_of, "graded"), _STUCK), 0.95),
     *(judge for planner in PLANNERS for judge in _of_planner(planner)),
     Judge("expected over seen stuck", ratio(partial(_of, "expected"), partial(_of, "was stuck")), 0.5, 2.0),
+    Judge(
+        "expected over metres that hold it back",
+        ratio(partial(_of, "expected"), partial(_of, "held back")), 0.5, 2.0,
+    ),
     Judge("stops, of cells over 90", ratio(partial(_of, "over, stop"), partial(_of, "over")), 0.8),
     Judge("stops, of cells under 10", ratio(partial(_of, "under, stop"), partial(_of, "under")), None, 0.02),
     Judge("goes round a ramp", share(partial(_of, "round the ramp"), partial(_in, "round the ramp")), 0.95),

@@ -3,7 +3,8 @@
 
 `slopes`: a drive up a slope that steepens, with an elevation map of the field. Expected over seen stuck: the
 forecast cost of each metre, as the bare grid stood before the front wheels came to it, summed over all metres
-that the vehicle's middle came to, over how often it got stuck.
+that the vehicle's middle came to, over how often it got stuck; and over the metres on which the ground gave
+less at the reference slip than the slope asked for. A vehicle that goes on there slips by more for some metres.
 
 `hills`: after a drive over soil, an elevation map of hills beyond it. A cell stops the vehicle where the
 slope is more than the margin there, which differs from block to block as it did on the drive. And a ridge
@@ -86,11 +87,13 @@ def slopes_trial(seed: int) -> Line:
             if cells.size:
                 forecast[metre] = float(np.mean(cells)) / 100.0
     entered = range(math.ceil(_FIRST), math.ceil(drive.truth.place[-1]))
-    known = [forecast[metre] for metre in entered if metre in forecast]
+    known = [metre for metre in entered if metre in forecast]
+    held = {math.floor(place) for place in drive.truth.place[drive.truth.reserve < 0.0]}
     return {
         "metres": len(known),
-        "expected": float(sum(known)),
+        "expected": float(sum(forecast[metre] for metre in known)),
         "was stuck": int(drive.truth.stuck is not None),
+        "held back": len(held.intersection(known)),
     }
 
 
