@@ -4,7 +4,7 @@
 `slopes`: a drive up a slope that steepens, with an elevation map of the field. Expected over seen stuck: the
 forecast cost of each metre, as the bare grid stood before the front wheels came to it, summed over all metres
 that the vehicle's middle came to, over how often it got stuck; and over the metres on which the ground gave
-less at the reference slip than the slope asked for. A vehicle that goes on there slips by more for some metres.
+less at the reference slip than the slope asked for: one that goes on there slips by more for some metres.
 
 `hills`: after a drive over soil, an elevation map of hills beyond it. A cell stops the vehicle where the
 slope is more than the margin there, which differs from block to block as it did on the drive. And a ridge

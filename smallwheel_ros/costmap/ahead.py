@@ -105,15 +105,19 @@ class GroundAhead:
         cells = self._settings.rules.expected(left, deviation)
         return Grid(ahead.frame, ahead.resolution, ahead.origin, cells)
 
-    def _margins(self, ahead: Elevation) -> tuple[Array, Array]:
-        """Margin of each cell of an elevation and its variance, by its class where one is known."""
+    def _margins(self, ahead: Elevation) -> tuple[Array | float, Array | float]:
+        """Margin of each cell of an elevation and its variance, by its class; one number without classes."""
         margins, other = self.classes.margins(), self._other
+        if self.class_grid is None and not ahead.classes:
+            return _moments(self.margin)
         # By class number, the byte that an int8 is: as of this ground where it is not classified.
-        table = np.full((256, 2), _moments(other))
-        table[128:] = _moments(self.margin)
+        table = np.full((2, 256), np.nan)
+        table[:, :128] = np.array(_moments(other))[:, None]
+        table[:, 128:] = np.array(_moments(self.margin))[:, None]
         for terrain, known in margins.items():
-            table[terrain] = _moments(known)
-        mean, variance = table[self._classes_of(ahead).view(np.uint8)].transpose(2, 0, 1)
+            table[:, terrain] = _moments(known)
+        numbers = self._classes_of(ahead).view(np.uint8)
+        mean, variance = np.take(table[0], numbers), np.take(table[1], numbers)
         if not ahead.classes:
             return mean, variance
         # Probabilities of several classes: the moments of their mixture; what is left is as without them.
@@ -121,7 +125,7 @@ class GroundAhead:
         rest = np.ones(mean.shape)
         first, second = np.zeros((2, *mean.shape))
         for name, share in ahead.classes.items():
-            value, spread = table[self._names.index(name)]
+            value, spread = table[:, self._names.index(name)]
             part = share / total
             rest, first, second = (
                 rest - part,
@@ -143,10 +147,15 @@ class GroundAhead:
             middles = ahead.origin[1 - axis] + ahead.resolution * (
                 np.arange(found.shape[axis]) + 0.5
             )
-            index = np.floor((middles - grid.origin[1 - axis]) / grid.resolution).astype(int)
+            index = np.floor((middles - grid.origin[1 - axis]) / grid.resolution)
+            index = index.astype(np.intp)
             inside.append((index >= 0) & (index < grid.cells.shape[axis]))
             at.append(index[inside[-1]])
-        found[np.ix_(*inside)] = grid.cells[np.ix_(*at)]
+        # Those inside follow each other.
+        rows, columns = (
+            slice(int(np.argmax(one)), int(np.argmax(one)) + int(one.sum())) for one in inside
+        )
+        found[rows, columns] = grid.cells[at[0]][:, at[1]]
         return found
 
 

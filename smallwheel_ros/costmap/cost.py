@@ -75,6 +75,7 @@ class CostRules:
     def expected(self, margin: Array | float, deviation: Array | float) -> Cells:
         """Costs of ground that was not crossed, of any shape: 99 at most, -1 where a number is missing."""
         left = (np.asarray(margin) - self.required_margin) / np.maximum(deviation, _EXACT)
+        left = left.astype(np.float32)  # for whole per cents, in half the time
         costs = np.minimum(np.rint(HIGHEST * ndtr(-left)), PASSABLE)
         return np.where(np.isnan(costs), UNKNOWN, costs).astype(np.int8)
 

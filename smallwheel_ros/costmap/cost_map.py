@@ -29,7 +29,6 @@ from smallwheel_ros.costmap.grid import (
     HERE,
     HIGHEST,
     UNKNOWN,
-    Cells,
     Grid,
     Pose,
     lay_over,
@@ -242,36 +241,33 @@ class CostMap:
 
         With terrain classes the cells are theirs, else the window's.
         """
-        seen, expected = self._layers()
+        bare = self._laid()
         self.changed, self._given = False, self._pose
-        if seen is None:
+        if bare is None:
             return None
-        self._let_out(seen)
-        cells = seen.cells if expected is None else _above(seen.cells, expected.cells)
-        bare = replace(seen, cells=cells)
-        dear = replace(seen, cells=spread(cells, self.spread / seen.resolution))
+        self._let_out(bare)
+        dear = replace(bare, cells=spread(bare.cells, self.spread / bare.resolution))
         self._leave_way_home(dear)
         return CostGrids(bare, dear)
 
-    def _layers(self) -> tuple[Grid | None, Grid | None]:
-        """What was seen, newest on top; and on the same cells what is expected, None where nothing is."""
+    def _laid(self) -> Grid | None:
+        """All layers, what is expected below what was seen; None without any place."""
+        ground, old = self._ground.grid(self.frame), self.remembered
         self.ahead.stuck_at(self.frame, self._ground.stuck_places())
-        ground, expected = self._ground.grid(self.frame), self.ahead.by_class()
-        below = expected if expected is not None else ground
-        if below is None:
-            return None, None
-        slopes, old = self.ahead.by_slope(), self.remembered
+        costs, slopes = self.ahead.by_class(), self.ahead.by_slope()
+        if costs is None and ground is not None:
+            if old is None and slopes is None:
+                return self._freed(ground)
+            costs = replace(ground, cells=np.full_like(ground.cells, UNKNOWN))
+        if costs is None:
+            return None
         if slopes is not None:
-            expected = expected if expected is not None else _blank(below)
-            self._lay(expected, slopes)
-        if ground is not None and below is ground and old is None:
-            return self._freed(ground), expected
-        seen = _blank(below)
+            self._lay(costs, slopes)
         if old is not None:
-            self._lay(seen, old)
+            self._lay(costs, self._freed(old))
         if ground is not None:
-            self._lay(seen, ground)
-        return self._freed(seen), expected
+            self._lay(costs, self._freed(ground))
+        return costs
 
     def _lay(self, costs: Grid, above: Grid) -> None:
         """Lay a grid over another one where it is known how their frames lie."""
@@ -386,13 +382,3 @@ class CostMap:
                 " down once tf says where the one is in the other"
             )
         return "; ".join([*found, *self.ahead.classes.contradictions()])
-
-
-def _blank(like: Grid) -> Grid:
-    """A grid of the same cells of which nothing is known."""
-    return replace(like, cells=np.full_like(like.cells, UNKNOWN))
-
-
-def _above(upper: Cells, lower: Cells) -> Cells:
-    """The upper cells where they are known, else the lower ones."""
-    return np.where(upper == UNKNOWN, lower, upper)

@@ -148,6 +148,9 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
 
     pose: of the upper grid's frame in that of the lower one.
     """
+    if pose.heading == 0.0 and above.resolution >= costs.resolution:
+        _lay_coarser(costs, above, pose)
+        return
     # The dearest last: of several that are written to one cell, the last one stays.
     known = np.flatnonzero(above.cells >= 0)
     known = known[np.argsort(above.cells.ravel()[known], kind="stable")]
@@ -165,6 +168,25 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
     cost = np.broadcast_to(above.cells[rows, columns][:, None, None], at_row.shape)
     costs.cells[at_row[inside], at_column[inside]] = cost[inside]
+
+
+def _lay_coarser(costs: Grid, above: Grid, pose: Pose) -> None:
+    """Write cells that are no smaller, along the same axes: each cell takes what lies over its middle."""
+    first, inside, found = [], [], []
+    for axis, shift in ((0, pose.y), (1, pose.x)):
+        start = above.origin[1 - axis] + shift - costs.origin[1 - axis]
+        sides, count = costs.resolution, costs.cells.shape[axis]
+        low = max(math.floor(start / sides), 0)
+        high = min(math.ceil((start + above.cells.shape[axis] * above.resolution) / sides), count)
+        middles = sides * (np.arange(low, max(high, low)) + 0.5) - start
+        index = np.floor(middles / above.resolution + 1e-9).astype(np.int64)
+        known = (index >= 0) & (index < above.cells.shape[axis])
+        first.append(low + int(np.argmax(known)) if known.any() else 0)
+        inside.append(int(known.sum()))
+        found.append(index[known])
+    part = costs.cells[first[0] : first[0] + inside[0], first[1] : first[1] + inside[1]]
+    upper = above.cells[found[0]][:, found[1]]
+    np.copyto(part, upper, where=upper >= 0)
 
 
 def union(frame: str, layers: Sequence[tuple[Grid, Pose]]) -> Grid:

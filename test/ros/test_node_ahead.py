@@ -7,6 +7,7 @@ this package are.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -92,13 +93,12 @@ def packages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str
     found = {"PYTHONPATH": str(library), "LD_LIBRARY_PATH": str(folder / "prefix" / "lib")}
     for variable, value in found.items():
         found[variable] = os.pathsep.join(filter(None, [value, before.get(variable, "")]))
-    # Libraries of type support are looked for by name, at run time.
-    os.environ["LD_LIBRARY_PATH"] = found["LD_LIBRARY_PATH"]
+    # Libraries of type support are looked for by name: what is loaded already is found.
+    for file in sorted((folder / "prefix" / "lib").glob("*.so"), key=lambda one: len(one.name)):
+        ctypes.CDLL(str(file), mode=ctypes.RTLD_GLOBAL)
     sys.path.insert(0, str(library))
     yield found
     sys.path.remove(str(library))
-    os.environ.pop("LD_LIBRARY_PATH")
-    os.environ |= before
 
 
 @pytest.mark.parametrize(
