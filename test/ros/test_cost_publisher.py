@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the node's grid is sent: on change, again after a while, and after a correction by tf."""
+"""When the node's grids are sent: on change, again after a while, and after a correction by tf.
+
+Tests `cost_publisher.py` and `conversions.py`.
+"""
 
 from __future__ import annotations
 
