@@ -23,7 +23,6 @@ from smallwheel_ros.ros.conversions import grid_message, nanoseconds_of, pose_of
 
 # Takes topic, reason and words of something that went wrong.
 Report = Callable[[str, str, str], None]
-TERRAIN_CLASSES = "terrain_classes"
 # s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
 # where they belong once it comes again: at once where tf tells of it, else after so long.
 _AGAIN_AFTER = 5.0
@@ -80,14 +79,15 @@ class CostPublisher:
             return
         self._last = message
         self.received += 1
+        topic = self._settings.terrain_classes_topic
         try:
             self.map.take_classes(grid_from(message))
         except CostMapError as error:
-            self._report(TERRAIN_CLASSES, "malformed_grid", f"not used: {error}")
+            self._report(topic, "malformed_grid", f"not used: {error}")
             return
         self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
         if self.map.in_other_frame:
-            self._report(TERRAIN_CLASSES, "other_frame", self.map.problem)
+            self._report(topic, "other_frame", self.map.problem)
 
     def on_elevation(self, message: Any) -> None:
         """Take a map of elevations (grid_map_msgs/GridMap)."""

@@ -26,7 +26,6 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.refused import Refusal
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.conversions import message_class
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.parameters import (
     INPUT,
@@ -151,8 +150,9 @@ class Inputs:
                 subscribe(message_class(topic.type), name, _never, **how)
                 self._raw[name] = self._subscriptions[-1]
             # A classifier's grids come as they are made, a map server's was there before us.
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes)
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, LATCHED)
+            if classes := self._settings.terrain_classes_topic:
+                subscribe(OccupancyGrid, classes, take_classes)
+                subscribe(OccupancyGrid, classes, take_classes, LATCHED)
             if elevations := self._settings.elevation_topic:
                 subscribe(message_class(ELEVATION), elevations, take_elevation, NEWEST)
             if TFMessage is not None:

@@ -23,14 +23,13 @@ from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import HIGHEST
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.drive.statements import Kind, Statement, alarms
-from smallwheel_ros.onboard.parameters import ParametersError
+from smallwheel_ros.onboard.parameters import ParametersError, idle_remaps
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.conversions import message_class
-from smallwheel_ros.ros.cost_publisher import TERRAIN_CLASSES
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import ELEVATION, Inputs
 from smallwheel_ros.ros.outputs import SPEED_LIMIT, Outputs, outputs_of
@@ -70,15 +69,16 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
                 f"{parameter} needs package {package}, which is not installed: sudo apt install"
                 f" ros-jazzy-{package.replace('_', '-')}, or leave the parameter empty"
             )
-    classes = node.resolve_topic_name(TERRAIN_CLASSES)
     published = {
         node.resolve_topic_name(name): f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         for name, (kind, _) in outputs_of(settings).items()
     }
-    types = {**_OF_ROS, **published, classes: "nav_msgs/msg/OccupancyGrid"}
+    types = {**_OF_ROS, **published}
     listened = [(topic.name, topic.type) for topic in topics_of(settings)]
     if settings.elevation_topic:
         listened.append((settings.elevation_topic, ELEVATION))
+    if settings.terrain_classes_topic:
+        listened.insert(0, (settings.terrain_classes_topic, "nav_msgs/msg/OccupancyGrid"))
     if settings.robot_description_topic:
         listened.append((settings.robot_description_topic, DESCRIPTION_TYPE))
     for given, kind in listened:
@@ -91,6 +91,11 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
                 " can have no topic of two"
             )
+
+
+def _is_remapped(node: LifecycleNode, name: str) -> bool:
+    """Whether a remap of the node gives a topic another name."""
+    return bool(node.resolve_topic_name(name) != node.resolve_topic_name(name, only_expand=True))
 
 
 @dataclass
@@ -125,7 +130,8 @@ class Session:
         restored = self._soil_file.restore(self._pipeline)
         of_classes = settings.terrain.without_prior
         said = self._soil_file.problem, settings.onboard.unknown_positions, of_classes
-        self.warnings = [*self._pipeline.undeterminable, *filter(None, said)]
+        idle = [why for name, why in idle_remaps(settings).items() if _is_remapped(node, name)]
+        self.warnings = [*idle, *self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
         self._timer: Timer | None = None
         self._jobs: list[_Job] = []
@@ -145,7 +151,7 @@ class Session:
     @property
     def _frame(self) -> str:
         """Frame of the odometry."""
-        return self._inputs.frame(ODOMETRY)
+        return self._inputs.frame(self._settings.odom_topic)
 
     @property
     def velocity_frame(self) -> str:
@@ -163,7 +169,7 @@ class Session:
             return lambda message: self._safely(name, work, message)
 
         inputs.listen(
-            guarded(TERRAIN_CLASSES, cost.on_classes),
+            guarded(self._settings.terrain_classes_topic, cost.on_classes),
             guarded("/tf", cost.on_transforms),
             guarded("/tf_static", cost.on_static_transforms),
             guarded(self._settings.elevation_topic, cost.on_elevation),
