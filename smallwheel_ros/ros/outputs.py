@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,18 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
-from smallwheel_ros.drive.messages import Status, mobility_columns, soil_fields
+from smallwheel_ros.drive.messages import (
+    Status,
+    mobility_columns,
+    soil_fields,
+    vehicle_columns,
+)
 from smallwheel_ros.drive.speed_limit import SpeedLimit
-from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
@@ -34,13 +40,14 @@ from smallwheel_ros.ros.cost_publisher import CostPublisher, Report
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {
-    "~/mobility": (MobilityEstimate, ESTIMATE),
+    "~/vehicle": (VehicleMobility, ESTIMATE),
     "~/soil": (SoilEstimate, LATCHED),
     "~/markers": (MarkerArray, ESTIMATE),
     **{f"~/{name}": (OccupancyGrid, LATCHED) for name in COST_TOPICS},
 }
 TWIST = {"~/twist": (TwistWithCovarianceStamped, ESTIMATE)}  # where twist.publish is set
 SPEED_LIMIT = "nav2_msgs/msg/SpeedLimit"
+BEFORE = "~/mobility"  # carried the messages of all wheels in releases up to 0.3
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 
 # --- Markers
@@ -113,6 +120,7 @@ class Outputs:
         self._publishers: dict[str, LifecyclePublisher] = {}
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
         self.newest = none_of(Estimates)
+        self._told_what_went = False
         self._soil_sent: int | None = None
         # Stamp, soil and rejected readings of the newest soil that is not published yet.
         self._soil_waits: tuple[int, Soil, int] | None = None
@@ -171,6 +179,7 @@ class Outputs:
             self.start_over()
         if turn.twists is not None:
             self._publish_twists(turn.twists, self._settings.twist)
+        self._publish_vehicle(turn.vehicle)
         found = turn.estimates
         if not len(found):
             return
@@ -189,16 +198,32 @@ class Outputs:
             self.publish_speed_limit()
 
     def _publish_estimates(self, found: Estimates) -> None:
-        wheels = self._settings.onboard.wheels
         columns = mobility_columns(found, self._pipeline)
-        names = list(columns)
-        values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-        for stamp, wheel, row in zip(
-            found.stamp.tolist(), found.wheel.tolist(), values, strict=True
-        ):
-            header = header_of(stamp, wheels[wheel].name)
-            message = MobilityEstimate(header=header, **dict(zip(names, row, strict=True)))
-            self._publishers["~/mobility"].publish(message)
+        for stamp, row in zip(found.stamp.tolist(), _fields_of(columns), strict=True):
+            wheel = row["wheel"]
+            header = header_of(stamp, self._settings.frame_of(wheel))
+            message = MobilityEstimate(header=header, **row)
+            self._publishers[mobility_topic(wheel)].publish(message)
+
+    def _publish_vehicle(self, rows: VehicleEstimates) -> None:
+        for stamp, row in zip(rows.stamp.tolist(), _fields_of(vehicle_columns(rows)), strict=True):
+            message = VehicleMobility(header=header_of(stamp, self._settings.base_frame), **row)
+            self._publishers["~/vehicle"].publish(message)
+
+    def report_waiting_for_what_went(self) -> None:
+        """Tell whoever still waits for the topic of all wheels, once, which there are now."""
+        if self._told_what_went or not self._node.count_subscribers(BEFORE):
+            return
+        self._told_what_went = True
+        wheels = [mobility_topic(wheel.name) for wheel in self._settings.onboard.wheels]
+        of_each, vehicle = (
+            [self._node.resolve_topic_name(name) for name in names]
+            for names in (wheels, ["~/vehicle"])
+        )
+        self._node.get_logger().warning(
+            f"a subscriber waits on {self._node.resolve_topic_name(BEFORE)}, which is gone: each wheel has a"
+            f" topic of its own ({', '.join(of_each)}), the vehicle {vehicle[0]}"
+        )
 
     def _count_lonely(self, found: Estimates) -> None:
         """Count the rows for which there was no load."""
@@ -268,7 +293,21 @@ class Outputs:
 
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     """Types and QoS of what is published, by name."""
-    return OUTPUTS | (TWIST if settings.twist.publish else {})
+    wheels = {mobility_topic(name): (MobilityEstimate, ESTIMATE) for name in settings.inputs}
+    topic = settings.speed_limit_topic
+    limit = {topic: (message_class(SPEED_LIMIT), ESTIMATE)} if topic else {}
+    return wheels | OUTPUTS | (TWIST if settings.twist.publish else {}) | limit
+
+
+def mobility_topic(wheel: str) -> str:
+    """Topic of a wheel's estimates."""
+    return f"~/{wheel}/mobility"
+
+
+def _fields_of(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Fields of each message."""
+    values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+    return (dict(zip(columns, row, strict=True)) for row in values)
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:

@@ -128,8 +128,9 @@ class Session:
         self._pipeline = Pipeline(settings.onboard)
         self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
+        onboard = settings.onboard
         of_classes = settings.terrain.without_prior
-        said = self._soil_file.problem, settings.onboard.unknown_positions, of_classes
+        said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note, of_classes
         idle = [why for name, why in idle_remaps(settings).items() if _is_remapped(node, name)]
         self.warnings = [*idle, *self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
@@ -268,7 +269,7 @@ class Session:
                 self._flushed, self._behind = quiet, False
                 before = begin
                 for turn in self._pipeline.turns(last=quiet, span=_SPAN):
-                    self._safely("~/mobility", self._outputs.publish, turn, self._frame)
+                    self._safely("~/vehicle", self._outputs.publish, turn, self._frame)
                     now = time.monotonic()
                     self._behind = now - begin + (now - before) > within
                     if self._behind:
@@ -279,7 +280,7 @@ class Session:
                 raise
             # What it is in the middle of is not to be trusted.
             text = f"a turn failed, soil and cost map start over:\n{traceback.format_exc()}"
-            self._report("~/mobility", "internal_error", text)
+            self._report("~/vehicle", "internal_error", text)
             self._start_over()
         self._inputs.log(self._pipeline.take_problems())
         self._longest = max(self._longest, time.monotonic() - begin)
@@ -305,6 +306,7 @@ class Session:
         """Return the entries of an active node; log which alarms begin and end."""
         newest = self._outputs.newest
         self._outputs.report_deaf_subscribers()
+        self._outputs.report_waiting_for_what_went()
         longest, self._longest = self._longest, 0.0
         inputs = self._inputs.status(longest)
         found = [inputs, *entries(self._pipeline, newest, self._outputs.cost)]

@@ -134,7 +134,11 @@ def test_what_is_said_once_of_frames_is_heard_by_whoever_comes_late(
         create_subscription=subscribe,
     )
     monkeypatch.setattr(inputs, "topics_of", lambda _: [])
-    listening = inputs.Inputs(node, SimpleNamespace(elevation_topic="", terrain_classes_topic="terrain_classes"), SimpleNamespace())
+    listening = inputs.Inputs(
+        node,
+        SimpleNamespace(elevation_topic="", terrain_classes_topic="terrain_classes"),
+        SimpleNamespace(),
+    )
     listening.listen(print, "moving", "static", print)
     for topic in ("/tf", "/robot1/tf"):
         assert heard[topic][0] == "moving"

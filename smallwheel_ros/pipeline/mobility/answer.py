@@ -146,7 +146,7 @@ def answer(
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
         status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
-    margin, margin_std, median, lower_std, risk = _margins(
+    margin, margin_std, median, lower_std, by_soil, risk = _margins(
         state, rows, can, judged, measured, strength_version, strengths, rolls
     )
     numbers = [soils.versions[number].number for number in newest.tolist()]
@@ -162,6 +162,7 @@ def answer(
         margin_median=median, margin_lower_std=lower_std, demand=judged.asked, risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
+        margin_by_soil=by_soil,
         rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
     )  # fmt: skip
@@ -213,8 +214,8 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     strength_version: Integers, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, its median with that of its lower half; the vehicle's risk.
+) -> tuple[Array, Array, Array, Array, Flags, Array]:  # fmt: skip
+    """Margin of each wheel with its deviation, its median with that of its lower half, whether by soil; risk.
 
     measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
     """
@@ -243,7 +244,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, median, lower, risk
+    return margin, deviation, median, lower, by_filter & rolls, risk
 
 
 def _tilt(state: AnswerState, rows: Readings) -> Array:

@@ -49,7 +49,8 @@ class Judged(Columns):
 class Judgement:
     """Warnings and the margin of any ground of one vehicle.
 
-    warned: of the newest turn; None: no tenth of a second was over.
+    warned: of the newest turn; None: no tenth of a second was over. instants: those tenths; stuck: at which
+    of them the rims run and the vehicle does not.
     """
 
     def __init__(self, settings: OnboardSettings, align: Align) -> None:
@@ -57,6 +58,8 @@ class Judgement:
         self.warnings = Warnings(settings.wheels, IMU in settings.streams)
         self.ground = AnyGround(self.warnings.side)
         self.warned: Warned | None = None
+        self.instants: Instants | None = None
+        self.stuck: Flags = np.empty(0, dtype=bool)
         self._speed_is = (
             VELOCITY
             if VELOCITY in settings.streams
@@ -87,9 +90,10 @@ class Judgement:
         )
         imu = (felt[0], align.doubts.believed(IMU, *felt)) if felt[0].size else None
         made = self.warnings.take(rows, stamps, imu, align.done)
-        self.warned = None
+        self.warned = self.instants = None
         if made is not None:
             instants, self.warned = made
+            self.instants = instants
             self._slip = float(self.warned.slip[-1])
             self._levels = _carried(self._levels, self.warned.stamp, self.warned.level)
             self._spin(instants)
@@ -160,6 +164,7 @@ class Judgement:
             end = first + k + 1
             begin = int(np.searchsorted(whole.stamp, whole.stamp[end - 1] - SECOND, side="right"))
             spins[k] = end - begin >= 10 and _gets_nowhere(whole.take(slice(begin, end)))
+        self.stuck = np.asarray(spins.any(axis=1))
         before, flags = self._spinning
         flags = flags if flags.shape[1] else np.zeros((0, spins.shape[1]), dtype=bool)
         self._spinning = np.concatenate([before, instants.stamp]), np.vstack([flags, spins])
