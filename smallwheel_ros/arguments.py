@@ -77,15 +77,6 @@ def _pairs(texts: Sequence[str]) -> dict[str, str]:
 
 _Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
 
-<<<<<<< HEAD
-=======
-Data = Annotated["_Table", Kind(type=Path, unnamed=True)]
-Settings = Annotated["_Table", Kind("TABLE", type=Path)]
-Tests = Annotated[
-    "_Table | ShearTests | Sequence[_Table | ShearTests]",
-    Kind(type=Path, unnamed=True, several=True),
-]
->>>>>>> main
 Headers = Annotated[
     Mapping[str, str],
     Kind("NAME=HEADER", several=True, read=_pairs, say="load=F3, or with a unit 'load [kN]=F3'."),

@@ -5,23 +5,10 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING
 
-<<<<<<< HEAD
-from smallwheel_ros.arguments import Flag, OtherSetting, Setting, SoilName
-=======
 from smallwheel_ros.api.read import conditions_of
-from smallwheel_ros.arguments import (
-    AnyModel,
-    Flag,
-    Headers,
-    OtherSetting,
-    OwnEffects,
-    Setting,
-    Settings,
-    Sheets,
-    SoilName,
-)
->>>>>>> main
+from smallwheel_ros.arguments import Flag, Headers, OtherSetting, Setting, Sheets, SoilName
 from smallwheel_ros.common.errors import ArgumentError
+from smallwheel_ros.measurements.given import Settings
 from smallwheel_ros.measurements.typed import check_setting, levels_of
 from smallwheel_ros.model.given import AnyModel, OwnEffects, model_of, registry_of
 

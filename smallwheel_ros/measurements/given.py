@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _Table: TypeAlias = "Measurements | str | PathLike[str] | pd.DataFrame"
 
 Data = Annotated["_Table", Kind(type=Path, unnamed=True)]
+Settings = Annotated["_Table", Kind("TABLE", type=Path)]
 Tests = Annotated[
     "_Table | ShearTests | Sequence[_Table | ShearTests]",
     Kind(type=Path, unnamed=True, several=True),
