@@ -23,8 +23,7 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import Grid, grid_from
-from smallwheel_ros.drive.ground_map import GroundMapper
-from smallwheel_ros.drive.messages import margin_before_driving
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.replay.recording import turns_of
 from smallwheel_ros.ros import config_file
@@ -41,9 +40,7 @@ def cost_map(bag: Path, config: Path, classes: Grid | None = None) -> tuple[Cost
     """Return the cost map after a bag, and the places of the robot, shape (places, 2)."""
     settings = settings_from(read_parameters(config))
     wheels = settings.onboard.wheels
-    mapper = GroundMapper(
-        CostMap(settings.cost, wheels, margin_before_driving(settings.onboard)), wheels
-    )
+    mapper = GroundMapper(cost_map_of(settings), wheels)
     if classes is not None:
         mapper.map.take_classes(classes)
     way: list[tuple[float, float]] = []
@@ -95,10 +92,11 @@ def main() -> int:
                 bag, classes = simulated(Path(folder))
             config = options.config or config_file("four_wheels.yaml")
             found, way = cost_map(bag, config, classes)
-        grid = found.grid()
-        if grid is None:
+        grids = found.grids()
+        if grids is None:
             print("no cost map: the bag has no poses", file=sys.stderr)
             return 1
+        grid = grids.spread
         options.output.parent.mkdir(parents=True, exist_ok=True)
         draw_cost(grid, options.output, way=way, title="Cost of the ground, as Nav2 gets it")
     except SmallwheelError as error:
@@ -108,11 +106,12 @@ def main() -> int:
     print(
         f"{known.size} of {grid.cells.size} cells are known, costs {known.min()} to {known.max()}"
     )
-    places = found.classes.places()
-    for terrain, margin in found.classes.margins().items():
+    classes = found.ahead.classes
+    places, table = classes.places(), classes.table()
+    for terrain, margin in classes.margins().items():
         print(
             f"class {terrain}: {places[terrain]} places, margin {margin.value:.3f} +-"
-            f" {margin.standard_deviation:.3f}, cost {found.classes.table()[terrain]}"
+            f" {margin.standard_deviation:.3f}, cost {table[terrain]}"
         )
     print(options.output)
     return 0

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node, and Nav2's server that leads both costmaps to its grid.
+"""The node, and Nav2's servers that lead both costmaps to its grids.
 
     ros2 launch smallwheel_ros nav2_cost.launch.py params_file:=rover.yaml
 
 Merge config/nav2_costmaps.yaml into your Nav2 parameters first; needs nav2_map_server and
 nav2_lifecycle_manager. With namespace:=robot1 everything is below /robot1, and filter_info_topic in the
-costmaps is /robot1/soil_filter_info.
+costmaps is /robot1/soil_filter_info and /robot1/soil_bare_filter_info.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
+# Name of each server, and the grid that it leads to.
+SERVERS = {"soil_filter_info_server": "cost", "soil_bare_filter_info_server": "cost_bare"}
+
 
 def generate_launch_description() -> LaunchDescription:
     share = FindPackageShare("smallwheel_ros")
@@ -26,10 +29,31 @@ def generate_launch_description() -> LaunchDescription:
         "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     }
     namespace = LaunchConfiguration("namespace")
-    # A costmap takes a relative name for one of its own namespace, /robot1/local_costmap: a full name.
-    grid = PythonExpression(
-        ["'/'.join(['', *'", namespace, "'.strip('/').split(), 'mobility_estimator', 'cost'])"]
-    )
+
+    def server(name: str, topic: str) -> Node:
+        # A costmap takes a relative name for one of its own namespace, /robot1/local_costmap: a full name.
+        grid = PythonExpression(
+            [
+                "'/'.join(['', *'",
+                namespace,
+                "'.strip('/').split(), 'mobility_estimator', '",
+                topic,
+                "'])",
+            ]
+        )
+        return Node(
+            package="nav2_map_server",
+            executable="costmap_filter_info_server",
+            name=name,
+            namespace=namespace,
+            output="screen",
+            parameters=[
+                LaunchConfiguration("filter_info_file"),
+                sim_time,
+                {"mask_topic": ParameterValue(grid, value_type=str)},
+            ],
+        )
+
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -40,7 +64,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "filter_info_file",
                 default_value=PathJoinSubstitution([share, "config", "nav2_filter_info.yaml"]),
-                description="Parameters of costmap_filter_info_server.",
+                description="Parameters of both costmap_filter_info_servers.",
             ),
             DeclareLaunchArgument(
                 "use_sim_time",
@@ -72,19 +96,8 @@ def generate_launch_description() -> LaunchDescription:
                     "respawn": LaunchConfiguration("respawn"),
                 }.items(),
             ),
-            Node(
-                package="nav2_map_server",
-                executable="costmap_filter_info_server",
-                name="soil_filter_info_server",
-                namespace=namespace,
-                output="screen",
-                parameters=[
-                    LaunchConfiguration("filter_info_file"),
-                    sim_time,
-                    {"mask_topic": ParameterValue(grid, value_type=str)},
-                ],
-            ),
-            # A manager of its own: this server starts with the node, whatever Nav2 does.
+            *(server(name, topic) for name, topic in SERVERS.items()),
+            # A manager of their own: these servers start with the node, whatever Nav2 does.
             Node(
                 package="nav2_lifecycle_manager",
                 executable="lifecycle_manager",
@@ -93,7 +106,7 @@ def generate_launch_description() -> LaunchDescription:
                 output="screen",
                 parameters=[
                     sim_time,
-                    {"autostart": True, "node_names": ["soil_filter_info_server"]},
+                    {"autostart": True, "node_names": list(SERVERS)},
                 ],
             ),
         ]

@@ -18,10 +18,8 @@ from rates.drives import FLAGS, FLAGS_AT_THE_END, METRES, SECONDS, band
 from rates.faults import Raw
 from rates.foreign_rover import EPOCH, WHEELS, ForeignDrive, ForeignWorld, driven
 from rates.judges import Judge, Line, Subject, events, ratio, share
-from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import HIGHEST
-from smallwheel_ros.drive.ground_map import GroundMapper
-from smallwheel_ros.drive.messages import margin_before_driving
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Array, Estimates
@@ -72,9 +70,7 @@ def judged(drive: ForeignDrive) -> Line:
     settings = settings_from(parameters_of(drive))
     pipeline, truth = Pipeline(settings.onboard), drive.truth
     wheels = settings.onboard.wheels
-    mapper = GroundMapper(
-        CostMap(settings.cost, wheels, margin_before_driving(settings.onboard)), wheels
-    )
+    mapper = GroundMapper(cost_map_of(settings), wheels)
     line: Line = {
         "length": float(truth.path[-1]), "stuck": truth.stuck is not None, "found": None, "accused": [],
         "looks": dict.fromkeys(NAMES, 0), "error": {}, "stated": {},

@@ -6,7 +6,8 @@
 1. Closed form: sinkage and compaction resistance (eq. 10, 14) of 10^6 rows, against the three bare NumPy
    powers that the equations need; and a whole prediction of them, for information.
 2. Contact integral: sinkage of 10^5 rows, against scipy's quad inside brentq at equal accuracy.
-3. Cost map: a grid of 10^6 terrain classes to costs, against one numpy table lookup over the same cells.
+3. Cost map: a grid of 10^6 terrain classes to costs, against one numpy table lookup of as many; a map
+   of elevations.
 4. Diagnosis: processor time of simulated tables, a real rig (where ../shared/data is) and plate curves.
 5. Replay: a drive of six wheels whose sensors come at 100 Hz, 1500 messages, 600 readings and 60 estimates
    a second, against real time; deserialising alone and the pipeline without any output beside it; and memory
@@ -26,6 +27,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -39,7 +42,9 @@ from rates._world_labs import curves
 from rates.diagnosis import read
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.bags import BagReader, BagWriter
-from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.elevation import elevation_from
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.problem import base_of
@@ -153,7 +158,7 @@ def of_contact() -> None:
 
 
 def of_cost_map() -> None:
-    """Classes to costs, with 15 m of crossed ground, and spread, over a table lookup."""
+    """Classes to costs, with 15 m of crossed ground, spread, and slopes ahead, over a table lookup."""
     rng = np.random.default_rng(1)
     cells = rng.integers(-1, 12, (1000, 1000)).astype(np.int8)
     table = rng.integers(0, 100, 256).astype(np.int8)
@@ -163,18 +168,41 @@ def of_cost_map() -> None:
         "classes alone": CostMap(plain, wheels),
         "15 m of crossed ground": CostMap(plain, wheels),
         "the same, spread": CostMap(CostSettings(), wheels),
+        "the same, with slopes ahead": CostMap(CostSettings(), wheels),
     }
+    message = elevations(rng)
     for name, cost_map in maps.items():
         cost_map.take_classes(Grid("odom", 0.05, (-25.0, -25.0), cells))
+        if name.endswith("ahead"):
+            cost_map.take_elevation(elevation_from(message, "elevation", 0.9))
         for x in np.arange(0.0, 15.0, 0.02) if name != "classes alone" else ():
             for wheel in wheels:
                 cost_map.add(
                     wheel, "odom", Pose(float(x) - 7.5, 0.0, 0.0), float(x), Quantity(0.1, 0.01)
                 )
-    grids = [cost_map.grid for cost_map in maps.values()]
+    grids = [cost_map.grids for cost_map in maps.values()]
     limit, *ours = in_turn(40, lambda: np.take(table, cells.view(np.uint8)), *grids)
     for name, seconds in zip(maps, ours, strict=True):
-        told(f"cost map, {name}, over a table lookup", seconds / limit, "at most 3")
+        told(f"cost map, {name}, over a table lookup", seconds / limit, "at most 4")
+    (seconds,) = in_turn(20, lambda: elevation_from(message, "elevation", 0.9))
+    told(
+        "map of elevations, 200 x 200 cells with holes, a message, ms", 1e3 * seconds, "at most 20"
+    )
+
+
+def elevations(rng: np.random.Generator) -> Any:
+    """A grid_map_msgs/GridMap of 200 x 200 cells of 0.1 m, 15 % of them unknown."""
+    heights = (0.01 * rng.standard_normal(40_000)).astype(np.float32)
+    heights[rng.uniform(size=heights.size) < 0.15] = np.nan
+    names = ("column_index", "row_index")
+    layout = SimpleNamespace(dim=[SimpleNamespace(label=name, size=200) for name in names])
+    place = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = SimpleNamespace(position=place, orientation=place)
+    info = SimpleNamespace(resolution=0.1, length_x=20.0, length_y=20.0, pose=pose)
+    return SimpleNamespace(
+        header=SimpleNamespace(frame_id="odom"), info=info, layers=["elevation"],
+        data=[SimpleNamespace(layout=layout, data=heights)], outer_start_index=7, inner_start_index=190,
+    )  # fmt: skip
 
 
 def plates() -> Measurements:

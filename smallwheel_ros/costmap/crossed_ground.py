@@ -210,6 +210,16 @@ class CrossedGround:
             if last.mark != UNKNOWN:
                 self._open.setdefault(wheel, []).append(last)
 
+    def stuck_places(self) -> list[tuple[float, float]]:
+        """Middles (m) of the cells where an axle was stuck and has not got through since, each once."""
+        strips = [*self._strips.values(), *(one for each in self._open.values() for one in each)]
+        cells = {
+            tuple(math.floor(value / self.resolution) for value in strip.middle)
+            for strip in strips
+            if strip.mark == HIGHEST
+        }
+        return [((x + 0.5) * self.resolution, (y + 0.5) * self.resolution) for x, y in cells]
+
     def grid(self, frame: str) -> Grid | None:
         """Return the window as a grid of that frame; its cells are a copy.
 

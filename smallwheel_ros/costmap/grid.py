@@ -119,20 +119,25 @@ def grid_from(message: Any) -> Grid:
     Raises CostMapError naming what is wrong with it, what was found and what was expected.
     """
     info, data = message.info, np.array(message.data, dtype=np.int8)
-    place, turn = info.origin.position, info.origin.orientation
+    place = info.origin.position
     if data.size != info.width * info.height:
         raise CostMapError(
             f"the grid has {data.size} cells, expected width * height = {info.width} * {info.height}"
         )
+    check_straight(info.origin.orientation, "the grid")
+    cells = data.reshape(info.height, info.width)
+    return Grid(message.header.frame_id, float(info.resolution), (place.x, place.y), cells)
+
+
+def check_straight(turn: Any, what: str) -> None:
+    """Raise CostMapError where a quaternion turns something, which is named, in its frame."""
     facing = (turn.x, turn.y, turn.z, turn.w)
     off = min(np.abs(facing - _STRAIGHT).max(), np.abs(facing + _STRAIGHT).max())
     if not off <= _TURNED:
         raise CostMapError(
-            f"the grid's origin is turned (quaternion {facing}), expected 0, 0, 0, 1:"
-            " planners take no turned grid either"
+            f"{what} is turned in its frame (quaternion {facing}), expected 0, 0, 0, 1: planners take no"
+            " turned grid either"
         )
-    cells = data.reshape(info.height, info.width)
-    return Grid(message.header.frame_id, float(info.resolution), (place.x, place.y), cells)
 
 
 # --- One laid over another, and costs spread
@@ -143,6 +148,9 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
 
     pose: of the upper grid's frame in that of the lower one.
     """
+    if pose.heading == 0.0 and above.resolution >= costs.resolution:
+        _lay_coarser(costs, above, pose)
+        return
     # The dearest last: of several that are written to one cell, the last one stays.
     known = np.flatnonzero(above.cells >= 0)
     known = known[np.argsort(above.cells.ravel()[known], kind="stable")]
@@ -160,6 +168,25 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
     cost = np.broadcast_to(above.cells[rows, columns][:, None, None], at_row.shape)
     costs.cells[at_row[inside], at_column[inside]] = cost[inside]
+
+
+def _lay_coarser(costs: Grid, above: Grid, pose: Pose) -> None:
+    """Write cells that are no smaller, along the same axes: each cell takes what lies over its middle."""
+    first, inside, found = [], [], []
+    for axis, shift in ((0, pose.y), (1, pose.x)):
+        start = above.origin[1 - axis] + shift - costs.origin[1 - axis]
+        sides, count = costs.resolution, costs.cells.shape[axis]
+        low = max(math.floor(start / sides), 0)
+        high = min(math.ceil((start + above.cells.shape[axis] * above.resolution) / sides), count)
+        middles = sides * (np.arange(low, max(high, low)) + 0.5) - start
+        index = np.floor(middles / above.resolution + 1e-9).astype(np.int64)
+        known = (index >= 0) & (index < above.cells.shape[axis])
+        first.append(low + int(np.argmax(known)) if known.any() else 0)
+        inside.append(int(known.sum()))
+        found.append(index[known])
+    part = costs.cells[first[0] : first[0] + inside[0], first[1] : first[1] + inside[1]]
+    upper = above.cells[found[0]][:, found[1]]
+    np.copyto(part, upper, where=upper >= 0)
 
 
 def union(frame: str, layers: Sequence[tuple[Grid, Pose]]) -> Grid:

@@ -11,12 +11,28 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.mobility.answer import STALE
 from smallwheel_ros.pipeline.mobility.status import Condition, Status
-from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
 from smallwheel_ros.pipeline.warning.hazard import risk_of
+from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW
+
+from .messages import margin_before_driving
+
+_SURELY = 2.0  # standard deviations
+# Margin of the snow in which places were found to differ by `AHEAD`. Ice holds 0.08 in all: with as much
+# scatter it would hold a vehicle back in one place of six, and a real one drove 215 m without being stuck.
+_AHEAD_OF = 0.2
+
+
+def cost_map_of(settings: NodeSettings) -> CostMap:
+    """The cost map of a vehicle before it has driven."""
+    onboard = settings.onboard
+    prior, names = margin_before_driving(onboard), settings.terrain.names or ()
+    return CostMap(settings.cost, onboard.wheels, prior, names, settings.reference_slip)
 
 
 class GroundMapper:
@@ -28,12 +44,14 @@ class GroundMapper:
 
     def __init__(self, cost_map: CostMap, wheels: tuple[Wheel, ...]) -> None:
         self.map, self._wheels = cost_map, wheels
+        self._reference_slip = cost_map.reference_slip
         self.clear()
 
     def clear(self) -> None:
         """Forget the ground."""
         self.map.clear()
         count = len(self._wheels)
+        self._was_shown: Array = np.full(count, -np.inf)  # at each wheel's newest row
         # Of the newest row of each wheel: stamp; load, margin, its deviation; whether it is elsewhere.
         self._newest: list[NDArray[Any]] = [
             np.full(count, NEVER), *np.full((3, count), np.nan), np.zeros(count, dtype=bool)
@@ -44,17 +62,15 @@ class GroundMapper:
 
         Every margin counts, with its deviation: before the soil has been measured, and where its sinkage
         never is, that is what balance and torque tell, or the prior. Nothing is known where the measured
-        sinkage did not fit. A wheel that is sunk to its axle in soil that was measured, digs itself in or
-        spins on the spot is stuck there.
+        sinkage did not fit. Stuck is a vehicle that surely makes no way though its rims turn, and a wheel
+        that was measured to be as deep as its axle; one that the soil's law says is so deep is expected to
+        get stuck.
         """
-        sunk = (found.status == Status.SUNK_TO_AXLE) & (
-            (found.conditions & Condition.PRIOR_ONLY) == 0
-        )
-        stuck = found.spins | sunk
+        stuck = found.spins | self._seen_sunk(found)
         level = np.where(
             found.digging_in, 2, ((found.conditions & Condition.WARNED) > 0).astype(int)
         )
-        risk = risk_of(np.zeros(len(found)), level)
+        risk = risk_of(np.where(found.status == Status.SUNK_TO_AXLE, 1.0, 0.0), level)
         refused = found.status == Status.REJECTED
         columns = (
             found.wheel,
@@ -66,22 +82,60 @@ class GroundMapper:
             stuck,
             risk,
             found.tilt,
+            found.demand,
+            self._shown(found, stuck | (risk > 0.0)),
         )
         margins = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, strict=True)
-        for wheel, x, y, heading, distance, unknown, held, likely, slope, margin in (
+        for wheel, x, y, heading, distance, unknown, held, likely, slope, demand, shown, margin in (
             rows if frame else ()
         ):
             if math.isfinite(x + y + heading):
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
-                    None if unknown else margin, stuck=held, risk=likely, slope=slope,
+                    None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand,
+                    shown=shown,
                 )  # fmt: skip
+        newest = next((one for one in reversed(margins) if one is not None), None)
+        if newest is not None:
+            # Of ground ahead as much is unsure as the places of one field differ by.
+            scatter = AHEAD * min(max(newest.value, 0.0) / _AHEAD_OF, 1.0)
+            self.map.expect(Quantity(newest.value, math.hypot(newest.standard_deviation, scatter)))
+
+    def _seen_sunk(self, found: Estimates) -> Flags:
+        """Whether a wheel was measured, surely, to be as deep as its axle."""
+        radius = np.array([0.5 * wheel.diameter for wheel in self._wheels])[found.wheel]
+        spread = np.nan_to_num(found.sinkage_measured_std)
+        return np.asarray(found.sinkage_measured - _SURELY * spread > radius)
+
+    def _shown(self, found: Estimates, trouble: Flags) -> Array:
+        """Margin that the ground has shown at each row: what was asked for where the vehicle got on with it.
+
+        -inf where nothing was shown: without slip, at a slip over that of the margin, where a warning held.
+        What was asked for is at least that of a way down the slope there. A wheel that stands has been shown
+        what it was before.
+        """
+        asked = np.where(np.isnan(found.demand), -found.tilt, found.demand)
+        gets_on = ~trouble & (found.slip < self._reference_slip)
+        shown: Array = np.where(gets_on, asked - _SURELY * LAW, -np.inf)
+        stands = ~trouble & ((found.conditions & Condition.STANDS) > 0)
+        for number in range(len(self._wheels)):
+            own = np.flatnonzero(found.wheel == number)
+            if own.size:
+                before = np.concatenate([self._was_shown[[number]], shown[own]])
+                newest = np.maximum.accumulate(np.where(stands[own], 0, 1 + np.arange(own.size)))
+                shown[own] = before[newest]
+                self._was_shown[number] = shown[own[-1]]
+        return shown
 
     def _margins(self, found: Estimates) -> list[Quantity | None]:
-        """Margin of the vehicle at each row, by the wheels that are on one soil with the row's."""
+        """Margin of the vehicle at each row, by the wheels that are on one soil with the row's.
+
+        Its median, and the standard deviation of its lower half, of which costs are made.
+        """
         count, rows = len(self._wheels), np.arange(len(found))
-        columns = (found.stamp, found.load, found.margin, found.margin_std, found.elsewhere)
+        margins = found.margin_median, found.margin_lower_std
+        columns = (found.stamp, found.load, *margins, found.elsewhere)
         # What was newest of each wheel before these rows, then the rows; and which is at each row.
         stamp, load, margin, deviation, elsewhere = (
             np.concatenate([before, column])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from smallwheel_ros.pipeline.mobility.vehicle import OK, STUCK, UNKNOWN, Vehicle
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import WORDS
-from smallwheel_ros.pipeline.warning.margin import unknown_ground
+from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -224,7 +225,11 @@ def _level_texts(rows: VehicleEstimates) -> list[str]:
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
-    """Margin on any ground, as believed before the first message; None without a rolling wheel."""
+    """Margin on any ground ahead, as believed before the first message; None without a rolling wheel.
+
+    Its median, and the standard deviation of its lower half.
+    """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    return Quantity(*unknown_ground(settings.reference_slip))
+    median, deviation = GroundMargin(settings.reference_slip).lower_half()
+    return Quantity(median, math.hypot(deviation, AHEAD))

@@ -24,16 +24,14 @@ from smallwheel_ros.common.node_parameter import (
     rows_of,
     topic,
 )
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
+from smallwheel_ros.costmap.terrain import REFERENCE_SLIP, TerrainSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import SOILS
 from smallwheel_ros.physics.wheel import GRAVITY
 
 LoadSource = Literal["wrench", "joint_states", "static"]
 Sign = Literal[1, -1]
-# The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
-# the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
-REFERENCE_SLIP = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,6 +348,18 @@ class Parameters(DriveParameters):
         " can be known: set them on firm ground, and lower it.",
     )
     cost: CostSettings = group(CostSettings)
+    terrain: TerrainSettings = group(TerrainSettings)
+    elevation_topic: str = topic(
+        "",
+        "Topic (grid_map_msgs/GridMap) of a map of the ground ahead: slopes that are seen have a cost before"
+        " a wheel is on them. Empty: none.",
+    )
+    elevation_layer: str = parameter("elevation", text="Its layer of heights, m; NaN is not known.")
+    speed_limit_topic: str = topic(
+        "",
+        "Topic (nav2_msgs/SpeedLimit) that the controller slows down by: to 50 % from a first warning until"
+        " 2 m without, to 20 % at the second level. Empty: none.",
+    )
     inputs: Mapping[str, WheelParameters] = group_per_wheel(WheelParameters)  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.bags import BagReader, BagWriter, Key, Message, RawMessage, header
+from smallwheel_ros.costmap.cost_map import COST_TOPICS, CostGrids
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.parameters import NODE_NAME
@@ -63,7 +64,8 @@ class NewBag(BagWriter):
             self.add(f"{self.prefix}/{wheel}/mobility", MOBILITY)
         self.add(f"{self.prefix}/vehicle", VEHICLE)
         self.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
-        self.add(f"{self.prefix}/cost", _GRID, keeps_last=True)
+        for name in COST_TOPICS:
+            self.add(f"{self.prefix}/{name}", _GRID, keeps_last=True)
         return self
 
     def copy_message(self, raw: RawMessage) -> None:
@@ -145,8 +147,12 @@ class NewBag(BagWriter):
             self._sent[what] = time
         return due
 
-    def write_grid(self, grid: Grid, stamp: int, time: int) -> None:
-        """Write a cost grid; stamp and time of recording in ns."""
+    def write_grids(self, grids: CostGrids, stamp: int, time: int) -> None:
+        """Write the cost grids; stamp and time of recording in ns."""
+        for name, grid in zip(COST_TOPICS, grids, strict=True):
+            self._write_grid(f"{self.prefix}/{name}", grid, stamp, time)
+
+    def _write_grid(self, topic: str, grid: Grid, stamp: int, time: int) -> None:
         (x, y), (height, width) = grid.origin, grid.cells.shape
         stamped = header(stamp, grid.frame)
         level = Message(x=0.0, y=0.0, z=0.0, w=1.0)
@@ -158,7 +164,7 @@ class NewBag(BagWriter):
             origin=Message(position=Message(x=x, y=y, z=0.0), orientation=level),
         )
         message = Message(header=stamped, info=info, data=grid.cells.ravel())
-        self.write(f"{self.prefix}/cost", _GRID, time, message)
+        self.write(topic, _GRID, time, message)
 
     def _write_pose(self, stamp: int, pose: Sequence[float], time: int, frame: str) -> None:
         """Write where base_frame is in the frame of the odometry, unless the bag's own /tf is copied."""

@@ -13,16 +13,11 @@ import numpy as np
 from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
-from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
+from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import write_map
 from smallwheel_ros.drive.events import DriveEvents
-from smallwheel_ros.drive.ground_map import GroundMapper
-from smallwheel_ros.drive.messages import (
-    margin_before_driving,
-    mobility_columns,
-    soil_fields,
-    vehicle_columns,
-)
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
+from smallwheel_ros.drive.messages import mobility_columns, soil_fields, vehicle_columns
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.pipeline.intake.inputs import topics_of
@@ -124,8 +119,7 @@ class _Drive:
         self.start = reader.start_time  # log time
         self.wheels = [wheel.name for wheel in onboard.wheels]
         self._pipeline = Pipeline(onboard)
-        cost_map = CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
-        self._ground = GroundMapper(cost_map, onboard.wheels)
+        self._ground = GroundMapper(cost_map_of(self._settings), onboard.wheels)
         self._soil_file = SoilFile(str(spec.soil_file or ""))
         self._go_on()
         self._happened = DriveEvents(self._pipeline, self.start)
@@ -194,7 +188,7 @@ class _Drive:
         if recording.damage is not None:
             state, ended = "ended_early", str(recording.damage)
         if self._last_stamp and self._ground.map.changed:
-            self._write_grid(self._last_stamp, recording.time)
+            self._write_grids(self._last_stamp, recording.time)
         bag.write_soil()
         self._happened.finish()
         whole = state == "complete" and self._reader.end_time is not None
@@ -258,7 +252,7 @@ class _Drive:
             self._last_stamp = int(rows.stamp[part[-1]])
             time = int(recorded[part[-1]])
             if self._ground.map.changed and self._bag.is_due("cost", time, period):
-                self._write_grid(self._last_stamp, time)
+                self._write_grids(self._last_stamp, time)
 
     def _told(self) -> list[dict[str, Any]]:
         """What is told of the soils of the newest turn."""
@@ -273,11 +267,11 @@ class _Drive:
         self._soils = list(zip(self._happened.soils, told, strict=True))
         return told
 
-    def _write_grid(self, stamp: int, time: int) -> None:
-        """Write the grid as the node would have published it."""
-        grid = self._ground.map.grid()
-        if grid is not None:
-            self._bag.write_grid(grid, stamp, time)
+    def _write_grids(self, stamp: int, time: int) -> None:
+        """Write the grids as the node would have published them."""
+        grids = self._ground.map.grids()
+        if grids is not None:
+            self._bag.write_grids(grids, stamp, time)
 
     def write_map(self, path: Path) -> None:
         """Write all that was crossed, also what the window has left behind, for map_server."""

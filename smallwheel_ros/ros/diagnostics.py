@@ -19,7 +19,7 @@ from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.strength.words import StrengthEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.ros.outputs import CostPublisher
+from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _LEVELS = {
@@ -142,15 +142,18 @@ def _alarms(pipeline: Pipeline, newest: Estimates) -> dict[str, str]:
 
 def _cost(cost: CostPublisher) -> DiagnosticStatus:
     """What the cost map rests on."""
-    places = cost.map.classes.places()
+    places = cost.map.ahead.classes.places()
     values = {
         "grids published": str(cost.published),
         "grids of terrain classes received": str(cost.received),
+        "maps of elevations received": str(cost.elevations),
         "places crossed by class": ", ".join(f"{k}: {n}" for k, n in places.items()) or "none",
     }
     if cost.map.problem:
         return status("cost", WARN, cost.map.problem, values)
-    text = "terrain classes and crossed ground" if cost.map.class_grid else "crossed ground"
+    ahead = cost.map.ahead
+    given = {"terrain classes": ahead.class_grid, "slopes ahead": ahead.elevation}
+    text = " and ".join([*(what for what, one in given.items() if one), "crossed ground"])
     return status("cost", OK, text if cost.published else "no grid yet: no pose has come", values)
 
 

@@ -25,14 +25,17 @@ from smallwheel_ros.pipeline.intake.inputs import Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.refused import Refusal
 from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
-from smallwheel_ros.ros.outputs import message_class
 from smallwheel_ros.ros.parameters import (
     INPUT,
     LATCHED,
+    NEWEST,
     NO_SUBSCRIPTION_EVENTS,
     STATIC_TRANSFORMS,
 )
+
+ELEVATION = "grid_map_msgs/msg/GridMap"
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -118,11 +121,13 @@ class Inputs:
         take_classes: Callable[[Any], None],
         take_transforms: Callable[[Any], None],
         take_static: Callable[[Any], None],
+        take_elevation: Callable[[Any], None],
     ) -> None:
         """Subscribe to the topics. Where that fails, to none.
 
-        take_classes, take_transforms, take_static: called with a grid of terrain classes, and with what
-        comes by /tf and tf, and by /tf_static and tf_static, where tf2_msgs is installed.
+        take_elevation: called with a map of elevations, where there is a topic of it. take_classes,
+        take_transforms, take_static: called with a grid of terrain classes, and with what comes by /tf and
+        tf, and by /tf_static and tf_static, where tf2_msgs is installed.
         """
         self.arrived = time.monotonic()
 
@@ -148,6 +153,8 @@ class Inputs:
             if classes := self._settings.terrain_classes_topic:
                 subscribe(OccupancyGrid, classes, take_classes)
                 subscribe(OccupancyGrid, classes, take_classes, LATCHED)
+            if elevations := self._settings.elevation_topic:
+                subscribe(message_class(ELEVATION), elevations, take_elevation, NEWEST)
             if TFMessage is not None:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
                 for name in {self._node.resolve_topic_name(name) for name in ("/tf", "tf")}:

@@ -43,6 +43,7 @@ _Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Res
 
 # What does the work of a service, and what is lacking for it in a node that is not configured.
 _SERVICES = {
+    "clear_cost": (Session.clear_cost, "there is no cost to clear"),
     "reset": (Session.reset, "there is nothing to reset"),
     "save_soil": (Session.save, "there is no soil to save"),
     "terrain_margins": (Session.terrain_margins, "there are no terrain classes"),
@@ -191,7 +192,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
                 response.message = f"not configured: {lacking}"
             else:
                 response.success, response.message = work(self._session)
-            if name == "save_soil" or (name == "reset" and response.success):
+            if name == "save_soil" or (name in ("reset", "clear_cost") and response.success):
                 self.get_logger().info(f"{name}: {response.message}")
         except Exception as error:
             self.get_logger().error(f"{name} failed:\n{traceback.format_exc()}")

@@ -3,40 +3,31 @@
 
 from __future__ import annotations
 
-import importlib
 import math
-import time
-from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import rclpy
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
-from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
-from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
-from smallwheel_ros.drive.ground_map import GroundMapper
+from smallwheel_ros.costmap.cost_map import COST_TOPICS
+from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.drive.messages import (
-    margin_before_driving,
     mobility_columns,
     soil_fields,
     vehicle_columns,
 )
+from smallwheel_ros.drive.speed_limit import SpeedLimit
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.pipeline.intake.inputs import angles_of
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
@@ -44,67 +35,20 @@ from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
 from smallwheel_ros.pipeline.twist.twist import Twists, messages
+from smallwheel_ros.ros.conversions import header_of, message_class
+from smallwheel_ros.ros.cost_publisher import CostPublisher, Report
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {
     "~/vehicle": (VehicleMobility, ESTIMATE),
     "~/soil": (SoilEstimate, LATCHED),
     "~/markers": (MarkerArray, ESTIMATE),
-    "~/cost": (OccupancyGrid, LATCHED),
+    **{f"~/{name}": (OccupancyGrid, LATCHED) for name in COST_TOPICS},
 }
 TWIST = {"~/twist": (TwistWithCovarianceStamped, ESTIMATE)}  # where twist.publish is set
+SPEED_LIMIT = "nav2_msgs/msg/SpeedLimit"
 BEFORE = "~/mobility"  # carried the messages of all wheels in releases up to 0.3
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
-# Takes topic, reason and words of something that went wrong.
-Report = Callable[[str, str, str], None]
-
-
-# --- Between messages and values; nothing is worked out here
-
-
-def message_class(kind: str) -> Any | None:
-    """Return the ROS class of a type like nav_msgs/msg/Odometry; None: it is not installed."""
-    try:
-        package, _, name = kind.split("/")
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ValueError, ImportError, AttributeError):
-        return None
-
-
-def nanoseconds_of(stamp: Time) -> int:
-    """Turn a header's stamp into ns."""
-    return int(stamp.sec) * SECOND + int(stamp.nanosec)
-
-
-def time_message(stamp: int) -> Time:
-    """Turn ns into a header's stamp."""
-    return Time(sec=stamp // SECOND, nanosec=stamp % SECOND)
-
-
-def _header(stamp: int, frame: str) -> Header:
-    return Header(stamp=time_message(stamp), frame_id=frame)
-
-
-def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
-    """Turn a grid into its message; stamp in ns."""
-    message = OccupancyGrid(header=_header(stamp, grid.frame))
-    info = message.info
-    info.map_load_time = message.header.stamp
-    info.resolution = grid.resolution
-    info.height, info.width = grid.cells.shape
-    info.origin.position.x, info.origin.position.y = grid.origin
-    info.origin.orientation.w = 1.0
-    # An array of the right type is taken as it is; anything else is looked at cell by cell.
-    message.data = array("b", grid.cells.tobytes())
-    return message
-
-
-def _pose_of(transform: Any) -> Pose:
-    """Place and heading of a geometry_msgs/Transform; the heading is NaN where it has no rotation."""
-    by, turn = transform.translation, transform.rotation
-    cosine, sine, *_ = angles_of(*np.array([[turn.x], [turn.y], [turn.z], [turn.w]]))
-    return Pose(by.x, by.y, math.atan2(float(sine[0]), float(cosine[0])))
-
 
 # --- Markers
 
@@ -134,7 +78,7 @@ def _of_wheel(newest: Estimates, i: int, wheel: Wheel, frame: str) -> list[Marke
     pose = Pose(float(newest.x[i]), float(newest.y[i]), float(newest.heading[i]))
     if not math.isfinite(sum(pose) + depth):
         return []
-    header, number = _header(int(newest.stamp[i]), frame), int(newest.wheel[i])
+    header, number = header_of(int(newest.stamp[i]), frame), int(newest.wheel[i])
     column = Marker(header=header, ns="sinkage", id=number, type=Marker.CYLINDER)
     words = Marker(header=header, ns="sinkage_text", id=number, type=Marker.TEXT_VIEW_FACING)
     place = pose.place(wheel.longitudinal_position, wheel.lateral_position)
@@ -159,136 +103,6 @@ def _of_wheel(newest: Estimates, i: int, wheel: Wheel, frame: str) -> list[Marke
     return [column, words]
 
 
-# --- The cost map
-
-# s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
-# where they belong once it comes again: at once where tf tells of it, else after so long.
-_AGAIN_AFTER = 5.0
-_LAST = 0.5  # s for listeners to take the last grid
-
-
-class CostPublisher:
-    """Keeps the cost map of a vehicle (`map`), and publishes it.
-
-    received, published: how many grids of terrain classes have come, and how many of costs were sent.
-    report: takes what is wrong with a grid that cannot be used. prior: the vehicle's margin on any ground, as
-    it is believed before driving. classes_topic: that terrain classes come by.
-    """
-
-    def __init__(
-        self,
-        settings: CostSettings,
-        wheels: Sequence[Wheel],
-        publisher: LifecyclePublisher,
-        report: Report,
-        prior: Quantity | None = None,
-        classes_topic: str = "terrain_classes",
-    ) -> None:
-        self._publisher, self._classes_topic = publisher, classes_topic
-        self._report = report
-        self._stamp = 0
-        self._last: Any = None
-        self._sent: Any = None  # the newest grid, and when that was by time.monotonic()
-        self._sent_at = 0.0
-        # Of that grid, where tf had it when it was sent.
-        self._corner: tuple[float, float] | None = None
-        self._corrected = False
-        # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
-        self._static: dict[str, tuple[str, Pose]] = {}
-        self.received = 0
-        self.published = 0
-        self.map = CostMap(settings, wheels, prior)
-        self._ground = GroundMapper(self.map, tuple(wheels))
-
-    def add(self, estimates: Estimates, frame: str) -> None:
-        """Take rows of estimates; frame is that of the odometry."""
-        self._stamp = max(self._stamp, int(estimates.stamp[-1]))
-        self._ground.add(estimates, frame)
-        if self.map.frame in self._static:
-            self.map.place_frame(*self._static.pop(self.map.frame))
-
-    def on_classes(self, message: Any) -> None:
-        """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
-        if message == self._last:
-            return
-        self._last = message
-        self.received += 1
-        try:
-            self.map.take_classes(grid_from(message))
-        except CostMapError as error:
-            self._report(self._classes_topic, "malformed_grid", f"not used: {error}")
-            return
-        self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
-        if self.map.in_other_frame:
-            self._report(self._classes_topic, "other_frame", self.map.problem)
-
-    def on_transforms(self, message: Any) -> None:
-        """Take transforms (tf2_msgs/TFMessage): the grid is sent again once its frame has moved."""
-        of_grid = None if self._sent is None else self._sent.header.frame_id
-        for found in message.transforms:
-            frame = found.child_frame_id
-            if frame not in (self.map.frame, of_grid):
-                continue
-            pose = _pose_of(found.transform)
-            if frame == self.map.frame != "" and math.isfinite(sum(pose)):
-                self.map.place_frame(found.header.frame_id, pose)
-            if frame == of_grid:
-                self._look_at_corner(pose)
-
-    def on_static_transforms(self, message: Any) -> None:
-        """Take transforms that are sent once: of frames that are not known yet, they are kept."""
-        for found in message.transforms:
-            pose = _pose_of(found.transform)
-            if math.isfinite(sum(pose)):
-                self._static[found.child_frame_id] = found.header.frame_id, pose
-        self.on_transforms(message)
-
-    def _look_at_corner(self, pose: Pose) -> None:
-        """See whether the far corner of the grid that was sent has moved in the frame above it."""
-        info = self._sent.info
-        corner = pose.place(
-            info.origin.position.x + info.width * info.resolution,
-            info.origin.position.y + info.height * info.resolution,
-        )
-        if self._corner is None:
-            self._corner = corner
-        elif not math.dist(corner, self._corner) < 0.5 * info.resolution:
-            self._corrected = True
-
-    def clear(self) -> None:
-        """Forget the ground: the soil is another one, or time has gone back."""
-        self._ground.clear()
-        self._stamp = 0
-
-    def publish(self, now: int) -> None:
-        """Publish the grid if it has changed, and the same one again after 5 s or a correction by tf.
-
-        now (ns): its stamp before any measurement.
-        """
-        again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
-        grid = self.map.grid() if self.map.changed else None
-        if grid is not None:
-            self._send(grid_message(grid, self._stamp or now))
-        elif again and self._sent is not None:
-            self._send(self._sent)
-
-    def empty(self) -> None:
-        """Tell listeners, before the topic goes, that nothing is known any more: Nav2 would keep it."""
-        if self._sent is None or not rclpy.ok():
-            return
-        self._sent.data = array("b", bytes([UNKNOWN % 256])) * len(self._sent.data)
-        # The publisher of a node that is not active any more is silent by itself.
-        Publisher.publish(self._publisher, self._sent)
-        self._publisher.wait_for_all_acked(Duration(seconds=_LAST))
-        self._sent = None
-
-    def _send(self, message: Any) -> None:
-        self._publisher.publish(message)
-        self._sent, self._sent_at = message, time.monotonic()
-        self._corner, self._corrected = None, False
-        self.published += 1
-
-
 # --- All of it
 
 
@@ -310,17 +124,14 @@ class Outputs:
         self._soil_sent: int | None = None
         # Stamp, soil and rejected readings of the newest soil that is not published yet.
         self._soil_waits: tuple[int, Soil, int] | None = None
-        vehicle = settings.onboard
         try:
             for topic, (kind, profile) in outputs_of(settings).items():
                 self._publishers[topic] = node.create_lifecycle_publisher(
                     kind, topic, profile, event_callbacks=NO_PUBLISHER_EVENTS
                 )
-            prior = margin_before_driving(vehicle)
-            cost = self._publishers["~/cost"]
-            self.cost = CostPublisher(
-                settings.cost, vehicle.wheels, cost, report, prior, settings.terrain_classes_topic
-            )
+            cost = [self._publishers[f"~/{name}"] for name in COST_TOPICS]
+            self.cost = CostPublisher(settings, cost, report)
+            self._limit = SpeedLimit()
         except Exception:
             self.destroy()
             raise
@@ -353,6 +164,7 @@ class Outputs:
     def start_over(self) -> None:
         """Forget what was published: the soil is another one, or time has gone back."""
         self.cost.clear()
+        self._limit.clear()
         self.delete_markers()
         self.newest = none_of(Estimates)
         self._soil_sent = self._soil_waits = None
@@ -382,18 +194,20 @@ class Outputs:
                 self.publish_waiting_soil(frame)
         self.newest = newest_of(self.newest, found)
         self.cost.add(found, frame)
+        if self._limit.take(found):
+            self.publish_speed_limit()
 
     def _publish_estimates(self, found: Estimates) -> None:
         columns = mobility_columns(found, self._pipeline)
         for stamp, row in zip(found.stamp.tolist(), _fields_of(columns), strict=True):
             wheel = row["wheel"]
-            header = _header(stamp, self._settings.frame_of(wheel))
+            header = header_of(stamp, self._settings.frame_of(wheel))
             message = MobilityEstimate(header=header, **row)
             self._publishers[mobility_topic(wheel)].publish(message)
 
     def _publish_vehicle(self, rows: VehicleEstimates) -> None:
         for stamp, row in zip(rows.stamp.tolist(), _fields_of(vehicle_columns(rows)), strict=True):
-            message = VehicleMobility(header=_header(stamp, self._settings.base_frame), **row)
+            message = VehicleMobility(header=header_of(stamp, self._settings.base_frame), **row)
             self._publishers["~/vehicle"].publish(message)
 
     def report_waiting_for_what_went(self) -> None:
@@ -424,7 +238,7 @@ class Outputs:
     def _publish_twists(self, twists: Twists, settings: TwistSettings) -> None:
         parts = messages(twists, settings)
         for stamp, linear, angular, covariance in zip(twists.stamp.tolist(), *parts, strict=True):
-            message = TwistWithCovarianceStamped(header=_header(stamp, self._settings.base_frame))
+            message = TwistWithCovarianceStamped(header=header_of(stamp, self._settings.base_frame))
             mean = message.twist.twist
             mean.linear.x, mean.linear.y, mean.linear.z = linear.tolist()
             mean.angular.x, mean.angular.y, mean.angular.z = angular.tolist()
@@ -444,12 +258,25 @@ class Outputs:
         self._publish_soil(self._pipeline.soil, self._pipeline.rejected, now, frame)
 
     def _publish_soil(self, soil: Soil, rejected: int, stamp: int, frame: str) -> None:
-        message = SoilEstimate(header=_header(stamp, frame), **soil_fields(soil, rejected))
+        message = SoilEstimate(header=header_of(stamp, frame), **soil_fields(soil, rejected))
         self._publishers["~/soil"].publish(message)
 
     def publish_cost(self) -> None:
-        """Publish the cost map if it has changed."""
+        """Publish the cost grids if they have changed."""
         self.cost.publish(self._node.get_clock().now().nanoseconds)
+
+    def publish_speed_limit(self) -> None:
+        """Publish how far to slow down, where somebody is to be told: the last publisher counts."""
+        topic, kind = self._settings.speed_limit_topic, message_class(SPEED_LIMIT)
+        if not topic or kind is None:
+            return
+        message = kind(percentage=True, speed_limit=self._limit.percent)
+        now = self._node.get_clock().now().nanoseconds
+        message.header = header_of(now, self._settings.base_frame)
+        self._publishers[topic].publish(message)
+        if self._node.count_publishers(topic) > 1:
+            text = "somebody else publishes speed limits there (a SpeedFilter?): whoever is last counts"
+            self._report(topic, "two_publishers", text)
 
     def publish_markers(self, frame: str) -> None:
         """Publish the markers if anybody looks at them."""
@@ -467,7 +294,9 @@ class Outputs:
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     """Types and QoS of what is published, by name."""
     wheels = {mobility_topic(name): (MobilityEstimate, ESTIMATE) for name in settings.inputs}
-    return wheels | OUTPUTS | (TWIST if settings.twist.publish else {})
+    topic = settings.speed_limit_topic
+    limit = {topic: (message_class(SPEED_LIMIT), ESTIMATE)} if topic else {}
+    return wheels | OUTPUTS | (TWIST if settings.twist.publish else {}) | limit
 
 
 def mobility_topic(wheel: str) -> str:

@@ -304,6 +304,8 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+# Of what is large and of which only the newest counts.
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Of each publisher of transforms that never change the newest, as tf2 listens.
 STATIC_TRANSFORMS = QoSProfile(
     depth=100,

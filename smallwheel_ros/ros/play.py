@@ -30,7 +30,7 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.ros.outputs import message_class, nanoseconds_of, time_message
+from smallwheel_ros.ros.conversions import message_class, nanoseconds_of, time_message
 from smallwheel_ros.ros.parameters import LATCHED
 
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"

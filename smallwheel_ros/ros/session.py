@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -19,6 +20,7 @@ from rclpy.timer import Timer
 
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
+from smallwheel_ros.costmap.grid import HIGHEST
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.drive.statements import Kind, Statement, alarms
 from smallwheel_ros.onboard.parameters import ParametersError, idle_remaps
@@ -27,9 +29,10 @@ from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
-from smallwheel_ros.ros.inputs import Inputs
-from smallwheel_ros.ros.outputs import Outputs, outputs_of
+from smallwheel_ros.ros.inputs import ELEVATION, Inputs
+from smallwheel_ros.ros.outputs import SPEED_LIMIT, Outputs, outputs_of
 
 # s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
 # how much it has to do.
@@ -56,14 +59,24 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
     Raises
     ------
     ParametersError
-        If a name is not possible, or a topic would carry two types (DDS allows that to no node).
+        If a name is not possible, a topic would carry two types (DDS allows that to no node), or the package
+        of its type is not installed.
     """
+    for parameter, kind in (("elevation_topic", ELEVATION), ("speed_limit_topic", SPEED_LIMIT)):
+        package = kind.split("/")[0]
+        if getattr(settings, parameter) and message_class(kind) is None:
+            raise ParametersError(
+                f"{parameter} needs package {package}, which is not installed: sudo apt install"
+                f" ros-jazzy-{package.replace('_', '-')}, or leave the parameter empty"
+            )
     published = {
         node.resolve_topic_name(name): f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         for name, (kind, _) in outputs_of(settings).items()
     }
     types = {**_OF_ROS, **published}
     listened = [(topic.name, topic.type) for topic in topics_of(settings)]
+    if settings.elevation_topic:
+        listened.append((settings.elevation_topic, ELEVATION))
     if settings.terrain_classes_topic:
         listened.insert(0, (settings.terrain_classes_topic, "nav_msgs/msg/OccupancyGrid"))
     if settings.robot_description_topic:
@@ -116,7 +129,8 @@ class Session:
         self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
         onboard = settings.onboard
-        said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note
+        of_classes = settings.terrain.without_prior
+        said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note, of_classes
         idle = [why for name, why in idle_remaps(settings).items() if _is_remapped(node, name)]
         self.warnings = [*idle, *self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
@@ -159,6 +173,7 @@ class Session:
             guarded(self._settings.terrain_classes_topic, cost.on_classes),
             guarded("/tf", cost.on_transforms),
             guarded("/tf_static", cost.on_static_transforms),
+            guarded(self._settings.elevation_topic, cost.on_elevation),
         )
         inputs.say_what_is_expected()
         self._jobs = [
@@ -166,6 +181,7 @@ class Session:
             _Job("inputs", _SOIL_AFTER, inputs.say_when_all_are_here),
             _Job("inputs", _WAITING_EVERY, inputs.say_what_is_missing),
             _Job("~/cost", COST_PERIOD, outputs.publish_cost),
+            _Job(self._settings.speed_limit_topic, COST_PERIOD, outputs.publish_speed_limit),
             _Job("~/markers", _MARKERS_EVERY, lambda: outputs.publish_markers(self._frame)),
         ]
         for job in self._jobs:
@@ -195,12 +211,25 @@ class Session:
 
     def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
-        classes = self._outputs.cost.map.classes
+        classes = self._outputs.cost.map.ahead.classes
         found, places = {}, classes.places()
         for terrain, margin in classes.margins().items():
             known = {"margin": margin.value, "standard_deviation": margin.standard_deviation}
             found[str(terrain)] = known | {"places": places[terrain]}
         return True, json.dumps(found)
+
+    def clear_cost(self) -> tuple[bool, str]:
+        """Forget the cost of the ground, and nothing of the soil; publish that at once."""
+        cost = self._outputs.cost
+        whole = cost.map.whole()
+        if whole is None:
+            text = "there is no cost yet: no ground has been crossed"
+            self._report("~/clear_cost", "no_cost", text)
+            return False, text
+        known, stuck = (int(np.sum(whole.cells >= least)) for least in (0, HIGHEST))
+        cost.clear()
+        self._outputs.publish_cost()
+        return True, f"{known} cells are forgotten, {stuck} of them 100; the soil goes on"
 
     def reset(self) -> tuple[bool, str]:
         """Forget soil, cost map and buffers."""

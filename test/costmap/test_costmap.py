@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost of ground: the cost function, the crossed ground, terrain classes, and all of it together.
 
-Tests `cost_map.py`, `crossed_ground.py` and `grid.py`.
+Tests `cost.py`, `cost_map.py`, `crossed_ground.py`, `grid.py` and `terrain.py`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.bags import message_type
-from smallwheel_ros.costmap.cost_map import CostMap, CostRules, CostSettings, TerrainClasses
+from smallwheel_ros.costmap.cost import CostRules, CostSettings
+from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.crossed_ground import CrossedGround, Line
 from smallwheel_ros.costmap.grid import (
     HERE,
@@ -27,6 +28,7 @@ from smallwheel_ros.costmap.grid import (
     spread,
     union,
 )
+from smallwheel_ros.costmap.terrain import TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 RULES = CostRules()
@@ -366,12 +368,18 @@ def drive(
             cost_map.add(wheel, "odom", Pose(float(x), y, 0.0), way, margin, **stuck)
 
 
+def spread_of(cost_map: CostMap) -> Grid | None:
+    """The grid that planners get which check a point."""
+    grids = cost_map.grids()
+    return None if grids is None else grids.spread
+
+
 class TestCostMap:
     def test_crossed_ground_has_its_cost_and_the_rest_is_unknown(self) -> None:
         cost_map = made()
-        assert cost_map.grid() is None
+        assert spread_of(cost_map) is None
         drive(cost_map, 2.0, Quantity(0.05, 0.0741))
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         assert grid.frame == "odom"
         assert set(np.unique(grid.cells)) == {-1, 25}
@@ -385,7 +393,7 @@ class TestCostMap:
         drive(cost_map, 0.02, None)
         assert cost_map.changed  # a window of unknown cells is worth telling
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
-        cost_map.grid()
+        spread_of(cost_map)
         assert not cost_map.changed
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.add(WHEEL, "odom", Pose(0.5, 0.0, 0.0), 9.0, Quantity(0.05, 0.03))
@@ -396,7 +404,7 @@ class TestCostMap:
         drive(cost_map, 0.5, Quantity(0.05, 0.0741))
         cost_map.add(WHEEL, "odom", Pose(0.6, 0.0, 0.0), 9.0, None)
         drive(cost_map, 2.0, Quantity(0.05, 0.0741), start=1.5)
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         assert grid.cells[grid.cell(1.0, 0.01)] == -1
 
@@ -404,19 +412,20 @@ class TestCostMap:
         cost_map = made()
         drive(cost_map, 1.0, Quantity(-0.5, 0.01))
         cost_map.add(WHEEL, "odom", Pose(1.02, 0.0, 0.0), 9.0, Quantity(0.3, 0.01), risk=1.0)
-        grid = cost_map.grid()
-        assert grid is not None
+        grids = cost_map.grids()
+        assert grids is not None
+        grid = grids.bare
         assert grid.cells[grid.cell(0.5, 0.01)] == grid.cells[grid.cell(1.02, 0.01)] == 99
 
     def test_stuck_is_lethal_even_without_having_moved(self) -> None:
         cost_map = made()
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.add(WHEEL, "odom", Pose(0.98, 0.0, 0.0), 9.0, Quantity(0.05, 0.0741), stuck=True)
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         assert grid.cells[grid.cell(0.98, 0.01)] == 99  # as long as it is there
         drive(cost_map, -1.0, None, start=0.9)
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid.cells[grid.cell(0.98, 0.01)] == 100
 
     def test_terrain_classes_carry_the_cost_ahead(self) -> None:
@@ -428,7 +437,7 @@ class TestCostMap:
         cost_map.take_classes(Grid("odom", 0.25, (-1.0, -2.5), cells))
         drive(cost_map, 3.9, Quantity(0.15, 0.005))
         drive(cost_map, 6.0, Quantity(0.03, 0.005), start=4.1)
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         assert (grid.resolution, grid.origin, grid.cells.shape) == (0.25, (-1.0, -2.5), (20, 60))
         firm, soft = grid.cells[15, 5], grid.cells[15, 30]
@@ -437,7 +446,7 @@ class TestCostMap:
         assert (grid.cells[0] == -1).all()
         # What was crossed has what was found, which is surer than what is expected of the class.
         assert grid.cells[grid.cell(1.0, 0.01)] == cost(0.15, 0.005) <= firm
-        assert sorted(cost_map.classes.places()) == [0, 1]
+        assert sorted(cost_map.ahead.classes.places()) == [0, 1]
 
     @pytest.mark.parametrize("resolution", [0.03, 0.1, 0.17, 0.5])
     def test_crossed_cells_reach_a_class_grid_of_any_resolution(self, resolution: float) -> None:
@@ -447,7 +456,7 @@ class TestCostMap:
             Grid("odom", resolution, (-3.0, -3.0), np.full((side, side), -1, np.int8))
         )
         drive(cost_map, 2.0, Quantity(0.05, 0.0741))
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         for x in np.arange(0.05, 1.9, resolution / 3):
             assert grid.cells[grid.cell(float(x), 0.01)] == 25, x
@@ -458,7 +467,7 @@ class TestCostMap:
             cost_map.take_classes(Grid("odom", 1.0, (-3.0, -3.0), np.full((6, 6), -1, np.int8)))
             drive(cost_map, 0.9, Quantity(first, 0.05), y=0.2)
             drive(cost_map, 0.9, Quantity(second, 0.05), y=0.7)
-            grid = cost_map.grid()
+            grid = spread_of(cost_map)
             assert grid is not None
             assert grid.cells[grid.cell(0.5, 0.5)] == cost(0.01, 0.05) > cost(0.08, 0.05)
 
@@ -467,23 +476,23 @@ class TestCostMap:
         cost_map.take_classes(Grid("map", 0.5, (0.0, 0.0), np.zeros((4, 4), np.int8)))
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         assert "in frame map, positions are in odom" in cost_map.problem
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         assert (grid.cells == -1).all()
 
     def test_clear_forgets_and_is_a_change(self) -> None:
         cost_map = made()
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
-        cost_map.grid()
+        spread_of(cost_map)
         cost_map.clear()
         assert cost_map.changed
-        assert (cost_map.grid().cells == -1).all()
+        assert (spread_of(cost_map).cells == -1).all()
 
     def test_another_frame_is_another_ground(self) -> None:
         cost_map = made()
         drive(cost_map, 1.0, Quantity(0.05, 0.0741))
         cost_map.add(WHEEL, "odom2", Pose(0.0, 0.0, 0.0), 9.0, Quantity(0.2, 0.0))
-        grid = cost_map.grid()
+        grid = spread_of(cost_map)
         assert grid is not None
         assert grid.frame == "odom2"
         assert set(np.unique(grid.cells)) == {-1, 0}
@@ -493,7 +502,7 @@ GOOD, BAD = Quantity(0.3, 0.01), Quantity(0.0, 0.05)
 
 
 def at(cost_map: CostMap, x: float, y: float) -> int:
-    grid = cost_map.grid()
+    grid = spread_of(cost_map)
     assert grid is not None
     return int(grid.cells[grid.cell(x, y)])
 
@@ -564,9 +573,8 @@ class TestVehicle:
         drive(cost_map, 3.0, GOOD, wheels=ROVER)
         # Ground that nothing tells of stays unknown, whatever Nav2 makes of that.
         assert at(cost_map, 1.5, 2.0) == at(cost_map, 4.5, 0.0) == -1
-        assert at(cost_map, 1.5, 0.0) == 0
-        # Beside the way one side's wheels are on such ground.
-        assert at(cost_map, 1.5, 0.55) == max(costs, 0)
+        # What was crossed is no dearer than what nobody has seen, nor is what lies beside it.
+        assert at(cost_map, 1.5, 0.0) == at(cost_map, 1.5, 0.55) == 0
         terrain = np.full((30, 40), 3, np.int8)
         terrain[25:], terrain[:5] = 8, -1
         cost_map.take_classes(Grid("odom", 0.2, (-2.0, -3.0), terrain))
@@ -583,10 +591,12 @@ class TestVehicle:
 
     def test_forgetting_the_ground_leaves_what_was_believed_before(self) -> None:
         cost_map = made(ROVER, spread=None, unknown="prior", prior=Quantity(0.0524, 0.1))
+        cost_map.take_classes(Grid("odom", 0.2, (-2.0, -3.0), np.zeros((30, 40), np.int8)))
         drive(cost_map, 3.0, GOOD, wheels=ROVER)
+        assert at(cost_map, 4.5, 0.0) < 5
         cost_map.clear()
-        drive(cost_map, 3.0, GOOD, wheels=ROVER)
-        assert at(cost_map, 1.5, 0.55) == 30
+        cost_map.add(ROVER[0], "odom", Pose(0.0, 0.0, 0.0), 0.0, None)
+        assert at(cost_map, 4.5, 0.0) == 30
 
     def test_a_class_on_which_it_was_stuck_and_was_not_is_said(self) -> None:
         cost_map = made(ROVER)
@@ -594,7 +604,13 @@ class TestVehicle:
         drive(cost_map, 3.0, GOOD, wheels=ROVER)
         assert cost_map.problem == ""
         cost_map.add(ROVER[0], "odom", Pose(3.0, 0.0, 0.0), 3.0, None, stuck=True)
+        at(cost_map, 0.0, 0.0)
         assert "terrain class 0 is both: stuck at 1 of" in cost_map.problem
+        # Once it has got through, nothing is left of that.
+        drive(cost_map, 4.5, GOOD, start=3.02, travel=3.0, wheels=ROVER)
+        at(cost_map, 0.0, 0.0)
+        assert cost_map.problem == ""
+        assert cost_map.ahead.classes.margins()[0].value == pytest.approx(GOOD.value)
 
 
 class TestRemembered:

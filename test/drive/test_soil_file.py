@@ -69,13 +69,14 @@ def test_what_is_no_saved_soil_is_said_and_nothing_is_lost(driven: Driven, tmp_p
 
 
 def test_ground_lies_where_the_wheels_were(driven: Driven) -> None:
-    grid = mapped(driven[2]).grid()
-    assert grid is not None
+    grids = mapped(driven[2]).grids()
+    assert grids is not None
+    grid = grids.bare
     known = np.argwhere(grid.cells >= 0) * grid.resolution + np.flip(grid.origin)
     way = driven[2].x[np.isfinite(driven[2].x)]
     assert known[:, 1].min() < way.min() + 0.1
     assert known[:, 1].max() > way.max() - 0.1
-    assert CostMap(SETTINGS.cost, SETTINGS.onboard.wheels).grid() is None
+    assert CostMap(SETTINGS.cost, SETTINGS.onboard.wheels).grids() is None
 
 
 def test_a_drive_without_events_has_none_and_a_good_one_nothing_to_say(driven: Driven) -> None:

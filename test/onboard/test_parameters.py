@@ -21,7 +21,7 @@ from smallwheel_ros.common.node_parameter import (
     rows_of,
     topic,
 )
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.model.model import CalibratedModel, Model

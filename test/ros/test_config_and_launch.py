@@ -20,7 +20,7 @@ import pytest
 import yaml
 
 from smallwheel_ros.bags.types import message_definitions
-from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.costmap.crossed_ground import CrossedGround
 from smallwheel_ros.costmap.grid import Grid
 
@@ -34,6 +34,7 @@ OUTPUTS = {
     f"{NODE}/vehicle": "VehicleMobility",
     f"{NODE}/soil": "SoilEstimate",
     f"{NODE}/cost": "",
+    f"{NODE}/cost_bare": "",
     f"{NODE}/markers": "",
     "/diagnostics": "",
 }
@@ -47,19 +48,29 @@ def load(path: Path) -> Any:
 
 
 class TestNav2:
-    def test_both_costmaps_have_the_filter_that_the_server_feeds(self, repository: Path) -> None:
-        server = load(repository / "config" / "nav2_filter_info.yaml")["/**"]["ros__parameters"]
-        assert server == {
-            "type": 0,
-            # Relative: the launch file gives the server a namespace.
-            "filter_info_topic": "soil_filter_info",
-            # Full: a costmap would look for a relative name below itself.
-            "mask_topic": f"{NODE}/cost",
-            "base": 0.0,
-            "multiplier": 1.0,
+    def test_each_costmap_has_the_filter_that_its_server_feeds(self, repository: Path) -> None:
+        """A planner's the spread costs, a controller's the bare ones: that lays the footprint over them."""
+        servers = {
+            name.removeprefix("/**/"): above["ros__parameters"]
+            for name, above in load(repository / "config" / "nav2_filter_info.yaml").items()
         }
-        assert isinstance(server["base"], float)
-        assert isinstance(server["multiplier"], float)
+        wanted = {
+            "soil_filter_info_server": ("soil_filter_info", "cost"),
+            "soil_bare_filter_info_server": ("soil_bare_filter_info", "cost_bare"),
+        }
+        assert set(servers) == set(wanted)
+        for name, (info, mask) in wanted.items():
+            assert servers[name] == {
+                "type": 0,
+                # Relative: the launch file gives the server a namespace.
+                "filter_info_topic": info,
+                # Full: a costmap would look for a relative name below itself.
+                "mask_topic": f"{NODE}/{mask}",
+                "base": 0.0,
+                "multiplier": 1.0,
+            }
+            assert isinstance(servers[name]["base"], float)
+            assert isinstance(servers[name]["multiplier"], float)
         for file in COSTMAPS:
             costmaps = load(repository / "config" / file)
             assert set(costmaps) == {"local_costmap", "global_costmap"}
@@ -73,8 +84,29 @@ class TestNav2:
                 soil = parameters[filter_name]
                 assert soil["plugin"] == "nav2_costmap_2d::KeepoutFilter"
                 assert soil["enabled"] is True
-                assert soil["filter_info_topic"] == f"/{server['filter_info_topic']}"
+                bare = "bare_" if name == "local_costmap" else ""
+                assert soil["filter_info_topic"] == f"/soil_{bare}filter_info"
                 assert isinstance(soil["transform_tolerance"], float)
+
+    @pytest.mark.parametrize("namespace", ["/", "/robot1", "/fleet/robot1"])
+    def test_servers_of_any_namespace_get_the_file_s_parameters(
+        self, repository: Path, namespace: str
+    ) -> None:
+        rclpy = pytest.importorskip("rclpy")
+        context = rclpy.context.Context()
+        file = str(repository / "config" / "nav2_filter_info.yaml")
+        rclpy.init(args=["--ros-args", "--params-file", file], context=context)
+        try:
+            for name in ("soil_filter_info_server", "soil_bare_filter_info_server"):
+                node = rclpy.create_node(
+                    name, namespace=namespace, context=context,
+                    automatically_declare_parameters_from_overrides=True,
+                )  # fmt: skip
+                info = node.get_parameter("filter_info_topic").value
+                assert info == name.removesuffix("_server")
+                node.destroy_node()
+        finally:
+            rclpy.try_shutdown(context=context)
 
     @pytest.mark.parametrize(
         ("file", "resolution", "gone", "share"),

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the node's grid is sent: on change, again after a while, and after a correction by tf."""
+"""When the node's grids are sent: on change, again after a while, and after a correction by tf.
+
+Tests `cost_publisher.py` and `conversions.py`.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.costmap.grid import Grid, Pose
+from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.ros.outputs import CostPublisher
+from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 WHEEL = Wheel("front", 0.2, 0.1)
+SETTINGS = settings_from({"wheels": ["front"], "front.diameter": 0.2, "front.width": 0.1})
 
 
 def transforms(x: float, yaw: float, child: str = "odom") -> Any:
@@ -38,19 +42,23 @@ def sent() -> list[Any]:
     return []
 
 
+def made_with(sent: list[Any]) -> CostPublisher:
+    """One whose spread grids are kept; the bare ones go to a list of their own."""
+    publishers = [SimpleNamespace(publish=each.append) for each in ([], sent)]
+    return CostPublisher(SETTINGS, publishers, lambda *_: None)
+
+
 @pytest.fixture
 def publisher(sent: list[Any]) -> CostPublisher:
     """One that has published an empty grid in odom."""
     from nav_msgs.msg import OccupancyGrid
 
-    made = CostPublisher(
-        CostSettings(), [WHEEL], SimpleNamespace(publish=sent.append), lambda *_: None
-    )
+    made = made_with(sent)
     grid = OccupancyGrid()
     grid.header.frame_id = "odom"
     grid.info.resolution, grid.info.width, grid.info.height = 0.1, 100, 100
     grid.info.origin.position.x = grid.info.origin.position.y = -5.0
-    made._send(grid)
+    made._send([grid, grid])
     return made
 
 
@@ -78,9 +86,7 @@ def test_a_correction_of_its_frame_sends_the_grid_again_and_once(
 
 
 def test_nothing_is_sent_before_there_is_a_grid(sent: list[Any]) -> None:
-    made = CostPublisher(
-        CostSettings(), [WHEEL], SimpleNamespace(publish=sent.append), lambda *_: None
-    )
+    made = made_with(sent)
     made.on_transforms(transforms(1.0, 0.0))
     made.publish(1)
     assert not sent
@@ -99,7 +105,7 @@ def test_a_frame_that_is_told_of_once_and_before_any_odometry_is_placed(
     publisher._ground = SimpleNamespace(add=lambda *_: None)
     publisher.add(estimates, "odom")
     assert publisher.map.problem == ""
-    grid = publisher.map.grid()
+    grid = publisher.map.grids().bare
     assert grid.cells[grid.cell(0.7, 0.7)] == 77
 
 
@@ -128,8 +134,12 @@ def test_what_is_said_once_of_frames_is_heard_by_whoever_comes_late(
         create_subscription=subscribe,
     )
     monkeypatch.setattr(inputs, "topics_of", lambda _: [])
-    listening = inputs.Inputs(node, SimpleNamespace(), SimpleNamespace())
-    listening.listen(print, "moving", "static")
+    listening = inputs.Inputs(
+        node,
+        SimpleNamespace(elevation_topic="", terrain_classes_topic="terrain_classes"),
+        SimpleNamespace(),
+    )
+    listening.listen(print, "moving", "static", print)
     for topic in ("/tf", "/robot1/tf"):
         assert heard[topic][0] == "moving"
         assert heard[topic][1].durability != DurabilityPolicy.TRANSIENT_LOCAL

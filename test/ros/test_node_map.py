@@ -135,17 +135,16 @@ def test_crossed_ground_becomes_a_grid_that_nav2_takes(
 def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from smallwheel_ros.costmap.cost_map import CostSettings
     from smallwheel_ros.costmap.grid import Pose
-    from smallwheel_ros.physics.wheel import Wheel
-    from smallwheel_ros.ros import outputs
+    from smallwheel_ros.onboard.parameters import settings_from
+    from smallwheel_ros.ros import cost_publisher
 
-    clock, sent = [100.0], []
-    monkeypatch.setattr(outputs.time, "monotonic", lambda: clock[0])
-    publisher = SimpleNamespace(publish=sent.append)
-    cost = outputs.CostPublisher(
-        CostSettings(), [Wheel("front", 0.2, 0.1)], publisher, lambda *_: None
-    )
+    clock, bare, sent = [100.0], [], []
+    monkeypatch.setattr(cost_publisher.time, "monotonic", lambda: clock[0])
+    publishers = [SimpleNamespace(publish=each.append) for each in (bare, sent)]
+    settings = settings_from({"wheels": ["front"], "front.diameter": 0.2, "front.width": 0.1})
+    cost = cost_publisher.CostPublisher(settings, publishers, lambda *_: None)
+    (wheel,) = settings.onboard.wheels
 
     def passes(seconds: float) -> int:
         """How many grids are sent at the end of so many seconds."""
@@ -155,13 +154,17 @@ def test_a_grid_is_sent_when_it_changes_and_again_after_5_s(
         return len(sent) - before
 
     assert passes(20.0) == 0  # there is none
-    cost.map.add(Wheel("front", 0.2, 0.1), "odom", Pose(0.0, 0.0, 0.0), 0.0, None)
+    cost.map.add(wheel, "odom", Pose(0.0, 0.0, 0.0), 0.0, None)
     assert [passes(1.0), passes(1.0), passes(3.9), passes(0.2)] == [1, 0, 0, 1]
     assert sent[1] == sent[0]
-    cost.map.add(Wheel("front", 0.2, 0.1), "odom", Pose(30.0, 0.0, 0.0), 30.0, None)
+    cost.map.add(wheel, "odom", Pose(30.0, 0.0, 0.0), 30.0, None)
     assert [passes(1.0), passes(4.9), passes(0.2)] == [1, 0, 1]
     assert sent[2] != sent[1]
-    assert cost.published == len(sent)
+    # While it moves there is one each second, also where no cell changes: a local costmap rolls along.
+    for x in (30.1, 30.2, 30.3):
+        cost.map.add(wheel, "odom", Pose(x, 0.0, 0.0), x, None)
+        assert passes(1.0) == 1
+    assert cost.published == len(sent) == len(bare)
 
 
 def test_terrain_classes_in_costs_out(peer: Peer, one_wheel: Path, tmp_path: Path) -> None:

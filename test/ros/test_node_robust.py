@@ -254,9 +254,10 @@ def test_what_fails_half_way_leaves_it_unconfigured(
     from rclpy.parameter import Parameter
 
     from smallwheel_ros.onboard.parameters import read_parameters
+    from smallwheel_ros.ros.cost_publisher import CostPublisher
     from smallwheel_ros.ros.inputs import Inputs
     from smallwheel_ros.ros.mobility_estimator import MobilityEstimator
-    from smallwheel_ros.ros.outputs import CostPublisher, Outputs
+    from smallwheel_ros.ros.outputs import Outputs
 
     def fail(*_: object) -> None:
         raise RuntimeError("no network")

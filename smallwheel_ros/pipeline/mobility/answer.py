@@ -116,7 +116,7 @@ def answer(
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     by_now, by_reserve = _determined(strengths, strength_version)
-    margin, margin_std, by_soil, risk = _margins(
+    margin, margin_std, median, lower_std, by_soil, risk = _margins(
         state, rows, can, judged, measured, by_reserve, strengths, rolls
     )
     has[Condition.MARGIN_OF_PRIOR] = (
@@ -137,7 +137,8 @@ def answer(
         x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows, settings.gravity),
         status=status_of(conditions), conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
-        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
+        steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),
+        margin_median=median, margin_lower_std=lower_std, demand=judged.asked, risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
         margin_by_soil=by_soil,
@@ -192,8 +193,8 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     determined: Flags, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Flags, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, whether soil and strength tell it, and the vehicle's risk.
+) -> tuple[Array, Array, Array, Array, Flags, Array]:  # fmt: skip
+    """Margin of each wheel with its deviation, its median with that of its lower half, whether by soil; risk.
 
     measured: whether the soil's law is, determined: its strength. A margin of the filter is less the
     resistance by that law. Where a model file has the strength as measured, the margin is the filter's from
@@ -202,8 +203,13 @@ def _margins(
     by_filter = determined & measured
     by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
-    margin = np.where(rolls, np.where(by_filter, can.margin, judged.margin), np.nan)
-    deviation = np.where(rolls, np.where(by_filter, can.margin_std, judged.margin_std), np.nan)
+    margin, deviation, median, lower = (
+        np.where(rolls, np.where(by_filter, ours, of_any), np.nan)
+        for ours, of_any in (
+            (can.margin, judged.margin), (can.margin_std, judged.margin_std),
+            (can.margin, judged.median), (can.margin_std, judged.lower_std),
+        )
+    )  # fmt: skip
     risk = judged.risk.copy()
     for i in np.flatnonzero(by_filter & rolls).tolist():
         now = int(rows.stamp[i])
@@ -217,7 +223,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, by_filter & rolls, risk
+    return margin, deviation, median, lower, by_filter & rolls, risk
 
 
 def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:

@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.rows.align import Align
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
-from .margin import AnyGround, Margins, unknown_ground
+from .margin import AnyGround, GroundMargin, Margins
 
 # Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
@@ -32,13 +32,16 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 class Judged(Columns):
     """What holds at rows: level of the warning, whether a wheel spins on the spot, margin of any ground.
 
-    asked: pull over load that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
+    median, lower_std: of the margin here, and of its lower half (`GroundMargin.lower_half`). asked: pull over
+    load that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
     """
 
     level: Integers
     spins: Flags
     margin: Array
     margin_std: Array
+    median: Array
+    lower_std: Array
     asked: Array
     risk: Array
 
@@ -126,11 +129,15 @@ class Judgement:
         if self._wheels_since is None:
             return margins
         wrong = margins.stamp > self._wheels_since
-        mean, deviation = unknown_ground(self.settings.reference_slip)
+        unknown = GroundMargin(self.settings.reference_slip)
+        mean, deviation = unknown.moments()
+        median, lower = unknown.lower_half()
         return replace(
             margins,
             margin=np.where(wrong, mean, margins.margin),
             margin_std=np.where(wrong, deviation, margins.margin_std),
+            middle=np.where(wrong, median, margins.middle),
+            lower_std=np.where(wrong, lower, margins.lower_std),
             risk=np.where(wrong, np.nan, margins.risk),
         )
 
@@ -175,17 +182,19 @@ class Judgement:
             place = np.searchsorted(stamps, rows.stamp, side="right") - 1
             fresh = (place >= 0) & (order[rows.wheel] >= 0)
             spins[fresh] = flags[place[fresh], order[rows.wheel[fresh]]]
-        margin, margin_std, asked, risk = np.full((4, count), np.nan)
+        margin, margin_std, median, lower_std, asked, risk = np.full((6, count), np.nan)
         margins = self._margins
         if margins is None:
             margin[:], margin_std[:] = self.ground.ground.moments()
+            median[:], lower_std[:] = self.ground.ground.lower_half()
         else:
             place = np.searchsorted(margins.stamp, rows.stamp, side="right") - 1
             at = np.maximum(place, 0)
             fresh = (place >= 0) & (rows.stamp - margins.stamp[at] <= _ASKED_STALE)
             margin, margin_std = margins.margin[at], margins.margin_std[at]
+            median, lower_std = margins.middle[at], margins.lower_std[at]
             asked[fresh], risk[fresh] = margins.asked[at[fresh]], margins.risk[at[fresh]]
-        return Judged(level, spins, margin, margin_std, asked, risk)
+        return Judged(level, spins, margin, margin_std, median, lower_std, asked, risk)
 
 
 def _gets_nowhere(rows: Instants) -> bool:

@@ -122,6 +122,16 @@ class GroundMargin:
         mean = float(weights @ self.margins)
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
 
+    def lower_half(self) -> tuple[float, float]:
+        """Median of the margin here, and standard deviation of the normal distribution with its lower half.
+
+        Risks come from there. The margin has a long upper half: by its mean and standard deviation, level
+        ground on which a vehicle has driven for 10 s would hold it back in 10 % of places; by the points it
+        does in 1.6 %, and so it does by this.
+        """
+        low, middle = self.quantiles((0.025, 0.5)).tolist()
+        return middle, max((middle - low) / 1.96, LAW)
+
     def risk(self, asked: float) -> float:
         """Probability that the margin of ground ahead is under a pull over load; NaN of NaN."""
         return float(self.weights @ ndtr((asked - self.margins) / AHEAD))
@@ -131,7 +141,8 @@ class GroundMargin:
 class Margins(Columns):
     """What is believed after each second: margin of ground ahead (1), risk that it is under `asked`.
 
-    low, middle, high: 2.5, 50 and 97.5 % of the margin here. NaN: not known, nothing tells of the ground.
+    low, middle, high: 2.5, 50 and 97.5 % of the margin here; lower_std: standard deviation of its lower half
+    (`GroundMargin.lower_half`). NaN: not known, nothing tells of the ground.
     """
 
     stamp: Integers
@@ -140,6 +151,7 @@ class Margins(Columns):
     low: Array
     middle: Array
     high: Array
+    lower_std: Array
     asked: Array
     risk: Array
 
@@ -196,9 +208,10 @@ class AnyGround:
             self._asked = np.nan
         low, middle, high = self.ground.quantiles()
         mean, std = self.ground.moments()
+        _, lower_std = self.ground.lower_half()
         told = self.steps > 0
         risk = self.ground.risk(self._asked) if told and math.isfinite(self._asked) else np.nan
-        return ((number + 1) * STEP, mean, std, low, middle, high, self._asked, risk)
+        return ((number + 1) * STEP, mean, std, low, middle, high, lower_std, self._asked, risk)
 
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float

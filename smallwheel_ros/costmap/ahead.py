@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is expected of ground that no wheel has been on: by its terrain class, and by its slope.
+
+Of a class: the margin that was met on it, or its prior. Of a cell whose slope is known as well, that margin
+less the slope; where nothing tells the class, the margin that the vehicle has on any ground now.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from smallwheel_ros.costmap.cost import Array, CostSettings
+from smallwheel_ros.costmap.elevation import Elevation
+from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid
+from smallwheel_ros.costmap.terrain import PRIORS, REFERENCE_SLIP, TerrainClasses
+from smallwheel_ros.physics.wheel import Quantity
+
+
+class GroundAhead:
+    """Predictions of ground ahead; none of them is over 99.
+
+    Parameters
+    ----------
+    prior
+        The vehicle's margin on any ground before driving; None: not known.
+    names, reference_slip
+        Of terrain classes by number, and the slip at which margins are worked out: those in `PRIORS` have a
+        margin before any wheel is on them.
+
+    Attributes
+    ----------
+    classes
+        What is known of terrain classes.
+    class_grid, elevation
+        The newest grid of terrain classes, and the newest slopes.
+    margin
+        Of the vehicle on ground like that it is on; `prior` before it has driven.
+    """
+
+    def __init__(
+        self,
+        settings: CostSettings,
+        prior: Quantity | None,
+        names: Sequence[str] = (),
+        reference_slip: float = REFERENCE_SLIP,
+    ) -> None:
+        self._settings, self._prior = settings, prior
+        self._names = tuple(names)
+        named = {
+            number: PRIORS[name].margin(reference_slip)
+            for number, name in enumerate(names)
+            if name in PRIORS
+        }
+        self.classes = TerrainClasses(settings.rules, settings.resolution, named)
+        self.class_grid: Grid | None = None
+        self.elevation: Elevation | None = None
+        self.margin = prior
+
+    def clear(self) -> None:
+        """Forget what was met; grids that were given stay."""
+        self.classes.clear()
+        self.margin = self._prior
+
+    def take_classes(self, grid: Grid) -> bool:
+        """Take a grid of terrain classes, 0 and more; return whether it is another one."""
+        before = self.class_grid
+        if (
+            before is not None
+            and before.geometry == grid.geometry
+            and np.array_equal(before.cells, grid.cells)
+        ):
+            return False
+        self.class_grid = grid
+        return True
+
+    def class_at(self, frame: str, x: float, y: float) -> int:
+        """Class of a place (m); -1 where none is known."""
+        grid = self.class_grid
+        cell = grid.cell(x, y) if grid is not None and grid.frame == frame else None
+        return UNKNOWN if grid is None or cell is None else int(grid.cells[cell])
+
+    def stuck_at(self, frame: str, places: Iterable[tuple[float, float]]) -> None:
+        """Take the places (m) where the vehicle is stuck and has not got through since."""
+        if self.class_grid is not None:
+            self.classes.stuck_at(self.class_at(frame, x, y) for x, y in places)
+
+    def by_class(self) -> Grid | None:
+        """Cost by terrain class, on level ground; None without classes."""
+        return None if self.class_grid is None else self.classes.costs(self.class_grid, self._other)
+
+    @property
+    def _other(self) -> Quantity | None:
+        """Margin of a class that nothing is known of; None: it has no cost."""
+        return self._prior if self._settings.unknown == "prior" else None
+
+    def by_slope(self) -> Grid | None:
+        """Cost of the cells whose slope is known; None without an elevation."""
+        ahead = self.elevation
+        if ahead is None:
+            return None
+        margin, variance = self._margins(ahead)
+        left, deviation = margin - ahead.slope, np.sqrt(variance + ahead.deviation**2)
+        cells = self._settings.rules.expected(left, deviation)
+        return Grid(ahead.frame, ahead.resolution, ahead.origin, cells)
+
+    def _margins(self, ahead: Elevation) -> tuple[Array | float, Array | float]:
+        """Margin of each cell of an elevation and its variance, by its class; one number without classes."""
+        margins, other = self.classes.margins(), self._other
+        if self.class_grid is None and not ahead.classes:
+            return _moments(self.margin)
+        # By class number, the byte that an int8 is: as of this ground where it is not classified.
+        table = np.full((2, 256), np.nan)
+        table[:, :128] = np.array(_moments(other))[:, None]
+        table[:, 128:] = np.array(_moments(self.margin))[:, None]
+        for terrain, known in margins.items():
+            table[:, terrain] = _moments(known)
+        numbers = self._classes_of(ahead).view(np.uint8)
+        mean, variance = np.take(table[0], numbers), np.take(table[1], numbers)
+        if not ahead.classes:
+            return mean, variance
+        # Probabilities of several classes: the moments of their mixture; what is left is as without them.
+        total = np.maximum(sum(ahead.classes.values(), np.zeros(mean.shape)), 1.0)
+        rest = np.ones(mean.shape)
+        first, second = np.zeros((2, *mean.shape))
+        for name, share in ahead.classes.items():
+            value, spread = table[:, self._names.index(name)]
+            part = share / total
+            rest, first, second = (
+                rest - part,
+                first + part * value,
+                second + part * (spread + value**2),
+            )
+        rest = np.maximum(rest, 0.0)
+        first, second = first + rest * mean, second + rest * (variance + mean**2)
+        return first, np.maximum(second - first**2, 0.0)
+
+    def _classes_of(self, ahead: Elevation) -> Cells:
+        """Class number of each cell of an elevation, int8."""
+        grid = self.class_grid
+        found: Cells = np.full(ahead.slope.shape, UNKNOWN, dtype=np.int8)
+        if grid is None or grid.frame != ahead.frame:
+            return found
+        at, inside = [], []
+        for axis in (0, 1):
+            middles = ahead.origin[1 - axis] + ahead.resolution * (
+                np.arange(found.shape[axis]) + 0.5
+            )
+            index = np.floor((middles - grid.origin[1 - axis]) / grid.resolution)
+            index = index.astype(np.intp)
+            inside.append((index >= 0) & (index < grid.cells.shape[axis]))
+            at.append(index[inside[-1]])
+        # Those inside follow each other.
+        rows, columns = (
+            slice(int(np.argmax(one)), int(np.argmax(one)) + int(one.sum())) for one in inside
+        )
+        found[rows, columns] = grid.cells[at[0]][:, at[1]]
+        return found
+
+
+def _moments(margin: Quantity | None) -> tuple[float, float]:
+    """Mean and variance; NaN of None."""
+    return (np.nan, np.nan) if margin is None else (margin.value, margin.standard_deviation**2)

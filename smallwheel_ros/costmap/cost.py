@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck, in per cent.
+
+The margin is drawbar pull over load at the reference slip: the tangent of the slope that is held.
+
+    cost = 100 P(margin - slope < required margin), rounded; margin and slope normally distributed
+
+So a cost of 30 is ground of which three in ten places hold the vehicle back. It falls with the margin and
+rises with what is not known of it, up to 50 for ground that is expected to be passable.
+
+Ground that the vehicle got over has shown that it gives at least what was asked for there. Of what was
+believed only that part is left, so that a metre that was crossed lowers its own cost:
+
+    cost = 100 P(margin - slope < required margin | margin > what was asked for)
+
+100, which planners take for lethal, is for places where the vehicle was seen to make no way. Whatever is
+expected, of ground ahead or of ground that was crossed, costs 99 at most.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtr
+
+from smallwheel_ros.common.node_parameter import parameter
+from smallwheel_ros.costmap.crossed_ground import side_of
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError
+
+Array = NDArray[np.float64]
+
+PASSABLE = HIGHEST - 1  # the most that what is expected costs
+STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
+_EXACT = 1e-9  # standard deviation of a margin that is given as exact
+
+
+@dataclass(frozen=True)
+class CostRules:
+    """How a margin becomes a cost.
+
+    required_margin: tangent of the slopes that the vehicle has to climb beyond those it has met. Raises
+    CostMapError where that is no such tangent.
+    """
+
+    required_margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the number."""
+        if not abs(self.required_margin) <= STEEPEST:
+            raise CostMapError(
+                f"required_margin is {self.required_margin!r}, expected -{STEEPEST:g} to {STEEPEST:g}"
+            )
+
+    def cost(self, margin: float, deviation: float, shown: float = -math.inf) -> int:
+        """Cost of what a margin leaves beyond a slope (1), with its standard deviation.
+
+        shown: what the ground there has given beyond that slope already. -1 where margin or deviation is not
+        a number.
+        """
+        spread = max(deviation, _EXACT)
+        if math.isnan(margin) or math.isnan(deviation):
+            return UNKNOWN
+        if shown == -math.inf:
+            return round(HIGHEST * float(ndtr((self.required_margin - margin) / spread)))
+        if shown >= self.required_margin:
+            return 0
+        # Of the logarithms, since what was shown may be far more than what was believed.
+        enough, more = ((margin - least) / spread for least in (self.required_margin, shown))
+        return round(-HIGHEST * math.expm1(float(log_ndtr(enough)) - float(log_ndtr(more))))
+
+    def expected(self, margin: Array | float, deviation: Array | float) -> Cells:
+        """Costs of ground that was not crossed, of any shape: 99 at most, -1 where a number is missing."""
+        left = (np.asarray(margin) - self.required_margin) / np.maximum(deviation, _EXACT)
+        left = left.astype(np.float32)  # for whole per cents, in half the time
+        costs = np.minimum(np.rint(HIGHEST * ndtr(-left)), PASSABLE)
+        return np.where(np.isnan(costs), UNKNOWN, costs).astype(np.int8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostSettings:
+    """cost.*: what the cost map is to be. Raises CostMapError where there can be no such window."""
+
+    resolution: float = parameter(
+        0.1, "m", (0.01, 10.0), "Side of a cell of ~/cost and ~/cost_bare."
+    )
+    size: float = parameter(
+        40.0,
+        "m",
+        (1.0, 2000.0),
+        "Side of the window of crossed ground around the vehicle; at most 4 million cells.",
+    )
+    spread: float | None = parameter(
+        None,
+        "m",
+        (0.0, 10.0),
+        "Each cell of ~/cost takes the highest cost within this distance, for every planner (docs/nav2.md)."
+        " Without it: to the outermost corner.",
+    )
+    unknown: Literal["prior", "none"] = parameter(
+        "prior",
+        text="Cost of a terrain class that nothing is known of: that of any ground, or none (-1).",
+    )
+    required_margin: float = parameter(
+        0.0, "1", (-1.0, 2.0),
+        "Margin needed beyond the slope measured at a place. Cost: the risk, in per cent, that the ground"
+        " does not give it.",
+    )  # fmt: skip
+    free_below: float | None = parameter(
+        None,
+        "1",
+        (0.0, 99.0),
+        "Crossed ground that costs up to this counts as free, 0, as ground does that nobody has seen. Without"
+        " it: what any ground costs before driving, on a slope of 5 degrees.",
+    )
+
+    @property
+    def rules(self) -> CostRules:
+        """How a margin becomes a cost."""
+        return CostRules(self.required_margin)
+
+    def __post_init__(self) -> None:
+        """Check how many cells there would be."""
+        side_of(self.size, self.resolution)

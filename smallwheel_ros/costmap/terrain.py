@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the wheels have met on each terrain class, and what is believed of a class that has a name.
+
+A new place of a class is taken for one more draw from the places of it that have been crossed. Of a class
+without a name, mean of their margins, and variance
+
+    of the soil's estimate, mean over the places           (all of them share that error)
+  + scatter^2 (1 + 1/N)                                    N: places crossed
+    scatter^2 = (2 CLASS_SCATTER^2 + sum of squared deviations from the mean) / (N + 1)
+
+the posterior of a normal spread whose prior is worth two places. So a class touched once costs more
+than one that has been crossed at length.
+
+Of a class with a name in `PRIORS` that prior is worth two places, too, with its margin m0 and deviation s0:
+
+    mean      (2 m0 + sum of the margins) / (2 + N)
+    variance  of the estimate N / (2 + N) + (2 s0^2 + sum of squared deviations of all 2 + N) / (2 + N)
+
+A place where the vehicle is stuck, and has not got through since, counts as one that does not even carry its
+own load. All of this is expected: it costs 99 at most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.common.node_parameter import parameter
+from smallwheel_ros.costmap.cost import CostRules
+from smallwheel_ros.costmap.grid import UNKNOWN, Cells, Grid
+from smallwheel_ros.physics.wheel import Quantity
+
+_PRIOR_PLACES = 2.0
+# Standard deviation of the margin between places of one class, until they tell. The friction angle of one
+# sand differs from place to place by 5 to 15 % (Cherubini and Orr 1999); with 9 %, tan(phi) of 32 degrees
+# differs by 0.07. Of that a wheel at the reference slip 0.4 mobilises 0.65 (Janosi and Hanamoto, 0.1 m of
+# contact, K 15 mm). In the worlds of rates/drive_worlds.py it is 0.04 on sand, 0.06 on soils of any
+# kind.
+CLASS_SCATTER = 0.05
+_NOTHING_HELD = -1.0  # margin of a vehicle that is stuck: its own load holds it back
+
+
+# The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
+# the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
+REFERENCE_SLIP = 0.4
+
+
+@dataclass(frozen=True)
+class ClassPrior:
+    """Ground of a name, before any wheel is on it: H (1 - exp(-slip / K)) - R, and its standard deviation.
+
+    grip (H) and resistance (R) over load, softness (K) a slip (Janosi and Hanamoto 1961).
+    """
+
+    grip: float
+    softness: float
+    resistance: float
+    deviation: float
+
+    def margin(self, reference_slip: float) -> Quantity:
+        """The margin at a slip."""
+        pull = -self.grip * math.expm1(-reference_slip / self.softness)
+        return Quantity(pull - self.resistance, self.deviation)
+
+
+# Grip: road adhesion of tyres (Taborek 1957, in Wong, Theory of Ground Vehicles, chapter 1: asphalt 0.8 to
+# 0.9, gravel 0.6, dry earth 0.68, wet 0.55, packed snow 0.2, ice 0.1); of sand and mud tan(phi) of 22 and
+# 17 degrees. Softness: pneumatic tyres on roads reach their best at a slip of 0.1 to 0.2 (Wong), in sand
+# and snow pull goes on rising to 0.5 and more (Wong, chapter 2). Resistance: rolling resistance of tyres,
+# asphalt 0.013, gravel 0.02, earth road 0.05 (Wong, chapter 1), loose sand 0.1 to 0.3 (Carvill 1993; Wong),
+# snow 0.02 to 0.12 (CRREL TR-01-16, table 11). Deviation: half of what these differ by.
+PRIORS: Mapping[str, ClassPrior] = {
+    "asphalt": ClassPrior(0.9, 0.03, 0.015, 0.12),
+    "gravel": ClassPrior(0.6, 0.06, 0.03, 0.12),
+    "firm earth": ClassPrior(0.6, 0.08, 0.04, 0.15),
+    "grass": ClassPrior(0.5, 0.08, 0.06, 0.15),
+    "sand": ClassPrior(0.4, 0.25, 0.12, 0.10),
+    "snow": ClassPrior(0.3, 0.25, 0.10, 0.10),
+    "mud": ClassPrior(0.3, 0.20, 0.15, 0.15),
+    "ice": ClassPrior(0.1, 0.05, 0.02, 0.05),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainSettings:
+    """terrain.*: what is known of terrain classes beforehand."""
+
+    names: tuple[str, ...] | None = parameter(
+        None,
+        text="Names of the terrain classes, by number. Of asphalt, gravel, firm earth, grass, sand, snow, mud"
+        " and ice something is known before any wheel is on them. Layers of elevation_topic with such a name"
+        " are probabilities of the class.",
+    )
+
+    @property
+    def without_prior(self) -> str:
+        """Say which names tell nothing of the ground; empty where all do."""
+        others = [name for name in self.names or () if name not in PRIORS]
+        if not others:
+            return ""
+        return (
+            f"terrain.names: nothing is known of {', '.join(others)} before a wheel is on it, as of any"
+            f" ground; there are margins of {', '.join(PRIORS)}"
+        )
+
+
+@dataclass
+class _Class:
+    places: int = 0
+    mean: float = 0.0
+    squares: float = 0.0  # sum of squared deviations from the mean
+    variance: float = 0.0  # mean of the estimate's own
+
+    def add(self, margin: float, deviation: float = 0.0, times: float = 1.0) -> _Class:
+        """With so many more places of a margin, known to a deviation; a copy."""
+        count = self.places + times
+        step = margin - self.mean
+        return _Class(
+            int(count),
+            self.mean + step * times / count,
+            self.squares + step * step * times * self.places / count,
+            self.variance + (deviation**2 - self.variance) * times / count,
+        )
+
+    def expected(self, prior: Quantity | None) -> Quantity:
+        """What to expect at one more place."""
+        if prior is not None:
+            whole = self.add(prior.value, 0.0, _PRIOR_PLACES)
+            squares = whole.squares + _PRIOR_PLACES * prior.standard_deviation**2
+            return Quantity(whole.mean, math.sqrt(whole.variance + squares / whole.places))
+        squares = self.squares + _PRIOR_PLACES * CLASS_SCATTER**2
+        scatter = squares / (self.places + _PRIOR_PLACES - 1.0)
+        return Quantity(self.mean, math.sqrt(self.variance + scatter * (1.0 + 1.0 / self.places)))
+
+
+class TerrainClasses:
+    """Margins by terrain class, and the costs that follow from them.
+
+    Parameters
+    ----------
+    apart
+        Places of one wheel nearer than this (m) count once.
+    priors
+        Margins that are believed of classes before they are crossed, by number.
+    """
+
+    def __init__(
+        self, rules: CostRules, apart: float, priors: Mapping[int, Quantity] | None = None
+    ) -> None:
+        self.rules = rules
+        self._priors = dict(priors or {})
+        self._apart = apart
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was met."""
+        self._classes: dict[int, _Class] = {}
+        self._last: dict[str, tuple[int, float, float]] = {}
+        self._stuck: dict[int, int] = {}
+
+    def learn(self, wheel: str, x: float, y: float, terrain: int, margin: Quantity) -> bool:
+        """Take a wheel's margin at a place (m) of a class; return whether it counted."""
+        if terrain < 0:
+            return False
+        last = self._last.get(wheel)
+        if (
+            last is not None
+            and last[0] == terrain
+            and math.hypot(x - last[1], y - last[2]) < self._apart
+        ):
+            return False
+        self._last[wheel] = (terrain, x, y)
+        known = self._classes.get(terrain, _Class())
+        self._classes[terrain] = known.add(margin.value, margin.standard_deviation)
+        return True
+
+    def stuck_at(self, terrains: Iterable[int]) -> None:
+        """Take the class of each place where the vehicle is stuck and has not got through since."""
+        self._stuck = {}
+        for terrain in terrains:
+            if terrain >= 0:
+                self._stuck[terrain] = self._stuck.get(terrain, 0) + 1
+
+    def contradictions(self) -> list[str]:
+        """Say of each class on which the vehicle was stuck and more often was not, that it is both."""
+        places = self.places()
+        return [
+            f"terrain class {terrain} is both: stuck at {stuck} of {places[terrain]} places: the"
+            " classifier does not tell them apart, and its cost is that of the mean with their scatter"
+            for terrain, stuck in sorted(self._stuck.items())
+            if stuck < 0.5 * places[terrain]
+        ]
+
+    def margins(self) -> dict[int, Quantity]:
+        """What to expect at a new place of each class that a wheel has been on, or that has a prior."""
+        return {
+            terrain: self._with_stuck(terrain).expected(self._priors.get(terrain))
+            for terrain in sorted({*self.places(), *self._priors})
+        }
+
+    def places(self) -> dict[int, int]:
+        """How many places of each class have been crossed, or are those where it is stuck."""
+        met = {*self._classes, *self._stuck}
+        return {terrain: self._with_stuck(terrain).places for terrain in sorted(met)}
+
+    def _with_stuck(self, terrain: int) -> _Class:
+        known, stuck = self._classes.get(terrain, _Class()), self._stuck.get(terrain, 0)
+        return known.add(_NOTHING_HELD, 0.0, stuck) if stuck else known
+
+    def table(self, other: Quantity | None = None) -> Cells:
+        """Cost of each class number, shape (256,), by the byte that an int8 is.
+
+        other: margin of classes that nothing is known of; None: they have no cost.
+        """
+        table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
+        if other is not None:
+            table[:128] = self.rules.expected(other.value, other.standard_deviation)
+        for terrain, margin in self.margins().items():
+            table[terrain] = self.rules.expected(margin.value, margin.standard_deviation)
+        return table
+
+    def costs(self, classes: Grid, other: Quantity | None = None) -> Grid:
+        """Turn a grid of class numbers into one of costs."""
+        cells = np.take(self.table(other), np.ascontiguousarray(classes.cells).view(np.uint8))
+        return Grid(classes.frame, classes.resolution, classes.origin, cells)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Between messages and values; nothing is worked out here."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from array import array
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import OccupancyGrid
+from std_msgs.msg import Header
+
+from smallwheel_ros.costmap.grid import Grid, Pose
+from smallwheel_ros.pipeline.intake.inputs import angles_of
+from smallwheel_ros.pipeline.tables import SECOND
+
+
+def message_class(kind: str) -> Any | None:
+    """Return the ROS class of a type like nav_msgs/msg/Odometry; None: it is not installed."""
+    try:
+        package, _, name = kind.split("/")
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ValueError, ImportError, AttributeError):
+        return None
+
+
+def nanoseconds_of(stamp: Time) -> int:
+    """Turn a header's stamp into ns."""
+    return int(stamp.sec) * SECOND + int(stamp.nanosec)
+
+
+def time_message(stamp: int) -> Time:
+    """Turn ns into a header's stamp."""
+    return Time(sec=stamp // SECOND, nanosec=stamp % SECOND)
+
+
+def header_of(stamp: int, frame: str) -> Header:
+    """A header; stamp in ns."""
+    return Header(stamp=time_message(stamp), frame_id=frame)
+
+
+def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
+    """Turn a grid into its message; stamp in ns."""
+    message = OccupancyGrid(header=header_of(stamp, grid.frame))
+    info = message.info
+    info.map_load_time = message.header.stamp
+    info.resolution = grid.resolution
+    info.height, info.width = grid.cells.shape
+    info.origin.position.x, info.origin.position.y = grid.origin
+    info.origin.orientation.w = 1.0
+    # An array of the right type is taken as it is; anything else is looked at cell by cell.
+    message.data = array("b", grid.cells.tobytes())
+    return message
+
+
+def pose_of(transform: Any) -> Pose:
+    """Place and heading of a geometry_msgs/Transform; the heading is NaN where it has no rotation."""
+    by, turn = transform.translation, transform.rotation
+    cosine, sine, *_ = angles_of(*np.array([[turn.x], [turn.y], [turn.z], [turn.w]]))
+    return Pose(by.x, by.y, math.atan2(float(sine[0]), float(cosine[0])))

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the node hears of the ground ahead, and the grids of its cost map that it publishes."""
+
+from __future__ import annotations
+
+import math
+import time
+from array import array
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecyclePublisher
+from rclpy.publisher import Publisher
+
+from smallwheel_ros.costmap.elevation import elevation_from
+from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Pose, grid_from
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
+from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.ros.conversions import grid_message, nanoseconds_of, pose_of
+
+# Takes topic, reason and words of something that went wrong.
+Report = Callable[[str, str, str], None]
+# s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
+# where they belong once it comes again: at once where tf tells of it, else after so long.
+_AGAIN_AFTER = 5.0
+_LAST = 0.5  # s for listeners to take the last grid
+
+
+class CostPublisher:
+    """Keeps the cost map of a vehicle (`map`), and publishes its two grids, each on its topic.
+
+    Parameters
+    ----------
+    publishers
+        Of each of `COST_TOPICS`.
+    report
+        Takes what is wrong with a grid that cannot be used.
+
+    Attributes
+    ----------
+    received, elevations, published
+        How many grids of terrain classes and maps of elevations have come, and how often grids of costs were
+        sent.
+    """
+
+    def __init__(
+        self, settings: NodeSettings, publishers: Sequence[LifecyclePublisher], report: Report
+    ) -> None:
+        self._settings = settings
+        self._publishers = publishers
+        self._report = report
+        self._stamp = 0
+        self._last: Any = None
+        # The newest grids, of one place; empty before the first. When that was by time.monotonic().
+        self._sent: list[Any] = []
+        self._sent_at = 0.0
+        # Of these grids, where tf had it when they were sent.
+        self._corner: tuple[float, float] | None = None
+        self._corrected = False
+        # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
+        self._static: dict[str, tuple[str, Pose]] = {}
+        self.received = self.elevations = self.published = 0
+        self.map = cost_map_of(settings)
+        self._ground = GroundMapper(self.map, settings.onboard.wheels)
+
+    def add(self, estimates: Estimates, frame: str) -> None:
+        """Take rows of estimates; frame is that of the odometry."""
+        self._stamp = max(self._stamp, int(estimates.stamp[-1]))
+        self._ground.add(estimates, frame)
+        if self.map.frame in self._static:
+            self.map.place_frame(*self._static.pop(self.map.frame))
+
+    def on_classes(self, message: Any) -> None:
+        """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
+        if message == self._last:
+            return
+        self._last = message
+        self.received += 1
+        topic = self._settings.terrain_classes_topic
+        try:
+            self.map.take_classes(grid_from(message))
+        except CostMapError as error:
+            self._report(topic, "malformed_grid", f"not used: {error}")
+            return
+        self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
+        if self.map.in_other_frame:
+            self._report(topic, "other_frame", self.map.problem)
+
+    def on_elevation(self, message: Any) -> None:
+        """Take a map of elevations (grid_map_msgs/GridMap)."""
+        self.elevations += 1
+        settings, length = self._settings, self.map.outline.length
+        topic, names = settings.elevation_topic, settings.terrain.names or ()
+        try:
+            elevation = elevation_from(message, settings.elevation_layer, length, names)
+        except CostMapError as error:
+            self._report(topic, "malformed_grid", f"not used: {error}")
+            return
+        self.map.take_elevation(elevation)
+        self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
+        if not self.map.is_placed(elevation.frame):
+            self._report(topic, "other_frame", self.map.problem)
+
+    def on_transforms(self, message: Any) -> None:
+        """Take transforms (tf2_msgs/TFMessage): grids are sent again once their frame has moved."""
+        of_grid = self._sent[0].header.frame_id if self._sent else None
+        for found in message.transforms:
+            frame = found.child_frame_id
+            if frame not in (self.map.frame, of_grid):
+                continue
+            pose = pose_of(found.transform)
+            if frame == self.map.frame != "" and math.isfinite(sum(pose)):
+                self.map.place_frame(found.header.frame_id, pose)
+            if frame == of_grid:
+                self._look_at_corner(pose)
+
+    def on_static_transforms(self, message: Any) -> None:
+        """Take transforms that are sent once: of frames that are not known yet, they are kept."""
+        for found in message.transforms:
+            pose = pose_of(found.transform)
+            if math.isfinite(sum(pose)):
+                self._static[found.child_frame_id] = found.header.frame_id, pose
+        self.on_transforms(message)
+
+    def _look_at_corner(self, pose: Pose) -> None:
+        """See whether the far corner of the grids that were sent has moved in the frame above it."""
+        info = self._sent[0].info
+        corner = pose.place(
+            info.origin.position.x + info.width * info.resolution,
+            info.origin.position.y + info.height * info.resolution,
+        )
+        if self._corner is None:
+            self._corner = corner
+        elif not math.dist(corner, self._corner) < 0.5 * info.resolution:
+            self._corrected = True
+
+    def clear(self) -> None:
+        """Forget the ground: the soil is another one, or time has gone back."""
+        self._ground.clear()
+        self._stamp = 0
+
+    def publish(self, now: int) -> None:
+        """Publish the grids if they have changed, and the same ones again after 5 s or a correction by tf.
+
+        now (ns): their stamp before any measurement.
+        """
+        again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
+        grids = self.map.grids() if self.map.changed else None
+        if grids is not None:
+            self._send([grid_message(grid, self._stamp or now) for grid in grids])
+        elif again and self._sent:
+            self._send(self._sent)
+
+    def empty(self) -> None:
+        """Tell listeners, before the topics go, that nothing is known any more: Nav2 would keep it."""
+        if not self._sent or not rclpy.ok():
+            return
+        for publisher, message in zip(self._publishers, self._sent, strict=True):
+            message.data = array("b", bytes([UNKNOWN % 256])) * len(message.data)
+            # The publisher of a node that is not active any more is silent by itself.
+            Publisher.publish(publisher, message)
+            publisher.wait_for_all_acked(Duration(seconds=_LAST))
+        self._sent = []
+
+    def _send(self, messages: list[Any]) -> None:
+        for publisher, message in zip(self._publishers, messages, strict=True):
+            publisher.publish(message)
+        self._sent, self._sent_at = messages, time.monotonic()
+        self._corner, self._corrected = None, False
+        self.published += 1
