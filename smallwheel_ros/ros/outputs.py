@@ -36,8 +36,8 @@ from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 from smallwheel_ros.onboard.settings import NodeSettings, TwistSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.inputs import angles_of
+from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
 from smallwheel_ros.pipeline.twist.twist import Twists, messages

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from enum import IntFlag
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtr
@@ -19,8 +20,7 @@ from scipy.special import chdtri, ndtr
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.soil.stretches import Loads
 from smallwheel_ros.pipeline.strength.strengths import Strengths
 from smallwheel_ros.pipeline.strength.words import is_determined
@@ -34,6 +34,7 @@ from smallwheel_ros.pipeline.tables import (
     Readings,
     none_of,
 )
+from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import AHEAD
@@ -79,6 +80,28 @@ STATUS = {
 }
 
 
+@dataclass(frozen=True)
+class OnGround(Loads):
+    """What is known of the ground at each row.
+
+    load, load_std: N, without the cell's noise. soil_version, newest, strength_version: of the soil under the
+    wheel, of that which the first wheels are on, and of the strength. refused: measured sinkages that were of
+    no use until then.
+    """
+
+    soil_version: Integers
+    newest: Integers
+    strength_version: Integers
+    refused: Integers
+
+
+class KnownGround(NamedTuple):
+    """What the versions that rows name are."""
+
+    soils: Versions[Version]
+    strengths: Strengths
+
+
 @dataclass
 class AnswerState:
     """What is carried from block to block, by number of the wheel.
@@ -96,25 +119,21 @@ class AnswerState:
 
 
 def answer(
-    state: AnswerState, rows: Readings, loads: Loads, judged: Judged, soil_version: Integers,
-    newest: Integers, strength_version: Integers, streams: Streams, soils: Soils, strengths: Strengths,
+    state: AnswerState, rows: Readings, judged: Judged, ground: OnGround, known: KnownGround,
     settings: OnboardSettings,
 ) -> Estimates:  # fmt: skip
-    """Estimates of those rows that are due.
-
-    soil_version, newest, strength_version: of the soil under each row, of that which the first wheels are
-    on, and of the strength. streams: know which measured sinkages were of no use.
-    """
+    """Estimates of those rows that are due: by what was measured, what is warned of, and the ground."""
     due = np.flatnonzero(rows.due)
     if not due.size:
         return none_of(Estimates)
-    rows, loads, judged = rows.take(due), loads.take(due), judged.take(due)
-    soil_version, newest, strength_version = soil_version[due], newest[due], strength_version[due]
+    rows, judged, ground = rows.take(due), judged.take(due), ground.take(due)
+    soils, strengths, loads = known.soils, known.strengths, ground
+    soil_version, strength_version = ground.soil_version, ground.strength_version
     wheels, count = settings.wheels, len(rows)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = [soils.versions[number] for number in soil_version.tolist()]
+    of = [soils[number] for number in soil_version.tolist()]
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -149,11 +168,11 @@ def answer(
     margin, margin_std, risk = _margins(
         state, rows, can, judged, measured, strength_version, strengths, rolls
     )
-    numbers = [soils.versions[number].number for number in newest.tolist()]
-    known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
-    known |= {"margin": margin, "margin_std": margin_std}
+    numbers = [soils[number].number for number in ground.newest.tolist()]
+    columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
+    columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
-        **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
+        **columns, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
         sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
         x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
         conditions=conditions,
@@ -161,7 +180,7 @@ def answer(
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
-        rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
+        rejected=ground.refused + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
     )  # fmt: skip
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
-from smallwheel_ros.pipeline.intake.buffer import NEVER, Stream
-from smallwheel_ros.pipeline.rows.align import Align
+from smallwheel_ros.pipeline.checks.believed import BelievedRows
+from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
@@ -49,7 +49,7 @@ class Judgement:
     warned: of the newest turn; None: no tenth of a second was over.
     """
 
-    def __init__(self, settings: OnboardSettings, align: Align) -> None:
+    def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
         self.warnings = Warnings(settings.wheels, IMU in settings.streams)
         self.ground = AnyGround(self.warnings.side)
@@ -72,18 +72,11 @@ class Judgement:
 
     # --- Warning and margin
 
-    def judge(self, rows: Readings, align: Align) -> Judged:
+    def take(self, rows: Readings, believed: BelievedRows) -> Judged:
         """Go on with rows; what holds at each of them. `warned` has what is new."""
-        rows = self._by_ground(rows, align)
-        felt = align.ground.felt.between(align.since, align.done)
-        speeds = align.streams.all.get(self._speed_is)
-        stamps = (
-            speeds.between(align.since, align.done)[0]
-            if isinstance(speeds, Stream)
-            else felt[0][:0]
-        )
-        imu = (felt[0], align.doubts.believed(IMU, *felt)) if felt[0].size else None
-        made = self.warnings.take(rows, stamps, imu, align.done)
+        rows = self._by_ground(rows, believed)
+        speeds, imu = believed.new(self._speed_is)[0], believed.new_imu()
+        made = self.warnings.take(rows, speeds, imu if imu[0].size else None, believed.done)
         self.warned = None
         if made is not None:
             instants, self.warned = made
@@ -104,9 +97,9 @@ class Judgement:
             self._margins = self._margins.take(slice(-1, None))
         return found
 
-    def _by_ground(self, rows: Readings, align: Align) -> Readings:
+    def _by_ground(self, rows: Readings, believed: BelievedRows) -> Readings:
         """Rows without speeds that are of the wheels: these show no slip, and teach nothing of the ground."""
-        of_wheels = align.ground.trust(rows.stamp).of_wheels
+        of_wheels = believed.trust(rows.stamp).of_wheels
         if not of_wheels.any():
             return rows
         if self._wheels_since is None:
