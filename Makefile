@@ -20,7 +20,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo 'make demo        play a recorded drive into the node over DDS, draw what it finds'
-	@echo 'make test        the fast tests'
+	@echo 'make test        the fast tests; those of one folder: make test ROOM=pipeline/soil'
 	@echo 'make test-slow   the slow tests: Monte Carlo, soak, long drives, random examples'
 	@echo 'make fuzz        hostile inputs: 10^5 of them, MINUTES=2 for each way in'
 	@echo 'make coverage    the fast tests once more, and which lines they did not reach'
@@ -49,9 +49,9 @@ lock:
 	for more in lint docs; do pin $$more --constraint tools/environment.lock tools/$$more.in; done
 
 # Three workers, each with whole modules; those of the node on one of them, which mostly waits, and the
-# others give way to it (see test/conftest.py).
+# others give way to it (see test/conftest.py). ROOM: a folder of smallwheel_ros/, whose tests are in that of test/.
 test: env
-	@$(RUN) -m pytest -m "not slow" -n 3 --dist loadfile
+	@$(RUN) -m pytest -m "not slow" $(if $(ROOM),test/$(ROOM),-n 3 --dist loadfile)
 
 # All of them, one after the other: some measure speed and memory. The last line says how long it took.
 test-slow: env

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes config/template.yaml and docs/parameters.md from the one table of the node's parameters.
+"""Writes config/template.yaml and docs/parameters.md from the declarations of the node's parameters.
 
 `python docs/parameter_pages.py` writes both anew.
 """
@@ -9,8 +9,8 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from smallwheel_ros.onboard.parameter import WHEEL, NodeParameter, Value, written
-from smallwheel_ros.onboard.table import GENERAL, PER_WHEEL, parameters_for
+from smallwheel_ros.common.node_parameter import WHEEL, NodeParameter, Value, written
+from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL, parameters_for
 
 _EXAMPLE_WHEEL = "front_left"
 _EXAMPLES: dict[str, Value] = {
@@ -19,10 +19,10 @@ _EXAMPLES: dict[str, Value] = {
     f"{_EXAMPLE_WHEEL}.width": 0.10,
 }
 _INTRODUCTION = (
-    "Made by `python docs/parameter_pages.py` from `smallwheel_ros/onboard/table.py`, as"
+    "Made by `python docs/parameter_pages.py` from `smallwheel_ros/onboard/declared.py`, as"
     " [config/template.yaml](../config/template.yaml) is. A `double` needs a point: `1.0`, not `1`. A name"
-    " that is unknown or gone is a warning; one that is missing, wrong, or gone and changes measurements or"
-    " the prior is an error: the node is not configured, a replay has exit code 2. *At start*: only from a"
+    " that is unknown is a warning; one that is missing or wrong is an error: the node is not configured, a"
+    " replay has exit code 2. *At start*: only from a"
     " file or the command line."
 )
 

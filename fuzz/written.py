@@ -12,7 +12,7 @@ import numpy as np
 from fuzz.target import NUMBERS, ROOT, Target
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.onboard.prior import SoilPrior

@@ -26,8 +26,8 @@ from rates import _world_misfits as misfits
 from rates._world_labs import rig_table
 from rates.judges import Judge, Line, Rate, Subject, middle, share
 from smallwheel_ros.api.diagnose import diagnose
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.simulate import write_table
 

@@ -21,7 +21,7 @@ from smallwheel_ros.benchmark.laws import CONSTANT, SIZE_LAWS, Fold, predictions
 from smallwheel_ros.benchmark.parts import Task, tasks_of
 from smallwheel_ros.benchmark.table import Errors, difference
 from smallwheel_ros.fitting.points import points_of
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 
 NAMES = [law.name for law in SIZE_LAWS]
 FIRST = 1 + len(NAMES)  # laws of the table that need no diagnosis: the mean, and those of size

@@ -21,7 +21,7 @@ from rates.diagnosis import read
 from rates.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.api.learn import learn
 from smallwheel_ros.learn.law import LearntLaw
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.simulate.truth import Contact, static_sinkage, supported_load
 

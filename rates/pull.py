@@ -22,7 +22,7 @@ from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.noise import of_load
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil

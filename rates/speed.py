@@ -43,8 +43,8 @@ from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.problem import base_of
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_sinkage

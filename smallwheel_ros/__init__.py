@@ -19,7 +19,7 @@ from pkgutil import extend_path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.common.version import __version__
+from smallwheel_ros.common.release import __version__
 
 if TYPE_CHECKING:
     from smallwheel_ros import effects
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from smallwheel_ros.api.read import read
     from smallwheel_ros.api.replay import replay
     from smallwheel_ros.common.errors import SmallwheelError as Error
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.measurements import Measurements
     from smallwheel_ros.model.model import Model
     from smallwheel_ros.physics.soil import Soil, soil
 
@@ -54,7 +54,7 @@ _PUBLIC = {
     "soil": ("smallwheel_ros.physics.soil", "soil"),
     "Soil": ("smallwheel_ros.physics.soil", "Soil"),
     "Model": ("smallwheel_ros.model.model", "Model"),
-    "Measurements": ("smallwheel_ros.measurements.table", "Measurements"),
+    "Measurements": ("smallwheel_ros.measurements.measurements", "Measurements"),
     "Error": ("smallwheel_ros.common.errors", "SmallwheelError"),
 }
 

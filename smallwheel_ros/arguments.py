@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
     from smallwheel_ros.effects.registry import Registry
     from smallwheel_ros.fitting import Base
-    from smallwheel_ros.measurements.table import Measurements, ShearTests
+    from smallwheel_ros.measurements.measurements import Measurements, ShearTests
     from smallwheel_ros.model.model import CalibratedModel, Model
 
 

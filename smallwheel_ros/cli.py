@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.common.version import __version__
+from smallwheel_ros.common.release import __version__
 
 # name: (where it is, what `smallwheel --help` says of it)
 COMMANDS = {

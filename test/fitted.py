@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from smallwheel_ros.effects import Effect
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 
 def fit_model(measurements: Measurements, effects: Sequence[Effect] = ()) -> FitResult:

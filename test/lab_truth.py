@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import quad
 
-from smallwheel_ros.measurements.table import ShearTests
+from smallwheel_ros.measurements.measurements import ShearTests
 
 HEADER = ["run", "contact", "diameter", "width", "load", "sinkage"]
 N = 0.9

@@ -12,7 +12,7 @@ from smallwheel_ros.model.given import effects_of, model_of
 if TYPE_CHECKING:
     from smallwheel_ros.fitting import FitResult, Problem
     from smallwheel_ros.lab.lab import LabFit
-    from smallwheel_ros.measurements.table import Measurements, ShearTests
+    from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
 
 def fit(
@@ -58,7 +58,7 @@ def fit(
     from smallwheel_ros.fitting.problem import base_of
     from smallwheel_ros.lab.agreement import agreements
     from smallwheel_ros.lab.lab import fit_lab
-    from smallwheel_ros.measurements.table import joined, joined_shear
+    from smallwheel_ros.measurements.measurements import joined, joined_shear
 
     tests, tables = _tests_of(data)
     measurements = joined(tables) if tables else None
@@ -106,7 +106,7 @@ def _far_off(problem: "Problem") -> list[str]:
 
 def _tests_of(data: Tests) -> "tuple[list[ShearTests], list[Measurements]]":
     """Shear tests, and tables of load and sinkage."""
-    from smallwheel_ros.measurements.table import Measurements, ShearTests
+    from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
     given: list[Any] = list(data) if isinstance(data, (list, tuple)) else [data]
     if not given:

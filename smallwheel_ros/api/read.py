@@ -11,7 +11,7 @@ from smallwheel_ros.common.errors import ArgumentError, kind_of
 from smallwheel_ros.measurements.typed import number_of
 
 if TYPE_CHECKING:
-    from smallwheel_ros.measurements.table import Measurements, ShearTests
+    from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
 
 def read(
@@ -56,8 +56,8 @@ def read(
     >>> data.channels.keys()
     dict_keys(['sinkage', 'resistance'])
     """
-    from smallwheel_ros.measurements.table import Measurements
-    from smallwheel_ros.measurements.wheels import read_measurements
+    from smallwheel_ros.measurements.from_file import read_measurements
+    from smallwheel_ros.measurements.measurements import Measurements
 
     if isinstance(data, Measurements):
         return data
@@ -68,8 +68,8 @@ def read(
 
 def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
     """Read a table of any test of a lab, shear tests too. how: as in `read`."""
-    from smallwheel_ros.measurements.table import Measurements, ShearTests
-    from smallwheel_ros.measurements.wheels import read_tests
+    from smallwheel_ros.measurements.from_file import read_tests
+    from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
     if isinstance(data, (Measurements, ShearTests)):
         return data

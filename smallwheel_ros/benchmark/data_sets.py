@@ -16,8 +16,8 @@ from smallwheel_ros.benchmark.own import LawError, load_laws
 from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.benchmark.table import Errors, LawTable, Verdict, table_of
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.common.results import Result
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.common.result import Result
+from smallwheel_ros.measurements.from_file import read_measurements
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
 _TABLES = (".csv", ".tsv", ".xlsx", ".xls", ".ods", ".parquet")

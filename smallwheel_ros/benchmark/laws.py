@@ -23,7 +23,7 @@ from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.plates import UnderLaw, law_vector, reference_size
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.contact import AXLE_RATIO
 from smallwheel_ros.physics.plates import BERNSTEIN_GORIATCHKIN, LAWS, PlateLaw

@@ -14,8 +14,8 @@ from smallwheel_ros.fitting.constants import FOLDS
 from smallwheel_ros.fitting.held_out import folds_of, leave_out
 from smallwheel_ros.fitting.points import FittingError, points_of, runs_of
 from smallwheel_ros.measurements.columns import COLUMNS
+from smallwheel_ros.measurements.measurements import Measurements, codes_of
 from smallwheel_ros.measurements.settings import DIAMETER_TOLERANCE, cluster
-from smallwheel_ros.measurements.table import Measurements, codes_of
 from smallwheel_ros.physics.conditions import CONTACTS, ROLLING
 
 Index = NDArray[np.intp]

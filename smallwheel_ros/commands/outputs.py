@@ -15,7 +15,7 @@ from smallwheel_ros.common.files import check_folder_target, check_targets
 
 # `--help` of a command needs none of what the command computes with.
 if TYPE_CHECKING:
-    from smallwheel_ros.common.results import Result
+    from smallwheel_ros.common.result import Result
 
 Options = dict[str, Any]  # of a command beside those of its function, by name
 Finish = Callable[[Any, Options], object]

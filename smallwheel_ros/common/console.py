@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from smallwheel_ros.common.results import Result
+    from smallwheel_ros.common.result import Result
 
 JSON = click.option("--json", "json_file", metavar="FILE",
                     help="Write the result as JSON, - for standard output.")  # fmt: skip

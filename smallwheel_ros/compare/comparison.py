@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.arguments import unheard
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.compare.contenders import REGRESSION, STANDARD, Contender, standard_contenders
 from smallwheel_ros.compare.reasons import (
     MISSING,
@@ -45,8 +45,8 @@ from smallwheel_ros.fitting.noise import NoiseLine
 from smallwheel_ros.fitting.points import Points, filled, runs_of
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, Array, Mask
 from smallwheel_ros.measurements.display import listed, shown_value, words
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import Part, parts, repeatability, runs_of_rows
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model, ModelError, predict
 
 if TYPE_CHECKING:

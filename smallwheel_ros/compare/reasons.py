@@ -14,7 +14,7 @@ from smallwheel_ros.fitting.noise import NoiseLine
 from smallwheel_ros.fitting.points import Index, Points
 from smallwheel_ros.fitting.result import runs_differ, unusual
 from smallwheel_ros.measurements.display import percent, shown_value
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 Reasons = tuple[tuple[str, Index], ...]
 

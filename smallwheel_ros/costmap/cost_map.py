@@ -34,13 +34,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from smallwheel_ros.common.node_parameter import parameter
 from smallwheel_ros.costmap.crossed_ground import LONGEST_STEP, CrossedGround, Outline, side_of
 from smallwheel_ros.costmap.grid import (
     HERE,
@@ -182,18 +183,36 @@ class TerrainClasses:
 
 @dataclass(frozen=True)
 class CostSettings:
-    """What the cost map is to be: `cost.*` of the parameters.
+    """cost.*: what the cost map is to be. Raises CostMapError where there can be no such window."""
 
-    resolution, size: sides of a cell and of the window of crossed ground, m. spread: how far costs are
-    spread, m; None: to the wheels' outermost corner. unknown: what ground of a class costs that has not been
-    met. Raises CostMapError where there can be no such window.
-    """
+    resolution: float = parameter(0.1, "m", (0.01, 10.0), "Side of a cell of ~/cost.")
+    size: float = parameter(
+        40.0,
+        "m",
+        (1.0, 2000.0),
+        "Side of the window of crossed ground around the vehicle; at most 4 million cells.",
+    )
+    spread: float | None = parameter(
+        None,
+        "m",
+        (0.0, 10.0),
+        "Each cell takes the highest cost within this distance, for every planner (docs/nav2.md). Without"
+        " it: to the outermost corner.",
+    )
+    unknown: Literal["prior", "none"] = parameter(
+        "prior",
+        text="Cost of a terrain class that has not been crossed yet: that of any ground, or none (-1).",
+    )
+    required_margin: float = parameter(
+        0.0, "1", (-1.0, 2.0),
+        "Margin needed beyond the slope measured at a place. Cost: the risk, in per cent, that the ground"
+        " does not give it.",
+    )  # fmt: skip
 
-    resolution: float = 0.1
-    size: float = 40.0
-    spread: float | None = None
-    unknown: Literal["prior", "none"] = "prior"
-    rules: CostRules = field(default_factory=CostRules)
+    @property
+    def rules(self) -> CostRules:
+        """How a margin becomes a cost."""
+        return CostRules(self.required_margin)
 
     def __post_init__(self) -> None:
         """Check how many cells there would be."""

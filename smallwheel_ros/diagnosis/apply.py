@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.diagnosis.competitors import SETTINGS, Competitor, changed, field_of
 from smallwheel_ros.diagnosis.held_out import Choose, errors_of, kept
@@ -26,7 +26,7 @@ from smallwheel_ros.fitting.held_out import CvErrors, ErrorComparison, compare_c
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS, TEXTS
 from smallwheel_ros.measurements.display import probability_text, shown_value, words
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

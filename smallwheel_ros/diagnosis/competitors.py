@@ -39,8 +39,8 @@ from smallwheel_ros.fitting.parameters import (
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import setting_words
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import cluster, varies
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Geometry, Model
 
 Array = NDArray[np.float64]

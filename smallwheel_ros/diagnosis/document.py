@@ -26,8 +26,8 @@ from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.result import expected_error, off_by, posterior_covariance
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import repeatability
-from smallwheel_ros.measurements.table import Measurements
 
 Entry = dict[str, Any]
 

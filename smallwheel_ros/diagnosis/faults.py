@@ -34,7 +34,7 @@ from smallwheel_ros.fitting.parameters import EffectPart, Prior, part_of, with_v
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.measurements.display import number, words
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 Index = NDArray[np.intp]

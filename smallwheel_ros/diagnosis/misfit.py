@@ -30,7 +30,7 @@ from smallwheel_ros.measurements.display import (
     shown_value,
     words,
 )
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

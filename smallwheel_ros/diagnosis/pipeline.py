@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from smallwheel_ros.arguments import AnyModel, Ids, Levels, OwnEffects, unheard
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, fault_told, most_bad
@@ -28,7 +28,7 @@ from smallwheel_ros.fitting.constants import FEWEST_RUNS
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import base_of
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.typed import limits_of
 from smallwheel_ros.model.given import ids_of, model_of, registry_of
 

@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.effects import column
+from smallwheel_ros.effects import column_laws
 from smallwheel_ros.effects.base import Effect, EffectError
 
 Forms = tuple[type[Effect], ...]
@@ -50,8 +50,8 @@ _GONE = {
 # The laws that any column may drive, and the prefixes of their ids.
 _COLUMN_LAWS = [
     law
-    for name, law in vars(column).items()
-    if isinstance(law, type) and issubclass(law, column.ColumnLaw) and not name.startswith("_")
+    for name, law in vars(column_laws).items()
+    if isinstance(law, type) and issubclass(law, column_laws.ColumnLaw) and not name.startswith("_")
     if law.prefix and not law.id
 ]
 _PREFIXES = tuple(dict.fromkeys(law.prefix for law in _COLUMN_LAWS))

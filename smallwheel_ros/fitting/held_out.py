@@ -18,7 +18,7 @@ from smallwheel_ros.fitting.constants import FOLDS, USEFUL
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, soil_from, soil_numbers
 from smallwheel_ros.fitting.points import Index, Mask, Points, filled, runs_of
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 
 Array = NDArray[np.float64]

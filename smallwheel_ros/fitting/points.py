@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.fitting.constants import CURVE_POINTS, FEWEST_VALUES, MOST_POINTS
 from smallwheel_ros.measurements.columns import FORCES
+from smallwheel_ros.measurements.measurements import CHANNELS, Measurements
 from smallwheel_ros.measurements.settings import (
     order_columns,
     runs_of_rows,
@@ -26,7 +27,6 @@ from smallwheel_ros.measurements.settings import (
     settings_of_rows,
     varies,
 )
-from smallwheel_ros.measurements.table import CHANNELS, Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]

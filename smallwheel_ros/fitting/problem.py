@@ -33,7 +33,7 @@ from smallwheel_ros.fitting.parameters import (
 from smallwheel_ros.fitting.points import FittingError, Points, points_of
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.columns import FORCES
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm

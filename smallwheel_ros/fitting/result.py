@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD
 from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
@@ -31,7 +31,7 @@ from smallwheel_ros.fitting.parameters import (
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.variance import Scatter, settings_repeated
 from smallwheel_ros.measurements.display import listed, percent, shown_value, words
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 

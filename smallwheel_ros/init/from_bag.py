@@ -14,6 +14,7 @@ import numpy as np
 
 from smallwheel_ros.arguments import BagOrUrdf, Count, Urdf
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.common.node_parameter import Value
 from smallwheel_ros.init.recorded import (
     JointSpeeds,
     Speed,
@@ -25,24 +26,22 @@ from smallwheel_ros.init.recorded import (
     upright,
 )
 from smallwheel_ros.init.rover import (
-    PLACES,
     InitError,
     Rover,
-    best_match,
     description_in,
     joint_values,
-    only_or_best_match,
     rover_of_description,
     rover_of_wheels,
     wheel_joints,
+)
+from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, fill_silent
+from smallwheel_ros.onboard.urdf import RobotDescriptionError
+from smallwheel_ros.onboard.wheel_names import (
+    PLACES,
+    best_match,
+    only_or_best_match,
     wheels_named_by,
     words_of,
-)
-from smallwheel_ros.onboard.parameter import Value
-from smallwheel_ros.onboard.robot_description import (
-    DESCRIPTION_TYPE,
-    RobotDescriptionError,
-    fill_silent,
 )
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -52,7 +51,10 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINTS = "sensor_msgs/msg/JointState"
 TWIST = "geometry_msgs/msg/TwistStamped"
 IMU = "sensor_msgs/msg/Imu"
-_NO_WHEEL = ("steer", "steering", "arm", "caster", "pan", "tilt", "camera")  # joints that are none
+# Words of joints that turn no wheel.
+_NO_WHEEL = (
+    "steer", "steering", "corner", "arm", "caster", "castor", "pan", "tilt", "camera", "rocker", "bogie",
+)  # fmt: skip
 
 
 def rover_of_bag(path: Path, urdf: Path | None = None) -> Rover:
@@ -84,27 +86,30 @@ class _Finder:
         joints = JointSpeeds(np.empty(0), [], np.empty((0, 0)))
         if topic is not None:
             joints = joint_speeds(self._reader, topic)
+        turned: dict[str, str] = {}
         if description is None:
             description = self._description()
         else:
             self._notes.append(f"sizes and places of wheels from {urdf}")
-        values = self._wheels(joints, description)
-        turned = {
-            w: str(values.get(f"{w}.joint", f"{w}_joint")) for w in as_names(values["wheels"])
-        }
-        rims = [joint for joint in turned.values() if joint in joints.names]
-        speed = self._odometry(joints, rims)
         if description is not None:
             try:
-                filled = fill_silent(description, values)
+                turned, notes = wheel_joints(description)
+                self._notes += notes
             except RobotDescriptionError as error:
                 if urdf is not None:
                     raise InitError(f"{urdf}: {error}") from None
-                raise
+                self._notes.append(f"the robot description is not used: {error}")
+                description = None
+        values = self._wheels(joints, turned)
+        if description is not None:
+            filled = fill_silent(description, values)
             values |= filled.values
             self._notes += filled.lacking
+        turning = self._recorded_joints(values, joints)
+        rims = [joint for joint in turning.values() if joint in joints.names]
+        speed = self._odometry(joints, rims)
         if speed is not None:
-            self._turn_axes(values, turned, signs_of(joints, speed, rims))
+            self._turn_axes(values, turning, signs_of(joints, speed, rims))
         # What may help, and only people know: whether the wheels make it, how it is mounted.
         offers = {"velocity_topic": [topic for topic in self._topics[TWIST] if "cmd" not in topic]}
         if not self._imu(values):
@@ -209,12 +214,28 @@ class _Finder:
         )
         return True
 
-    def _wheels(self, joints: JointSpeeds, description: str | None) -> dict[str, Value]:
+    def _recorded_joints(self, values: dict[str, Value], joints: JointSpeeds) -> dict[str, str]:
+        """By wheel, its joint; where the description calls it otherwise than joint states, as these do."""
+        found = {}
+        for wheel in as_names(values["wheels"]):
+            name = str(values.get(f"{wheel}.joint", f"{wheel}_joint"))
+            recorded = None if name in joints.names else best_match(wheel, "joint", _free(joints))
+            if recorded is not None:
+                self._notes.append(f"{recorded} turns {wheel}, by its name; there is no {name}")
+                values.pop(f"{wheel}.joint", None)
+                values |= joint_values({wheel: recorded})
+            elif joints.names and name not in joints.names:
+                self._notes.append(
+                    f"which joint turns {wheel} is not clear: there is {', '.join(joints.names)}"
+                )
+            found[wheel] = recorded or name
+        return found
+
+    def _wheels(self, joints: JointSpeeds, turned: Mapping[str, str]) -> dict[str, Value]:
         """Wheels by the topics of loads and sinkages, the joints of the description, or those that turn."""
         loads, sinkages = (wheels_named_by(self._topics[kind]) for kind in (WRENCH, SINKAGE))
         ranges = {} if sinkages else wheels_named_by(self._topics[RANGE])
         depths = sinkages or ranges
-        turned = {} if description is None else wheel_joints(description)
         if not (loads or depths or turned):
             turned = wheels_named_by(turning_wheels(joints))
         wheels = list(loads or depths or turned)
@@ -238,13 +259,9 @@ class _Finder:
                 values[f"{wheel}.sinkage_topic"] = ""
             elif ranges or depth != f"/{wheel}/sinkage":
                 values[f"{wheel}.sinkage_topic"] = depth
-            joint = turned.get(wheel) or best_match(wheel, "joint", joints.names)
+            joint = turned.get(wheel) or best_match(wheel, "joint", _free(joints))
             if joint is not None:
                 values |= joint_values({wheel: joint})
-            elif joints.names:
-                self._notes.append(
-                    f"which joint turns {wheel} is not clear: there is {', '.join(joints.names)}"
-                )
         self._ranged = wheels if ranges else []
         blind = [w for w in wheels if values.get(f"{w}.sinkage_topic") == ""]
         if blind:
@@ -265,6 +282,11 @@ class _Finder:
             self._remaps["robot_description"] = named[0]
         self._notes.append(f"sizes and places of wheels from {named[0]}")
         return str(message.data)
+
+
+def _free(joints: JointSpeeds) -> list[str]:
+    """Joints that may turn a wheel by their names."""
+    return [joint for joint in joints.names if not words_of(joint) & {*_NO_WHEEL}]
 
 
 def turning_wheels(joints: JointSpeeds) -> list[str]:

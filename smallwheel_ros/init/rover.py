@@ -1,29 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a rover's parameters, and the file with them; of wheels, or of a robot description.
-
-Also how names are understood: those of wheels, and how much the name of a topic or joint looks like
-that of a wheel's input.
-"""
+"""What is known of a rover's parameters, and the file with them; of wheels, or of a robot description."""
 
 from __future__ import annotations
 
-import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.onboard.parameter import WHEEL, Value, written
-from smallwheel_ros.onboard.robot_description import (
-    TURNING,
-    RobotDescriptionError,
-    Urdf,
-    fill_silent,
-)
-from smallwheel_ros.onboard.table import PARAMETERS, parameters_for
+from smallwheel_ros.common.node_parameter import WHEEL, Value, written
+from smallwheel_ros.onboard.declared import PARAMETERS, parameters_for
+from smallwheel_ros.onboard.robot_description import fill_silent
+from smallwheel_ros.onboard.running_gear import centre_of, heading_of, running_gear
+from smallwheel_ros.onboard.urdf import RobotDescriptionError, Urdf
+from smallwheel_ros.onboard.wheel_names import usual_names, wheels_named_by
 
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20
@@ -143,17 +135,15 @@ def rover_of_description(path: Path) -> Rover:
     """The wheels of a robot description. Raises InitError."""
     text = description_in(path)
     try:
-        joints = wheel_joints(text)
-        if not joints:
-            raise InitError(
-                f"{path}: no joint of type {' or '.join(TURNING)} has 'wheel' in its name or a cylinder "
-                "below it, expected one for each wheel; `smallwheel init --wheels N` does without"
-            )
+        joints, notes = wheel_joints(text)
         values = {"wheels": list(joints), **joint_values(joints)}
         filled = fill_silent(text, values)
     except RobotDescriptionError as error:
-        raise InitError(f"{path}: {error}") from None
-    return Rover(str(path), values | filled.values, notes=filled.lacking, described=True)
+        raise InitError(
+            f"{path}: {error}; `smallwheel init --wheels N` does without a description"
+        ) from None
+    notes += filled.lacking
+    return Rover(str(path), values | filled.values, notes=notes, described=True)
 
 
 def description_in(path: Path) -> str:
@@ -169,25 +159,24 @@ def description_in(path: Path) -> str:
     return text
 
 
-def wheel_joints(description: str) -> dict[str, str]:
-    """By wheel, the joint of a robot description that turns it. Raises RobotDescriptionError."""
+def wheel_joints(description: str) -> tuple[dict[str, str], list[str]]:
+    """By wheel, the joint of a robot description that turns it; and what is to be noted.
+
+    Raises RobotDescriptionError, with the reason, where no joint turns a wheel.
+    """
     urdf = Urdf(description)
-    turning = [
-        joint
-        for joint in urdf.joints.values()
-        if joint.kind in TURNING and _has_cylinder(urdf, joint.child)
-    ]
-    named = [joint.name for joint in turning if "wheel" in f"{joint.name} {joint.child}".lower()]
-    return wheels_named_by(named or [j.name for j in turning if j.kind == "continuous"])
-
-
-def _has_cylinder(urdf: Urdf, link: str) -> bool:
-    """Whether a link has a cylinder, as a wheel has and a steering arm has not."""
-    try:
-        urdf.cylinder(link)
-    except RobotDescriptionError:
-        return False
-    return True
+    gear = running_gear(urdf)
+    names = [joint.name for joint in gear.wheels]
+    joints = {joint.name: joint for joint in gear.wheels}
+    base = urdf.base(gear.wheels[0].child)
+    heading = heading_of(urdf, joints, base)
+    where = None
+    if heading.quarters is not None:
+        centres = {
+            n: heading.turned(centre_of(urdf, joint, base))[:2] for n, joint in joints.items()
+        }
+        where = {name: (float(x), float(y)) for name, (x, y) in centres.items()}
+    return wheels_named_by(names, where), gear.notes
 
 
 def joint_values(joints: Mapping[str, str]) -> dict[str, Value]:
@@ -264,87 +253,3 @@ def _left_out_lines(rover: Rover) -> list[str]:
         unit = f" # {one.unit}" if one.unit else ""
         lines.append(f"    # {'  ' * len(above)}{own}: {written(offer or one.value)}{unit}")
     return lines
-
-
-# --- Names
-
-_SHORT = {
-    "f": ("front",), "r": ("rear", "right"), "l": ("left",), "b": ("rear",), "m": ("middle",),
-    "fl": ("front", "left"), "fr": ("front", "right"), "lf": ("front", "left"),
-    "rf": ("front", "right"), "rl": ("rear", "left"), "rr": ("rear", "right"),
-    "bl": ("rear", "left"), "br": ("rear", "right"), "lr": ("rear", "left"),
-    "ml": ("middle", "left"), "mr": ("middle", "right"), "back": ("rear",), "hind": ("rear",),
-    "mid": ("middle",), "centre": ("middle",), "center": ("middle",),
-}  # fmt: skip
-PLACES = ("front", "middle", "rear", "left", "right")  # in the order in which a name has them
-_OF = {
-    1: ("wheel",),
-    2: ("left", "right"),
-    3: ("front", "rear_left", "rear_right"),
-    4: ("front_left", "front_right", "rear_left", "rear_right"),
-    6: ("front_left", "front_right", "middle_left", "middle_right", "rear_left", "rear_right"),
-}
-_FAIR = 0.5
-
-
-def usual_names(count: int) -> list[str]:
-    """Names of so many wheels."""
-    return list(_OF.get(count, [f"wheel_{i}" for i in range(1, count + 1)]))
-
-
-def words_of(name: str) -> set[str]:
-    """Words of a name; short forms of places are spelled out."""
-    found: set[str] = set()
-    for word in re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()):
-        found.update(_SHORT.get(word, (word,)))
-    return found
-
-
-def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
-    """The name that looks most like that of a wheel's input; None where none does, or two alike."""
-    scored = sorted(((_likeness(wheel, kind, name), name) for name in names), reverse=True)
-    if not scored or scored[0][0] < _FAIR:
-        return None
-    if len(scored) > 1 and scored[1][0] == scored[0][0]:
-        return None  # nothing tells the two apart
-    return scored[0][1]
-
-
-def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
-    """The only one of these names, or the one that looks most like an input of the vehicle."""
-    return names[0] if len(names) == 1 else best_match(name, "", names)
-
-
-def _likeness(wheel: str, kind: str, name: str) -> float:
-    """How much a topic's or joint's name looks like that of a wheel's input; 0 to 1."""
-    wanted, there = words_of(wheel), words_of(name)
-    places, others = wanted & {*PLACES}, there & {*PLACES}
-    if others - places and places - others:
-        return 0.0  # the place of another wheel
-    share = len(wanted & there) / max(len(wanted), 1)
-    letters = SequenceMatcher(None, f"{wheel}/{kind}", name.strip("/")).ratio()
-    return 0.7 * share + 0.3 * letters
-
-
-def wheels_named_by(names: Sequence[str]) -> dict[str, str]:
-    """By wheel, the one of these topics or joints that is of it: each is of another wheel.
-
-    A wheel is called by its place where the names tell it, else by the words that tell them apart.
-    """
-    words = {name: words_of(name) for name in names}
-    found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}
-    if not all(found.values()) or len({*found.values()}) < len(names):
-        common = set.intersection(*words.values()) if len(names) > 1 else {*words[names[0]]}
-        found = {name: "_".join(sorted(words[name] - common)) for name in names}
-    if len({*found.values()}) < len(names) or not all(found.values()):
-        found = dict(zip(names, usual_names(len(names)), strict=True))
-    called = {
-        name: wheel if wheel[0].isalpha() else f"wheel_{wheel}" for name, wheel in found.items()
-    }
-    return {called[name]: name for name in sorted(names, key=lambda n: _order(called[n]))}
-
-
-def _order(wheel: str) -> tuple[int, ...]:
-    """Front before rear, left before right."""
-    words = wheel.split("_")
-    return tuple(PLACES.index(word) if word in PLACES else len(PLACES) for word in words)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, ParameterPrior
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.problem import Base, Problem
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.physics.conditions import CONTACTS
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 

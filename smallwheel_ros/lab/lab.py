@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.fitting.named import FittedParameter, WithParameters
 from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
@@ -35,7 +35,7 @@ from smallwheel_ros.lab.strength import (
     with_strength,
 )
 from smallwheel_ros.measurements.display import sentence
-from smallwheel_ros.measurements.table import Measurements, ShearTests
+from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 from smallwheel_ros.model.model import CalibratedModel
 
 _NO_MODEL = (

@@ -30,8 +30,8 @@ from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.fitting.points import FittingError
 from smallwheel_ros.fitting.variance import Covariance
 from smallwheel_ros.lab.plates import clearly_less
+from smallwheel_ros.measurements.measurements import ShearTests
 from smallwheel_ros.measurements.settings import LOAD_TOLERANCE, cluster
-from smallwheel_ros.measurements.table import ShearTests
 from smallwheel_ros.physics.shear import peaked_share, rising_share, shear_strength
 
 Array = NDArray[np.float64]

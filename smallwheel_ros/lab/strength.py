@@ -22,7 +22,7 @@ from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
 from smallwheel_ros.lab.plates import percent
 from smallwheel_ros.lab.shear import FittedShearLaw, RunFit, ShearFit, normal_stresses
 from smallwheel_ros.measurements.display import listed, number
-from smallwheel_ros.measurements.table import ShearTests
+from smallwheel_ros.measurements.measurements import ShearTests
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.physics.shear import peaked_share
 from smallwheel_ros.physics.soil import Soil

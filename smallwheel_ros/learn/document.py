@@ -16,7 +16,7 @@ from smallwheel_ros.learn.law import CONSTANT, SOUGHT, LearntLaw, Place, places_
 from smallwheel_ros.learn.search import LawCandidate
 from smallwheel_ros.learn.verdict import PERMUTATIONS, JudgedLaw, Sought, agreeing, settings_in
 from smallwheel_ros.measurements.display import number, words
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 

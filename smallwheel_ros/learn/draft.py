@@ -18,7 +18,7 @@ from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.learn.grammar import SIZES, Driver, Term, identifier
 from smallwheel_ros.learn.law import SOUGHT, LearntLaw
 from smallwheel_ros.learn.search import LawCandidate
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 Array = NDArray[np.float64]
 

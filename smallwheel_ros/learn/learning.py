@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.arguments import unheard
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
-from smallwheel_ros.common.results import Result, Writer
+from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.diagnosis.document import plain
 from smallwheel_ros.diagnosis.next_measurement import Limits, Proposal, Runs, propose
 from smallwheel_ros.diagnosis.pipeline import Start
@@ -30,7 +30,7 @@ from smallwheel_ros.learn.draft import class_text, default_name, file_text, name
 from smallwheel_ros.learn.search import LawCandidate
 from smallwheel_ros.learn.tangent import Yardstick
 from smallwheel_ros.learn.verdict import Progress, Sought, seek
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -27,13 +27,13 @@ from smallwheel_ros.learn.law import LearntLaw
 from smallwheel_ros.learn.search import FOLD, WHOLE, LawCandidate, LawSearch, TermGrid
 from smallwheel_ros.learn.tangent import Tangent, Yardstick
 from smallwheel_ros.measurements.columns import COLUMNS, is_bookkeeping, is_response
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import (
     LOAD_TOLERANCE,
     OF_RANGE,
     cluster,
     settings_of_rows,
 )
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.model.model import Model
 
 Array = NDArray[np.float64]

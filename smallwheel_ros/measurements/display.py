@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from smallwheel_ros.measurements.columns import shown_unit, to_base, unit_of
 
 if TYPE_CHECKING:
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.measurements import Measurements
 
 
 class Display(NamedTuple):

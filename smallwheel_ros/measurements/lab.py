@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.measurements.columns import COLUMNS, LAB_COLUMNS, Mask, Texts
+from smallwheel_ros.measurements.measurements import ShearTests
 from smallwheel_ros.measurements.reading import BEFORE_TOUCH, TableColumns, check_range
 from smallwheel_ros.measurements.settings import Index, curves_of_rows
-from smallwheel_ros.measurements.table import ShearTests
 from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.columns import COLUMNS, OTHER, Array, Mask, is_bookkeeping
-from smallwheel_ros.measurements.table import Measurements, codes_of
+from smallwheel_ros.measurements.measurements import Measurements, codes_of
 
 Index = NDArray[np.intp]
 

@@ -29,7 +29,7 @@ from smallwheel_ros.measurements.columns import (
 from smallwheel_ros.measurements.headers import near_miss
 
 if TYPE_CHECKING:
-    from smallwheel_ros.measurements.table import Measurements
+    from smallwheel_ros.measurements.measurements import Measurements
 
 _MOST = 100_000
 _EXPECTED = "a number, start:stop:step or a list a,b,c"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
 from smallwheel_ros.model.stages import LoadedRows, Stages, guarded

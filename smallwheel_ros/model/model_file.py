@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.files import write_bytes
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
-from smallwheel_ros.common.results import Writer
+from smallwheel_ros.common.result import Writer
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.model.derived import derived_numbers

@@ -6,27 +6,26 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
+from smallwheel_ros.common.node_parameter import Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.costmap.cost_map import CostRules, CostSettings
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
 from smallwheel_ros.model.model_file import read_model
-from smallwheel_ros.onboard import gone
-from smallwheel_ros.onboard.parameter import Value
-from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
-from smallwheel_ros.onboard.settings import (
-    NodeSettings,
-    OnboardSettings,
-    SensorNoise,
-    Timing,
-    TwistSettings,
-    WheelInputs,
+from smallwheel_ros.onboard.declared import (
+    GENERAL,
+    PARAMETERS,
+    DriveParameters,
+    Parameters,
+    WheelParameters,
+    parameters_for,
 )
-from smallwheel_ros.onboard.table import GENERAL, parameters_for
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
+from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
@@ -37,8 +36,6 @@ _SECTION = "ros__parameters"
 _FOREIGN = ("use_sim_time", "start_type_description_service")
 # A load that is not measured: uneven ground and turns move it by so much of itself.
 _STATIC_STD = 0.3
-# The body of a small vehicle is above its wheels.
-_GRAVITY_HEIGHT = 1.2  # mean diameters
 # Of soils of one kind: dry sands and loams have 27 to 34 degrees.
 _COHESION_STD, _FRICTION_ANGLE_STD, _SHEAR_DISPLACEMENT_STD = 400.0, 0.05, 0.005  # Pa, rad, m
 
@@ -99,7 +96,7 @@ def wheel_names(value: object) -> list[str]:
 
     Raises ParametersError if it is no list of different names that topics and parameters can have.
     """
-    table = GENERAL[0]
+    table = PARAMETERS["wheels"]
     example = f"for example {table.name}: [front_left, front_right]"
     if value is None or value == []:
         raise ParametersError(f"parameter {table.name} is missing: name the wheels, {example}")
@@ -107,7 +104,7 @@ def wheel_names(value: object) -> list[str]:
     if problem is not None:
         raise ParametersError(f"{problem}; {example}")
     assert isinstance(value, list)
-    groups = {p.name.split(".")[0] for p in GENERAL} | gone.GROUPS
+    groups = {p.name.split(".")[0] for p in GENERAL}
     for i, name in enumerate(value):
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             reason = "expected letters, digits and _, a letter first"
@@ -124,11 +121,11 @@ def wheel_names(value: object) -> list[str]:
 
 
 def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> list[str]:
-    """Say of each parameter that is not used what took its place, or what might have been meant."""
+    """Say of each parameter that is not used what might have been meant."""
     known = [p.name for p in parameters_for(wheels)]
-    found = gone.gone_names(values, wheels)
+    found = []
     for name in values:
-        if name in (*known, *_FOREIGN) or gone.is_gone(name, wheels):
+        if name in (*known, *_FOREIGN):
             continue
         meant, sign, _ = nearest(name, known).partition("?")
         mend = f": {meant}?" if sign else " (see docs/parameters.md)"
@@ -143,8 +140,7 @@ def problems(values: Mapping[str, object]) -> list[str]:
     except ParametersError as error:
         return [str(error)]
     found = (p.problem(values.get(p.name)) for p in parameters_for(wheels))
-    wrong = [problem for problem in found if problem is not None]
-    return [*gone.gone_and_missed(values, wheels), *wrong]
+    return [problem for problem in found if problem is not None]
 
 
 # --- From values to settings
@@ -167,56 +163,28 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
     v: dict[str, Any] = {p.name: p.default for p in parameters_for(names)}
     v.update({name: value for name, value in values.items() if value is not None})
     try:
-        onboard = _onboard(v)
+        parameters = filled(Parameters, v)
+        onboard = _onboard(parameters)
         covariates_of(onboard.effects)  # refuses effects of what no stream tells
-        cost = CostSettings(
-            v["cost.resolution"],
-            v["cost.size"],
-            v["cost.spread"],
-            v["cost.unknown"],
-            CostRules(v["cost.required_margin"]),
-        )
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
-    return NodeSettings(
-        onboard=onboard,
-        inputs={name: _inputs(v, name) for name in names},
-        load_source=v["load.source"],
-        load_per_effort=v["load.per_effort"],
-        velocity_topic=v["velocity_topic"],
-        imu_topic=v["imu_topic"],
-        imu_yaw=v["imu_yaw"],
-        robot_description_topic=v["robot_description_topic"],
-        base_frame=v["base_frame"],
-        soil_file=v["soil.file"],
-        cost=cost,
-    )
+    return NodeSettings(**_fields(parameters, Parameters), onboard=onboard)
 
 
-def _inputs(v: Mapping[str, Any], wheel: str) -> WheelInputs:
-    """Where a wheel's measurements come from."""
-    return WheelInputs(
-        load_topic=v[f"{wheel}.load_topic"],
-        load_joint=v[f"{wheel}.load_joint"],
-        load_sign=v[f"{wheel}.load_sign"],
-        sinkage_topic=v[f"{wheel}.sinkage_topic"],
-        range_height=v[f"{wheel}.range_height"],
-        drawbar_pull_topic=v[f"{wheel}.drawbar_pull_topic"],
-        joint=v[f"{wheel}.joint"],
-        joint_sign=v[f"{wheel}.joint_sign"],
-        torque_per_effort=v[f"{wheel}.torque_per_effort"],
-    )
+def _fields(given: object, of: type) -> dict[str, Any]:
+    return {one.name: getattr(given, one.name) for one in fields(of)}
 
 
-def _onboard(v: Mapping[str, Any]) -> OnboardSettings:
+def _onboard(given: Parameters) -> OnboardSettings:
     """What the estimate rests on besides the measurements."""
-    start, effects = _start(v)
-    wheels = tuple(_wheel(v, name) for name in v["wheels"])
-    rolling = [wheel for wheel in wheels if wheel.contact == ROLLING]
-    mean_diameter = sum(wheel.diameter for wheel in rolling) / max(len(rolling), 1)
-    static = _static_loads(v)
-    by_topic = bool(v["velocity_topic"])
+    start, effects = _start(given)
+    of = given.inputs
+    wheels = tuple(_wheel(name, own) for name, own in of.items())
+    rolling = [wheel.name for wheel in wheels if wheel.contact == ROLLING]
+    static = _static_loads(given)
+    by_topic = bool(given.velocity_topic)
     return OnboardSettings(
+        **_fields(given, DriveParameters),
         wheels=wheels,
         prior=SoilPrior.from_soil(start),
         strength=Strength(
@@ -224,42 +192,31 @@ def _onboard(v: Mapping[str, Any]) -> OnboardSettings:
             Quantity(start.friction_angle, _FRICTION_ANGLE_STD),
             Quantity(start.shear_displacement, _SHEAR_DISPLACEMENT_STD),
         ),
-        estimator=_estimator(v, static),
-        noise=SensorNoise(v["noise.load"], v["noise.drawbar_pull"], v["noise.speed"]),
-        timing=Timing(v["timing.reorder_time"], v["timing.maximum_age"]),
+        estimator=_estimator(given, static),
         effects=effects,
-        without_sinkage=frozenset(w.name for w in wheels if not v[f"{w.name}.sinkage_topic"]),
-        with_drawbar_pull=frozenset(w.name for w in rolling if v[f"{w.name}.drawbar_pull_topic"]),
-        with_torque=frozenset(w.name for w in rolling if v[f"{w.name}.torque_per_effort"] > 0.0),
-        with_imu=bool(v["imu_topic"]),
+        without_sinkage=frozenset(name for name, own in of.items() if not own.sinkage_topic),
+        with_drawbar_pull=frozenset(name for name in rolling if of[name].drawbar_pull_topic),
+        with_torque=frozenset(name for name in rolling if of[name].torque_per_effort > 0.0),
+        with_imu=bool(given.imu_topic),
         static_loads=static,
-        velocity="topic" if by_topic else "none" if v["odometry_from_wheels"] else "odometry",
-        reference_slip=v["reference_slip"],
-        mass=v["vehicle.mass"] or 0.0,
-        gravity_height=v["vehicle.gravity_height"] or _GRAVITY_HEIGHT * mean_diameter,
-        mobility_rate=v["mobility.rate"],
-        twist=_twist(v) if v["twist.publish"] else None,
-        soil_told=bool(v["soil.name"] or v["model_file"]),
+        velocity="topic" if by_topic else "none" if given.odometry_from_wheels else "odometry",
+        soil_told=bool(given.soil.name or given.model_file),
     )
 
 
-def _wheel(v: Mapping[str, Any], name: str) -> Wheel:
+def _wheel(name: str, own: WheelParameters) -> Wheel:
     return Wheel(
         name,
-        v[f"{name}.diameter"],
-        v[f"{name}.width"],
-        v[f"{name}.contact"],
-        v[f"{name}.lateral_position"],
-        v[f"{name}.longitudinal_position"],
+        own.diameter,
+        own.width,
+        own.contact,
+        own.lateral_position,
+        own.longitudinal_position,
     )
 
 
-def _twist(v: Mapping[str, Any]) -> TwistSettings:
-    return TwistSettings(v["twist.rim_delay"], v["twist.correlation_time"])
-
-
-def _estimator(v: Mapping[str, Any], static: Mapping[str, Quantity]) -> EstimatorSettings:
-    told = EstimatorSettings(v["noise.sinkage"], v["sinkage_zero_std"])
+def _estimator(given: Parameters, static: Mapping[str, Quantity]) -> EstimatorSettings:
+    told = EstimatorSettings(given.noise.sinkage, given.sinkage_zero_std)
     if not static:
         return told
     # What is wrong with a load that is not measured stays wrong as long as slope and curve do: like
@@ -268,11 +225,11 @@ def _estimator(v: Mapping[str, Any], static: Mapping[str, Quantity]) -> Estimato
     return EstimatorSettings(told.sinkage_std, told.sinkage_zero_std, scatter, loads_measured=False)
 
 
-def _start(v: Mapping[str, Any]) -> tuple[Soil, tuple[Effect, ...]]:
+def _start(given: Parameters) -> tuple[Soil, tuple[Effect, ...]]:
     """The soil that the estimate starts from, and effects: of the model file, or of the library."""
-    name, file = v["soil.name"], v["model_file"]
+    name, file = given.soil.name, given.model_file
     if not file:
-        if v["effects_file"]:
+        if given.effects_file:
             raise ParametersError(
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
@@ -280,7 +237,7 @@ def _start(v: Mapping[str, Any]) -> tuple[Soil, tuple[Effect, ...]]:
             return soil(name or "dry_sand"), ()
         except SoilError as error:
             raise ParametersError(f"parameter soil.name: {error}") from None
-    effects = load(Path(v["effects_file"]).expanduser()) if v["effects_file"] else None
+    effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
     model = read_model(Path(file).expanduser(), effects).model
     if model.geometry != "contact_integral":
         raise ParametersError(
@@ -298,21 +255,21 @@ def _start(v: Mapping[str, Any]) -> tuple[Soil, tuple[Effect, ...]]:
     return found[name], tuple(model.effects)
 
 
-def _static_loads(v: Mapping[str, Any]) -> dict[str, Quantity]:
+def _static_loads(given: Parameters) -> dict[str, Quantity]:
     """Loads that are not measured, N: the weight split over the wheels."""
-    if v["load.source"] != "static":
+    if given.load.source != "static":
         return {}
-    if v["vehicle.mass"] is None:
+    if given.vehicle.mass is None:
         raise ParametersError(
             "parameter vehicle.mass is missing: load.source static needs the vehicle's mass in kg"
         )
-    shares = {name: v[f"{name}.load_share"] for name in v["wheels"]}
+    shares = {name: own.load_share for name, own in given.inputs.items()}
     told = [share for share in shares.values() if share is not None]
     if told and (len(told) < len(shares) or not math.isclose(sum(told), 1.0, abs_tol=0.01)):
         raise ParametersError(
             f"parameters load_share: {len(told)} of {len(shares)} wheels have one, with a sum of"
             f" {sum(told):g}: give all of them, with a sum of 1, or none"
         )
-    weight = v["vehicle.mass"] * GRAVITY
+    weight = given.vehicle.mass * GRAVITY
     loads = {name: weight * (share or 1.0 / len(shares)) for name, share in shares.items()}
     return {name: Quantity(load, _STATIC_STD * load) for name, load in loads.items()}

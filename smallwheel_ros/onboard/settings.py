@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the estimate on board rests on besides the measurements: values of the parameters, by group.
+"""What the estimate on board rests on besides the measurements: the parameters, and what follows from them.
 
 `parameters.settings_from` makes them.
 """
@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.onboard.declared import DriveParameters, Parameters
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
@@ -21,52 +21,14 @@ ODOMETRY = "odom"
 IMU = "imu"
 VELOCITY = "velocity"
 VelocitySource = Literal["odometry", "topic", "none"]
-LoadSource = Literal["wrench", "joint_states", "static"]
 # m/s: at or below it vehicle and wheels stand, with no slip and no travel; one deviation of odometry's speed.
 STANDSTILL_SPEED = 0.01
-# The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
-# the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
-REFERENCE_SLIP = 0.4
+# The body of a small vehicle is above its wheels.
+_GRAVITY_HEIGHT = 1.2  # mean diameters
 
 
 @dataclass(frozen=True)
-class SensorNoise:
-    """Standard deviations of measurements: load (N), drawbar pull (N), speed of the odometry (m/s).
-
-    Those of messages that state their own count in their place.
-    """
-
-    load: float = 0.5
-    drawbar_pull: float = 0.6
-    speed: float = 0.01
-
-
-@dataclass(frozen=True)
-class Timing:
-    """What is expected of stamps, s.
-
-    reorder_time: how long a sinkage waits for those of other wheels that belong before it. maximum_age:
-    what is stamped further behind the clock is refused.
-    """
-
-    reorder_time: float = 0.2
-    maximum_age: float = 5.0
-
-
-@dataclass(frozen=True)
-class TwistSettings:
-    """How the twist of the rims is reported, s.
-
-    rim_delay: by which wheel speeds are stamped later than the imu's readings of the same instant.
-    correlation_time: how long errors of slip last.
-    """
-
-    rim_delay: float = 0.0
-    correlation_time: float = 0.4
-
-
-@dataclass(frozen=True)
-class OnboardSettings:
+class OnboardSettings(DriveParameters):
     """Everything that the pipeline needs to know before the first message; `settings_from` checks it.
 
     Attributes
@@ -90,24 +52,14 @@ class OnboardSettings:
     velocity
         Where the speed over ground comes from that slip is worked out with: odometry that the
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
-    mass
-        kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength.
-    gravity_height
-        m, of the centre of gravity above ground, for static loads.
-    mobility_rate
-        Hz, estimates of each wheel at most; 0: one for each measured sinkage.
     soil_told
         Whether the user has said which soil it is; else it is any.
-    twist
-        How the twist of the rims is told; None: it is not.
     """
 
     wheels: tuple[Wheel, ...]
     prior: SoilPrior
     strength: Strength
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
-    noise: SensorNoise = field(default_factory=SensorNoise)
-    timing: Timing = field(default_factory=Timing)
     effects: tuple[Effect, ...] = ()
     without_sinkage: frozenset[str] = frozenset()
     with_drawbar_pull: frozenset[str] = frozenset()
@@ -115,12 +67,19 @@ class OnboardSettings:
     with_imu: bool = False
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = "odometry"
-    reference_slip: float = REFERENCE_SLIP
-    mass: float = 0.0
-    gravity_height: float = 0.0
-    mobility_rate: float = 10.0
     soil_told: bool = True
-    twist: TwistSettings | None = None
+
+    @property
+    def mass(self) -> float:
+        """kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength."""
+        return self.vehicle.mass or 0.0
+
+    @property
+    def gravity_height(self) -> float:
+        """m, of the centre of gravity above ground, for static loads."""
+        rolling = [wheel.diameter for wheel in self.wheels if wheel.contact == ROLLING]
+        mean = sum(rolling) / max(len(rolling), 1)
+        return self.vehicle.gravity_height or _GRAVITY_HEIGHT * mean
 
     @property
     def without_soil_sensors(self) -> bool:
@@ -173,37 +132,8 @@ class OnboardSettings:
         )
 
 
-@dataclass(frozen=True)
-class WheelInputs:
-    """Where a wheel's measurements come from; a topic is empty where there is none.
-
-    range_height: m; given, sinkage_topic is a range sensor that shows this on hard ground. torque_per_effort:
-    0 where it is not measured.
-    """
-
-    load_topic: str
-    load_joint: str
-    load_sign: int
-    sinkage_topic: str
-    range_height: float | None
-    drawbar_pull_topic: str
-    joint: str
-    joint_sign: int
-    torque_per_effort: float
-
-
 @dataclass(frozen=True, kw_only=True)
-class NodeSettings:
-    """What the parameters say: the estimate's settings, where each input comes from, and the cost map's."""
+class NodeSettings(Parameters):
+    """The parameters, and what the estimate rests on besides the measurements."""
 
     onboard: OnboardSettings
-    inputs: Mapping[str, WheelInputs]  # by wheel
-    load_source: LoadSource
-    load_per_effort: float
-    velocity_topic: str
-    imu_topic: str
-    imu_yaw: float
-    robot_description_topic: str
-    base_frame: str
-    soil_file: str
-    cost: CostSettings

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.effects.base import EffectError
 from smallwheel_ros.fitting.constants import FORCE_LAW
 from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy

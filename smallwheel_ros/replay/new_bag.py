@@ -12,8 +12,8 @@ import numpy as np
 
 from smallwheel_ros.bags import BagReader, BagWriter, Key, Message, RawMessage, header
 from smallwheel_ros.costmap.grid import Grid
+from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.onboard.settings import TwistSettings
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
 from smallwheel_ros.pipeline.twist.twist import Twists, messages
 

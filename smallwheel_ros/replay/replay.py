@@ -98,7 +98,7 @@ class _Drive:
         self._settings, self._notes = read_settings(spec, reader)
         if not reader.message_count or reader.start_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
-        if self._settings.soil_file and spec.soil_file is None:
+        if self._settings.soil.file and spec.soil_file is None:
             self._notes.append(
                 "soil.file is the node's, and not read: give --soil-file to go on from it"
             )
@@ -205,11 +205,8 @@ class _Drive:
         self._stretches.add(turn.readings, changing)
 
         if turn.twists is not None and len(turn.twists):
-            assert self._settings.onboard.twist is not None
             self.twists.add(turn.twists)
-            self._bag.write_twists(
-                turn.twists, self._settings.onboard.twist, log_times(turn.twists.stamp)
-            )
+            self._bag.write_twists(turn.twists, self._settings.twist, log_times(turn.twists.stamp))
         rows = turn.estimates
         if not len(rows):
             return

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.results import ResultError
+from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.replay.result import FILES, Replayed

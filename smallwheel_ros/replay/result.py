@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.bags import Key
 from smallwheel_ros.common.errors import reason
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.drive.events import DriveEvents
 from smallwheel_ros.drive.messages import soil_fields

@@ -14,7 +14,7 @@ from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
-from smallwheel_ros.common.version import __version__
+from smallwheel_ros.common.release import __version__
 from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import InitError
 from smallwheel_ros.onboard.parameters import (
@@ -172,12 +172,12 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     if topic and silent_parameters(values):
         found, notes = _described(spec.in_bag(topic), reader, values)
         values = {**values, **found}
+    if spec.rate is not None:
+        values = {**values, "mobility.rate": float(spec.rate)}
     try:
         settings = settings_from(values)
     except ParametersError as error:
         raise ParametersError("; ".join([str(error), *notes])) from None
-    if spec.rate is not None:
-        settings = replace(settings, onboard=replace(settings.onboard, mobility_rate=spec.rate))
     return settings, unknown + notes
 
 
@@ -264,7 +264,7 @@ def _detail(stream: str, settings: NodeSettings) -> str:
     own = settings.inputs.get(wheel)
     if own is None:
         return ""
-    by_joint = settings.load_source == "joint_states"
+    by_joint = settings.load.source == "joint_states"
     return {
         "wheel_speed": f"joint {own.joint}",
         "torque": f"effort of joint {own.joint}",

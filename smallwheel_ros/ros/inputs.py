@@ -335,7 +335,7 @@ def part_of_message(stream: str, settings: NodeSettings) -> str:
     own = settings.inputs.get(wheel)
     if own is None:
         return ""
-    if kind == "load" and settings.load_source == "joint_states":
+    if kind == "load" and settings.load.source == "joint_states":
         return f", effort of joint {own.load_joint}"
     return {
         "wheel_speed": f", joint {own.joint}",

@@ -33,7 +33,8 @@ from smallwheel_ros.drive.messages import (
     soil_fields,
 )
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
-from smallwheel_ros.onboard.settings import NodeSettings, TwistSettings
+from smallwheel_ros.onboard.declared import TwistSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.inputs import angles_of
 from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
@@ -358,8 +359,8 @@ class Outputs:
         # Before the first estimate there is nothing to forget: a map that was restored stays.
         if turn.starts_over and len(self.newest):
             self.start_over()
-        if turn.twists is not None and self._settings.onboard.twist is not None:
-            self._publish_twists(turn.twists, self._settings.onboard.twist)
+        if turn.twists is not None:
+            self._publish_twists(turn.twists, self._settings.twist)
         found = turn.estimates
         if not len(found):
             return
@@ -442,7 +443,7 @@ class Outputs:
 
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     """Types and QoS of what is published, by name."""
-    return OUTPUTS | (TWIST if settings.onboard.twist else {})
+    return OUTPUTS | (TWIST if settings.twist.publish else {})
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:

@@ -25,8 +25,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.onboard import gone
-from smallwheel_ros.onboard.parameter import NodeParameter
+from smallwheel_ros.common.node_parameter import NodeParameter
+from smallwheel_ros.onboard.declared import parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     settings_from,
@@ -41,7 +41,6 @@ from smallwheel_ros.onboard.robot_description import (
     silent_parameters,
 )
 from smallwheel_ros.onboard.settings import NodeSettings
-from smallwheel_ros.onboard.table import parameters_for
 
 _WHAT_TO_DO = (
     "deactivate it, set the parameter, then clean up, configure and activate it (ros2 lifecycle set"
@@ -98,7 +97,6 @@ class NodeParameters:
             if given.get(parameter.name) == "null" and parameter.default is None:
                 del given[parameter.name]
             self._declare(parameter, given.get(parameter.name))
-        self._gone = {name: v for name, v in given.items() if gone.is_gone(name, wheels)}
         self._silent = set(silent_parameters(given))
         self._filling = False
         node.add_on_set_parameters_callback(self._judge)
@@ -112,9 +110,8 @@ class NodeParameters:
         return {name: v for name, v in self.values().items() if v != self._table[name].default}
 
     def given(self) -> dict[str, object]:
-        """Return the value of each parameter that was given, those that are gone included."""
-        known = {name: v for name, v in self.values().items() if name not in self._silent}
-        return self._gone | known
+        """Return the value of each parameter that was given."""
+        return {name: v for name, v in self.values().items() if name not in self._silent}
 
     def fill(self, values: Mapping[str, float | int]) -> str:
         """Take values for parameters that were not given; return why that is impossible, or ""."""
@@ -141,11 +138,11 @@ class NodeParameters:
         Raises
         ------
         ParametersError
-            With one sentence for each parameter that is missing or wrong, or is gone and missed.
+            With one sentence for each parameter that is missing or wrong.
         """
         if self.problems:
             raise ParametersError("; ".join(self.problems.values()))
-        return settings_from(self._gone | self.values())
+        return settings_from(self.values())
 
     def _declare(self, parameter: NodeParameter, value: object) -> None:
         name = parameter.name

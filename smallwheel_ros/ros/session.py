@@ -107,7 +107,7 @@ class Session:
         self._node, self._settings, self._wall = node, settings, wall
         _check_topics(node, settings)
         self._pipeline = Pipeline(settings.onboard)
-        self._soil_file = SoilFile(settings.soil_file)
+        self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
         said = self._soil_file.problem, settings.onboard.unknown_positions
         self.warnings = [*self._pipeline.undeterminable, *filter(None, said)]

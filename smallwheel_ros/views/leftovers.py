@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.columns import CHANNEL_UNITS
 from smallwheel_ros.measurements.display import Display, column_display, display, words
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import levels, varied_settings
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.views.plots import Layer, Panel
 from smallwheel_ros.views.svg import frame
 

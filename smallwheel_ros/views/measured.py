@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from smallwheel_ros.common.errors import nearest
-from smallwheel_ros.common.results import ResultError
+from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.measurements.columns import unit_of
 from smallwheel_ros.measurements.display import column_display, display, number
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import varied_settings
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.views.plots import Layer, Panel
 from smallwheel_ros.views.plots import draw as draw_panel
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.release import __version__
 from smallwheel_ros.common.tables import each
-from smallwheel_ros.common.version import __version__
 from smallwheel_ros.measurements.display import probability_text
 from smallwheel_ros.views.blocks import Figure, Models, Section, walked
 from smallwheel_ros.views.plots import write_picture

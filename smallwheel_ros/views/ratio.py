@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.views.blocks import Block, Figure
 from smallwheel_ros.views.leftovers import thinned
 from smallwheel_ros.views.plots import CYCLE, Layer, Panel

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `reader.py`, `types.py` and `writer.py`."""
+
 from __future__ import annotations
 
 import importlib.util

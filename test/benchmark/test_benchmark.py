@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of laws: what is held against what, that ours may lose, and what is said of it."""
+"""The table of laws: what is held against what, that ours may lose, and what is said of it.
+
+Tests `data_sets.py` and `table.py`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from smallwheel_ros.api.benchmark import benchmark
 from smallwheel_ros.benchmark.laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, WONG_REECE
 from smallwheel_ros.benchmark.table import Difference, Errors, difference
 from smallwheel_ros.cli import main
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.views.benchmark import table_text
 
 SIZES = (0.04, 0.07, 0.12, 0.2)

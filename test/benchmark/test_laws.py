@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a law may see of a table, and laws that somebody enters by a file."""
+"""What a law may see of a table, and laws that somebody enters by a file.
+
+Tests `own.py` and `parts.py`.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ from smallwheel_ros.benchmark.own import load_laws
 from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.cli import main
 from smallwheel_ros.fitting.points import Points, points_of
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 HEADER = "run,diameter,width,load,slip,sinkage,drawbar_pull\n"
 LAW = """

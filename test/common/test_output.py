@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where results are written: whole or not at all, and never in the place of a device or a link."""
+"""Where results are written: whole or not at all, and never in the place of a device or a link.
+
+Tests `files.py`.
+"""
 
 from __future__ import annotations
 

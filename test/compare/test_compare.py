@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `comparison.py`, `contenders.py`, `reasons.py`, `resistance_ratio.py` and `shown.py`."""
+
 from __future__ import annotations
 
 import json
@@ -25,8 +27,8 @@ from smallwheel_ros.fitting.held_out import folds_of, in_sample
 from smallwheel_ros.fitting.parameters import ParameterVector
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import words
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cost of ground: the cost function, the crossed ground, terrain classes, and all of it together."""
+"""Cost of ground: the cost function, the crossed ground, terrain classes, and all of it together.
+
+Tests `cost_map.py`, `crossed_ground.py` and `grid.py`.
+"""
 
 from __future__ import annotations
 

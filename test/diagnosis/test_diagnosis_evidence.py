@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What counts as evidence: runs and not rows, every channel for itself, and one verdict for all commands."""
+"""What counts as evidence: runs and not rows, every channel for itself, and one verdict for all commands.
+
+Tests `apply.py`, `competitors.py`, `held_out.py`, `pipeline.py` and `posterior.py`.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +26,8 @@ from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.fitting import Base, Problem
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.problem import base_of
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table

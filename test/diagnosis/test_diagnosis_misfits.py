@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict is never calm over a misfit: lack of fit, bad runs, drifts, laws that the library lacks."""
+"""The verdict is never calm over a misfit: lack of fit, bad runs, drifts, laws that the library lacks.
+
+Tests `curves.py` and `misfit.py`.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +33,8 @@ from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM
 from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.fitting.points import MOST_POINTS
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil

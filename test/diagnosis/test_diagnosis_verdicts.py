@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict of a diagnosis: one table for each, faults of instruments, and what the document holds."""
+"""The verdict of a diagnosis: one table for each, faults of instruments, and what the document holds.
+
+Tests `document.py`, `faults.py`, `next_measurement.py`, `search.py`, `text.py` and `verdict.py`.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +31,8 @@ from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import REPLICATES
 from smallwheel_ros.fitting.fit import Fitter, Predictor
 from smallwheel_ros.fitting.held_out import compare_cv
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.simulate import RigSettings, measure, simulate_rig, write_table
 
 REGISTRY = default_registry()

@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from smallwheel_ros.bags import BagWriter, message_type
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 
 START = 1_700_000_000 * 10**9
 

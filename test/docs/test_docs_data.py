@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import MeasurementsError
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "data.md"
 EXAMPLES = re.findall(

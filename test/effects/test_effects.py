@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each effect's law by numbers worked out by hand, and what holds for all of them."""
+"""Each effect's law by numbers worked out by hand, and what holds for all of them.
+
+Tests `column_laws.py`, `grousers.py`, `slip.py` and `soil.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an effect says of itself: drivers, side, where it never acts, the next step to take."""
+"""What an effect says of itself: drivers, side, where it never acts, the next step to take.
+
+Tests `base.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of instruments: what each makes of a prediction, and what it leaves as it is."""
+"""Faults of instruments: what each makes of a prediction, and what it leaves as it is.
+
+Tests `instruments.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `fit.py`, `parameters.py`, `problem.py` and `result.py`."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -16,8 +18,8 @@ from smallwheel_ros.fitting.fit import Predictor
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.fitting.problem import settled, soil_priors
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions

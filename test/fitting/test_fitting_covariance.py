@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Deviations of fitted numbers: right size, right units, and not moved by what should not move them."""
+"""Deviations of fitted numbers: right size, right units, and not moved by what should not move them.
+
+Tests `noise.py` and `variance.py`.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.fit import FittingError, inverse
 from smallwheel_ros.fitting.parameters import part_of
 from smallwheel_ros.fitting.result import posterior_covariance
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 GROWTH = 1.5

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a fit by name, and those that follow from its parameters, with their deviations."""
+"""Numbers of a fit by name, and those that follow from its parameters, with their deviations.
+
+Tests `named.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit takes from a table: points, not rows."""
+"""What a fit takes from a table: points, not rows.
+
+Tests `constants.py` and `points.py`.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from random_examples import examples
 from smallwheel_ros.fitting import FittingError, Problem
 from smallwheel_ros.fitting.constants import CURVE_POINTS, MOST_POINTS
 from smallwheel_ros.fitting.points import Points, points_of
-from smallwheel_ros.measurements.table import Measurements
+from smallwheel_ros.measurements.measurements import Measurements
 
 RUNS = [{"load": w, "slip": i} for w in (20.0, 50.0, 110.0) for i in (0.0, 0.3)]
 

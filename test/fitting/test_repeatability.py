@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import repeatability
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[3] / "shared"))

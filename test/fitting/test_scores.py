@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `held_out.py`."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import levels, parts, varies
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plates: the model's k, n, m, Bekker's and Reece's constants, and plates that disagree with wheels."""
+"""Plates: the model's k, n, m, Bekker's and Reece's constants, and plates that disagree with wheels.
+
+Tests `agreement.py`, `lab.py` and `plates.py`.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,8 @@ from scipy.optimize import curve_fit
 from smallwheel_ros.fitting.problem import Base, Problem
 from smallwheel_ros.lab.lab import LabFit, fit_lab
 from smallwheel_ros.lab.plates import PlateLaws, laws_text, plate_laws, which_law
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.physics.plates import LAWS, equivalent_diameter, plate_area
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shear tests: cohesion, friction angle, shear modulus, and what the curves cannot tell."""
+"""Shear tests: cohesion, friction angle, shear modulus, and what the curves cannot tell.
+
+Tests `shear.py` and `strength.py`.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ from smallwheel_ros.lab.strength import (
     strength_of,
     with_strength,
 )
-from smallwheel_ros.measurements.table import ShearTests
+from smallwheel_ros.measurements.measurements import ShearTests
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions

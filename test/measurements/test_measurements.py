@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `cells.py`, `from_file.py`, `layout.py` and `reading.py`."""
+
 from __future__ import annotations
 
 import builtins
@@ -12,8 +14,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements, MeasurementsError
 
 SHARED = Path(os.environ.get("SMALLWHEEL_SHARED", Path(__file__).parents[3] / "shared"))
 RIG = SHARED / "data" / "cmu_wheel_rig"

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one table of columns: units, ranges, and which columns the wheel answers with."""
+"""The one table of columns: units, ranges, and which columns the wheel answers with.
+
+Tests `columns.py`.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,9 @@ from smallwheel_ros.measurements.columns import (
     to_base,
     unit_of,
 )
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import MeasurementsError
 from smallwheel_ros.measurements.settings import set_columns
-from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
 
 GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "slip": "0.1"}
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands above a column, as people write it, and what it is."""
+"""What stands above a column, as people write it, and what it is.
+
+Tests `headers.py`.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from random_examples import examples
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.measurements.columns import COLUMNS, TEXTS, UnitsError
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.measurements.headers import (
     UNKNOWN,
     WORDS,
@@ -24,7 +28,6 @@ from smallwheel_ros.measurements.headers import (
     near_miss,
     read_heading,
 )
-from smallwheel_ros.measurements.wheels import read_measurements
 
 
 @pytest.mark.parametrize(

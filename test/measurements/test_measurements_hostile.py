@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that ask for more than a table needs: refused by name, and before the memory is taken."""
+"""Files that ask for more than a table needs: refused by name, and before the memory is taken.
+
+Tests `files.py`.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ import messy_tables as messy
 import pytest
 
 from smallwheel_ros.measurements import cells, files, reading
-from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import MeasurementsError
 
 HEADER = "load,diameter,width,sinkage"
 ROW = "60,0.2,0.1,0.01"

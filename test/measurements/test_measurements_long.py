@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements, MeasurementsError
 
 HEADER = ["run", "load [N]", "diameter [mm]", "width [mm]", "slip [%]", "sinkage [mm]"]
 ROWS = [

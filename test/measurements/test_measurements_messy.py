@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 from smallwheel_ros.cli import main
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements, MeasurementsError
 
 
 def read(folder: Path, content: bytes) -> Measurements:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which rows share a setting, and which are repeats of one run."""
+"""Which rows share a setting, and which are repeats of one run.
+
+Tests `settings.py`.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import (
     cluster,
     repeatability,
@@ -17,7 +21,6 @@ from smallwheel_ros.measurements.settings import (
     runs_of_rows,
     settings_of_rows,
 )
-from smallwheel_ros.measurements.table import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 
 

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 import smallwheel_ros as sw
 from smallwheel_ros.cli import main
-from smallwheel_ros.measurements.table import MeasurementsError, ShearTests
-from smallwheel_ros.measurements.wheels import read_tests
+from smallwheel_ros.measurements.from_file import read_tests
+from smallwheel_ros.measurements.measurements import MeasurementsError, ShearTests
 
 Sheet = list[list[messy.Cell]]
 HEADER: list[messy.Cell] = [*messy.ENGLISH]

@@ -9,8 +9,8 @@ import made_tables as made
 import numpy as np
 import pytest
 
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements, MeasurementsError
 
 MOST_LOST = 1 / 400  # of tables
 FEWEST_FOUND = 0.9  # of means and deviations with a name of their own

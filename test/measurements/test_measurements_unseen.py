@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import unknown_tables as unknown
 
-from smallwheel_ros.measurements.table import Measurements, MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements, MeasurementsError
 
 SI = {"mm": 1e-3, "%": 0.01}
 NEEDED = ("load", "diameter", "width")

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Old workbooks (xls), and what is not read of xls and ods."""
+"""Old workbooks (xls), and what is not read of xls and ods.
+
+Tests `workbooks.py`.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +14,8 @@ from pathlib import Path
 import messy_tables as messy
 import pytest
 
-from smallwheel_ros.measurements.table import MeasurementsError
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import MeasurementsError
 
 
 def book(packed: str) -> bytes:

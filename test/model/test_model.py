@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models composed of effects, and what any model must do."""
+"""Models composed of effects, and what any model must do.
+
+Tests `stages.py`.
+"""
 
 from __future__ import annotations
 

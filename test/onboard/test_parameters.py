@@ -1,18 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `declared.py`, `prior.py` and `settings.py`."""
+
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import pytest
 import yaml
 
 from docs.parameter_pages import reference, template
+from smallwheel_ros.common.node_parameter import (
+    NodeParameter,
+    filled,
+    group,
+    group_per_wheel,
+    parameter,
+    rows_of,
+    topic,
+)
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.effects.registry import effect_class
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import write_model
-from smallwheel_ros.onboard.gone import GONE
+from smallwheel_ros.onboard.declared import (
+    GENERAL,
+    PARAMETERS,
+    PER_WHEEL,
+    Parameters,
+    SensorNoise,
+    Timing,
+    parameters_for,
+)
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
     problems,
@@ -21,8 +43,6 @@ from smallwheel_ros.onboard.parameters import (
     unknown_parameters,
 )
 from smallwheel_ros.onboard.prior import EstimatorSettings
-from smallwheel_ros.onboard.settings import SensorNoise, Timing
-from smallwheel_ros.onboard.table import GENERAL, PER_WHEEL, TABLE, parameters_for
 from smallwheel_ros.physics.soil import soil
 
 TWO_WHEELS = {
@@ -32,19 +52,38 @@ TWO_WHEELS = {
 ONE_WHEEL = {"wheels": ["front"], "front.diameter": 0.25, "front.width": 0.1}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Radar:
+    delay: float = parameter(0.1, "s", (0.0, 1.0), "Delay.")
+    kind: Literal["short", "long"] | None = parameter(None, text="Kind.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hitch:
+    width: float = parameter(None, "m", (0.1, 2.0), "Width.", required=True)
+    topic: str = topic("<wheel>/hitch", "Topic.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WithRadar(Parameters):
+    names: tuple[str, ...] = parameter(("a",), text="Names.")
+    radar: Radar = group(Radar)
+    hitches: Mapping[str, Hitch] = group_per_wheel(Hitch)
+
+
 class TestTable:
     def test_every_default_is_allowed(self) -> None:
-        for parameter in parameters_for(["front"]):
-            if parameter.default is not None:
-                assert parameter.problem(parameter.default) is None, parameter.name
+        for one in parameters_for(["front"]):
+            if one.default is not None:
+                assert one.problem(one.default) is None, one.name
 
     def test_every_number_has_a_range_and_every_parameter_words(self) -> None:
-        for parameter in GENERAL + PER_WHEEL:
-            assert parameter.description.endswith("."), parameter.name
-            if parameter.kind == "double":
-                assert parameter.unit, parameter.name
-                assert parameter.low is not None, parameter.name
-                assert parameter.high is not None, parameter.name
+        for one in GENERAL + PER_WHEEL:
+            assert one.description.endswith("."), one.name
+            if one.kind == "double":
+                assert one.unit, one.name
+                assert one.low is not None, one.name
+                assert one.high is not None, one.name
 
     def test_names_are_unique(self) -> None:
         names = [p.name for p in parameters_for(["a", "b"])]
@@ -55,10 +94,23 @@ class TestTable:
         begins = [g for i, g in enumerate(groups) if i == 0 or groups[i - 1] != g]
         assert len(set(begins)) == len(begins)
 
-    def test_no_name_is_both_there_and_gone(self) -> None:
-        assert not GONE.keys() & {parameter.name for parameter in TABLE}
-        for gone in GONE.values():
-            assert not gone.by or gone.by in {parameter.name for parameter in TABLE}
+    def test_a_declaration_is_all_that_a_parameter_takes(self) -> None:
+        rows = rows_of(WithRadar)
+        found = {row.name: row for row in rows}
+        assert [row.name for row in rows][:3] == ["names", "radar.delay", "radar.kind"]
+        assert set(PARAMETERS) < set(found)
+        delay = NodeParameter("radar.delay", "double", 0.1, "Delay.", "s", 0.0, 1.0)
+        assert found["radar.delay"] == delay
+        assert found["radar.kind"].choices == ("short", "long")
+        assert found["<wheel>.width"].required
+        assert found["<wheel>.topic"].for_wheel("left").default == "left/hitch"
+        values = {p.name: p.default for row in rows for p in (row.for_wheel("left"),)}
+        values |= {"wheels": ["left"], "left.diameter": 0.2, "left.width": 0.7, "radar.delay": 0.3}
+        made = filled(WithRadar, values)
+        assert made.radar == Radar(delay=0.3)
+        assert made.hitches["left"] == Hitch(width=0.7, topic="left/hitch")
+        assert made.inputs["left"].joint == "left_joint"
+        assert made.wheels == ("left",)
 
 
 class TestSettings:
@@ -76,7 +128,7 @@ class TestSettings:
         assert made.onboard.effects == ()
         assert made.onboard.static_loads == {}
         assert made.onboard.velocity == "odometry"
-        assert made.load_source == "wrench"
+        assert made.load.source == "wrench"
         assert made.cost == CostSettings()
 
     def test_values_arrive(self) -> None:
@@ -195,7 +247,6 @@ class TestSettings:
             ({"wheels": "front"}, r"wheels is string 'front', .*: write \[front\]"),
             ({"wheels": ["front", "front"]}, "'front': it is there twice"),
             ({"wheels": ["soil"]}, "'soil': there is a group of parameters of that name"),
-            ({"wheels": ["estimator"]}, "'estimator': there is a group of parameters of that name"),
             ({"wheels": ["front left"]}, "'front left': expected letters, digits and _"),
         ],
     )
@@ -223,63 +274,6 @@ class TestSettings:
         assert "front.widht is unknown and not used: did you mean 'front.width'?" in found[0]
         assert "did you mean 'timing.reorder_time'?" in found[1]
         assert "bananas is unknown and not used" in found[2]
-
-
-class TestGone:
-    @pytest.mark.parametrize(
-        ("changes", "words"),
-        [
-            (
-                {"load_sign": -1},
-                r"load_sign \(-1\) is gone, and measurements .*: <wheel>.load_sign of each wheel",
-            ),
-            ({"load.mass": 9.0}, r"load.mass \(9.0\) is gone, .*: vehicle.mass"),
-            ({"velocity_yaw": 0.3}, "velocity_yaw .*: publish velocity_topic in base_frame"),
-            ({"soil.k": 2e6}, "soil.k .*: soil.name or model_file says"),
-            ({"soil.cohesion_std": 9.0}, "soil.cohesion_std .*: the prior is always as wide"),
-            (
-                {"front.sinkage_source": "Range"},
-                "went by it: a Range where front.range_height is given",
-            ),
-            ({"front.torque_source": "effort"}, "went by it: front.torque_per_effort: gear ratio"),
-            ({"front.gear_ratio": 20.0}, "front.gear_ratio .*: front.torque_per_effort"),
-        ],
-    )
-    def test_a_name_that_would_be_missed_is_refused_with_the_new_one(
-        self, changes: dict[str, object], words: str
-    ) -> None:
-        values = {**ONE_WHEEL, **changes}
-        with pytest.raises(ParametersError, match=words):
-            settings_from(values)
-        assert unknown_parameters(values, ["front"]) == []
-
-    @pytest.mark.parametrize(
-        "changes",
-        [
-            {"load.mass": 9.0, "vehicle.mass": 9.0},
-            {"front.sinkage_source": "Range", "front.range_height": 0.3},
-            {"front.gear_ratio": 20.0, "front.torque_per_effort": 20.0},
-            {"load_sign": 1},  # its default: nothing is lost
-            {"front.torque_source": "none"},
-            {"estimator.scatter_length": 0.1},
-            {"cost.frame": "map"},
-            {"digging_in.slip": 0.6},
-            {"qos_overrides./odom.subscription.depth": 5},
-        ],
-    )
-    def test_another_is_a_warning(self, changes: dict[str, object]) -> None:
-        values = {**ONE_WHEEL, **changes}
-        settings_from(values)
-        (text,) = unknown_parameters(values, ["front"])
-        assert "gone" in text
-        assert next(iter(changes)).partition("/")[0] in text
-
-    def test_what_was_dumped_with_its_defaults_is_taken(self) -> None:
-        before = {
-            name.replace("<wheel>", "front"): "null" if gone.default is None else gone.default
-            for name, gone in GONE.items()
-        }
-        settings_from({**ONE_WHEEL, **before})
 
 
 @pytest.mark.parametrize(

@@ -204,8 +204,14 @@ def test_the_joint_and_the_base_frame_are_those_of_parameters() -> None:
             one_wheel(
                 "<collision><origin rpy='0 1.5708 0'/>" + CYLINDER + "</collision>", axis="1 0 0"
             ),
+            # Wheels turn about x: it is not ahead, and one wheel's name does not tell what is.
+            {"lateral_position", "longitudinal_position", "joint_sign"},
+            "wheels turn about the x axis of base_link, which is then not ahead (REP 103)",
+        ),
+        (
+            one_wheel(f"<collision>{CYLINDER}</collision>", axis="0 0 1"),
             {"joint_sign"},
-            "axis of joint 'front_joint' is (1.00 0.00 0.00) in 'base_link', expected (0 1 0) or",
+            "axis of joint 'front_joint' is (0.00 0.00 1.00) in 'base_link', expected (0 1 0) or",
         ),
         (
             one_wheel(axis="0 0 0"),
@@ -213,9 +219,9 @@ def test_the_joint_and_the_base_frame_are_those_of_parameters() -> None:
             "joint 'front_joint' has an axis without direction",
         ),
         (
-            one_wheel(xyz="${track/2} 0 0"),  # xacro that nobody has expanded
+            one_wheel(xyz="left 0 0"),
             {"lateral_position", "longitudinal_position", "joint_sign"},
-            "joint 'front_joint': xyz of its origin is '${track/2} 0 0', expected 3 numbers",
+            "joint 'front_joint': xyz of its origin is 'left 0 0', expected 3 numbers",
         ),
         (
             one_wheel(xyz="1e400 0 0"),
@@ -287,6 +293,10 @@ def test_a_steered_wheel_is_said() -> None:
         ("<sdf/>", "its outermost element is 'sdf', expected 'robot'"),
         ("<robot>&b;</robot>", "it is no XML: undefined entity"),
         (
+            one_wheel(xyz="${track/2} 0 0"),
+            "xacro that has not been expanded (xyz of a origin is '${track/2} 0 0')",
+        ),
+        (
             one_wheel().replace("</robot>", joint("front_joint", "a", "b") + "</robot>"),
             "two joints",
         ),
@@ -308,7 +318,7 @@ def test_a_description_is_needed_only_where_nothing_else_is_wrong() -> None:
     assert needs_description(wheels) == ["front.diameter", "front.width"]
     assert needs_description(wheels | {"front.width": 0.1}) == ["front.diameter"]
     assert needs_description(wheels | {"front.width": 0.1, "front.diameter": 0.2}) == []
-    assert needs_description(wheels | {"load_sign": 3}) == []
+    assert needs_description(wheels | {"front.load_sign": 3}) == []
     assert needs_description({}) == silent_parameters({}) == []
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slip of a wheel from its speeds, one at a time and in columns: its definition, and how sure it is."""
+"""Slip of a wheel from its speeds, one at a time and in columns: its definition, and how sure it is.
+
+Tests `wheel.py`.
+"""
 
 from __future__ import annotations
 

@@ -11,11 +11,11 @@ from world_drives import driven_world
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import Version
-from smallwheel_ros.pipeline.soil.soils import Soils
 from smallwheel_ros.pipeline.soil.stretches import Stretches, StretchState, stretches
 from smallwheel_ros.pipeline.strength.steps import StepState, steps
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 
 DRIVE = driven_world("traction", "cruise; balance and torque", "short", 2)
 ANEW = int(np.quantile(DRIVE.rows.stamp, 0.4)) + 1

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results do not depend on where a list of messages is cut, nor on how rows are given."""
+"""Results do not depend on where a list of messages is cut, nor on how rows are given.
+
+Tests `tables.py` and `versions.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole drives through the pipeline: what is answered, when, how rightly, and what lacks or comes late."""
+"""Whole drives through the pipeline: what is answered, when, how rightly, and what lacks or comes late.
+
+Tests `pipeline.py` and `refused.py`.
+"""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 from rates.pull import DESIGNS, FORCES, OF, TRUTHS, rows_of, sand_of, table, trial
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.measurements.display import words
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.views.blocks import Table
 from smallwheel_ros.views.effects import models_block
 

@@ -19,7 +19,7 @@ from rates._world_labs import (
 )
 from rates.diagnosis import INSTRUMENTS, WORLDS
 from smallwheel_ros.effects.registry import families, is_of_column
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import write_table
 
 # One or two of each kind of table, those of every module among them.

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `new_bag.py`, `recording.py`, `report.py`, `result.py`, `spec.py` and `tables.py`."""
+
 from __future__ import annotations
 
 import contextlib
@@ -22,7 +24,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from smallwheel_ros.bags import BagReader, BagWriter, message_type, typestore
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.replay.recording import turns_of

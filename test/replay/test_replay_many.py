@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many bags, interruptions, a full disk, a cluster."""
+"""Many bags, interruptions, a full disk, a cluster.
+
+Tests `many.py`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from rates.speed import again_and_again
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.costmap.grid import read_map
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]

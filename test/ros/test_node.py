@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node over real DDS: bad input, lifecycle, parameters. It runs in a process of its own."""
+"""The node over real DDS: bad input, lifecycle, parameters. It runs in a process of its own.
+
+Tests `inputs.py`, `mobility_estimator.py` and `outputs.py`.
+"""
 
 from __future__ import annotations
 

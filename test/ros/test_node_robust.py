@@ -113,7 +113,6 @@ def test_no_parameter_ends_a_running_node(peer: Peer, one_wheel: Path, tmp_path:
             "/odom would be geometry_msgs/msg/WrenchStamped and nav_msgs/",
         ),
         ("model_file", "/dev/zero", "/dev/zero: cannot be read: it is a device or a pipe"),
-        ("load_sign", -1, "load_sign (-1) is gone, and measurements or the prior went by it"),
     ],
 )
 def test_the_same_at_the_start_is_one_message(

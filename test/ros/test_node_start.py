@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel node`, and the first lines of the node: short, whole, and none of them twice."""
+"""`smallwheel node`, and the first lines of the node: short, whole, and none of them twice.
+
+Tests `parameters.py` and `session.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the measurements determine of the soil, in words: in the log and in diagnostics, over DDS."""
+"""What the measurements determine of the soil, in words: in the log and in diagnostics, over DDS.
+
+Tests `diagnostics.py`.
+"""
 
 from __future__ import annotations
 

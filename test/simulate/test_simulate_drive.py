@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `drive.py`, `drive_bag.py`, `sensors.py`, `vehicle.py`, `world.py` and `world_ground.py`."""
+
 from __future__ import annotations
 
 import json

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `rig.py` and `settings.py`."""
+
 from __future__ import annotations
 
 import json
@@ -9,7 +11,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 from scipy.optimize import least_squares
 
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import (
     RigSettings,
     SimulationError,

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `hidden.py`, `truth.py` and `wheel_laws.py`."""
+
 from __future__ import annotations
 
 import json

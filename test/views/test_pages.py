@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Tests `comparison.py`, `diagnosis.py`, `notes.py`, `page.py`, `parameters.py`, `plots.py`,
+`ratio.py`, `report.py` and `svg.py`."""
+
 from __future__ import annotations
 
 import base64
@@ -25,8 +28,8 @@ from smallwheel_ros.compare.contenders import Contender
 from smallwheel_ros.compare.resistance_ratio import resistance_ratio
 from smallwheel_ros.diagnosis.document import failing_settings
 from smallwheel_ros.measurements.display import effect_words
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pages in a real browser: they answer to mouse and keyboard, fetch nothing, and can be read."""
+"""Pages in a real browser: they answer to mouse and keyboard, fetch nothing, and can be read.
+
+Tests `benchmark.py`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from smallwheel_ros.api.compare import compare
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.measurements.display import shown_value
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
 from smallwheel_ros.views import report
 

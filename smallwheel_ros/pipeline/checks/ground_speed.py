@@ -330,7 +330,7 @@ class GroundSpeed:
         total = np.cumsum(np.concatenate([self._sums.late[None], rows]), axis=0)[1:]
         self._sums.late = total[-1]
         mean = (_GUESSED * _SCAN**2 + total[:, 1]) / (_GUESSED + total[:, 0])
-        return np.maximum(mean, _SCAN**2)
+        return np.asarray(np.maximum(mean, _SCAN**2))
 
     def _lag(
         self, now: BelievedRows, middle: Integers, speed: Array, turn: Array, rims: Array

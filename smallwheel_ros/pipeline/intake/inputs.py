@@ -51,10 +51,10 @@ def topics_of(settings: NodeSettings) -> list[Topic]:
     velocities: dict[str, list[tuple[str, float]]] = {}
     efforts: dict[str, list[tuple[str, float]]] = {}
     for wheel, own in settings.inputs.items():
-        if settings.load_source == "wrench":
+        if settings.load.source == "wrench":
             forces.setdefault(own.load_topic, []).append((f"{wheel}/load", "z", own.load_sign))
-        elif settings.load_source == "joint_states":
-            newtons = own.load_sign * settings.load_per_effort
+        elif settings.load.source == "joint_states":
+            newtons = own.load_sign * settings.load.per_effort
             efforts.setdefault(own.load_joint, []).append((f"{wheel}/load", newtons))
         if f"{wheel}/drawbar_pull" in streams:
             forces.setdefault(own.drawbar_pull_topic, []).append(

@@ -22,7 +22,7 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.soil.stretches import Loads
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import is_determined
 from smallwheel_ros.pipeline.tables import (
     SECOND,

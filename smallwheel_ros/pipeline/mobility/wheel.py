@@ -22,7 +22,7 @@ from smallwheel_ros.pipeline.soil.local_law import Version, local_laws, sinkages
 from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
 from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
 from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Force, Rolling
-from smallwheel_ros.pipeline.strength.strengths import RECENT, Strengths
+from smallwheel_ros.pipeline.strength.two_filters import RECENT, Strengths
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Mobility, Readings, unknown
 from smallwheel_ros.pipeline.versions import Versions
 

@@ -74,7 +74,7 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
         else:
             own = rows.stamp[mine], rows.speed[mine], rows.stands[mine]
             path[mine] = _path(state.wheels[number], *own)
-        due[mine] = _due(state, number, rows.stamp[mine], settings.mobility_rate)
+        due[mine] = _due(state, number, rows.stamp[mine], settings.mobility.rate)
     distance = _path(state.vehicle, rows.stamp, rows.vehicle_speed, rows.stands)
     distance = np.maximum(distance, np.maximum.accumulate(np.maximum(pressed, pressed_before)))
     onward = _onward(state, rows)

@@ -8,8 +8,9 @@ from collections import deque
 
 import numpy as np
 
-from smallwheel_ros.pipeline.soil.stretches import Stretches
 from smallwheel_ros.pipeline.tables import Array
+
+from .stretches import Stretches
 
 _RECENT, _ENOUGH_STRETCHES = 100, 30  # stretches; before anything is reported
 _MANY_LEFT_OUT = 0.2  # share of readings

@@ -16,7 +16,7 @@ from smallwheel_ros.pipeline.tables import Array
 from .filter import FORM_SHEAR, STRENGTH
 from .forces import COHESION, FRICTION, OTHER, SHEAR, Believed
 from .steps import Excitation
-from .strengths import Strengths
+from .two_filters import Strengths
 
 # Of the prior's deviation of friction, at most: then data tell as much of what is held as the prior does.
 # Another soil begins with at least as much left, so that something has to tell of it.

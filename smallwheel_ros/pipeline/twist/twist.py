@@ -16,7 +16,8 @@ from itertools import pairwise
 import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings, TwistSettings
+from smallwheel_ros.onboard.declared import TwistSettings
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.ground_speed import SPEED_VARIANCE

@@ -146,7 +146,10 @@ class Judgement:
         for k in range(len(instants)):
             end = first + k + 1
             begin = int(np.searchsorted(whole.stamp, whole.stamp[end - 1] - SECOND, side="right"))
-            spins[k] = end - begin >= 10 and _gets_nowhere(whole.take(slice(begin, end)))
+            part = slice(begin, end)
+            spins[k] = end - begin >= 10 and _gets_nowhere(
+                whole.rim[part], whole.ground[part], whole.ground_std[part]
+            )
         before, flags = self._spinning
         flags = flags if flags.shape[1] else np.zeros((0, spins.shape[1]), dtype=bool)
         self._spinning = np.concatenate([before, instants.stamp]), np.vstack([flags, spins])
@@ -176,14 +179,15 @@ class Judgement:
         return Judged(level, spins, margin, margin_std, asked, risk)
 
 
-def _gets_nowhere(rows: Instants) -> bool:
-    """Whether a vehicle's rims drive on all the time of some instants, and it does not."""
-    known = (np.isfinite(rows.rim) & np.isfinite(rows.ground)).all(axis=0)
+def _gets_nowhere(rims: Array, ground: Array, spread: Array) -> bool:
+    """Whether a vehicle's rims drive on all the time of some instants, and it does not.
+
+    m/s, of the rims, over ground and its deviation, (instants, wheels).
+    """
+    known = (np.isfinite(rims) & np.isfinite(ground)).all(axis=0)
     if 2 * known.sum() <= known.size:
         return False
-    rims, ground, spread = (
-        each[:, known] for each in (rows.rim, rows.ground, np.nan_to_num(rows.ground_std))
-    )
+    rims, ground, spread = (each[:, known] for each in (rims, ground, np.nan_to_num(spread)))
     along = -1.0 if rims.mean() < 0.0 else 1.0
     each = along * rims.mean(axis=1)
     rim, reached = float(each.mean()), along * float(ground.mean()) + _SURELY * float(spread.mean())

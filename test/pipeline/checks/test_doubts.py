@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What checks doubt reaches all that is derived of it, from its stamp on, wherever blocks are cut."""
+"""What checks doubt reaches all that is derived of it, from its stamp on, wherever blocks are cut.
+
+Tests `doubts.py`, `believed.py` and `sensor_checks.py`; each stage alone: `test/pipeline/test_stages.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors show of the soil's law: h of many stretches with its Jacobian, against the model itself."""
+"""What sensors show of the soil's law: h of many stretches with its Jacobian, against the model itself.
+
+Tests `model.py`.
+"""
 
 from __future__ import annotations
 

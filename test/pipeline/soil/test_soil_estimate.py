@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil in the terms of the field: before any measurement, behind a reset; its prior and settings."""
+"""The soil in the terms of the field: before any measurement, behind a reset; its prior and settings.
+
+Tests `identifiability.py`.
+"""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ import pytest
 from scipy.stats import chi2
 from world_drives import driven_world
 
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import law_of
-from smallwheel_ros.pipeline.soil.soils import Soils
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
 
 KINDS = ("zero known", "zero known, equal", "one track", "scatter 15 %")

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wheels on the soil under them: sinkage, resistances and covariance against the model, for many at once."""
+"""Wheels on the soil under them: sinkage, resistances and covariance against the model, for many at once.
+
+Tests `contact.py`.
+"""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.strength.steps import Steps, StepState, steps
 from smallwheel_ros.pipeline.tables import Array, Readings
 

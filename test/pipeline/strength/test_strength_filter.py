@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strength's filter on steps of the model's own forces: what it finds, keeps and hands over."""
+"""The strength's filter on steps of the model's own forces: what it finds, keeps and hands over.
+
+Tests `filter.py` and `forces.py`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from smallwheel_ros.pipeline.strength.filter import StrengthFilter
 from smallwheel_ros.pipeline.strength.forces import COHESION, FRICTION, OTHER, Rolling, forces
 from smallwheel_ros.pipeline.strength.forces import WHEELS as WHEELS_AT
 from smallwheel_ros.pipeline.strength.steps import Steps
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import constants_of
 from smallwheel_ros.pipeline.tables import Array
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""fit, diagnose and add on the command line: what they write, and what they refuse."""
+"""fit, diagnose and add on the command line: what they write, and what they refuse.
+
+Tests `bench.py`.
+"""
 
 from __future__ import annotations
 

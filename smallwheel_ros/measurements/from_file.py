@@ -22,6 +22,14 @@ from smallwheel_ros.measurements.lab import (
     take_contact,
     take_plates,
 )
+from smallwheel_ros.measurements.measurements import (
+    Measurements,
+    ShearTests,
+    codes_of,
+    joined,
+    joined_shear,
+    over_half,
+)
 from smallwheel_ros.measurements.reading import TableColumns, listed, read_columns, take_size
 from smallwheel_ros.measurements.settings import (
     ends_of_runs,
@@ -29,14 +37,6 @@ from smallwheel_ros.measurements.settings import (
     order_columns,
     set_columns,
     setting_codes,
-)
-from smallwheel_ros.measurements.table import (
-    Measurements,
-    ShearTests,
-    codes_of,
-    joined,
-    joined_shear,
-    over_half,
 )
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel compare` as a user calls it."""
+"""`smallwheel compare` as a user calls it.
+
+Tests `bench.py`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from smallwheel_ros.cli import main
 from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.physics.soil import Soil

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No command writes over what it reads, or computes for long and then cannot write."""
+"""No command writes over what it reads, or computes for long and then cannot write.
+
+Tests `outputs.py`.
+"""
 
 from __future__ import annotations
 

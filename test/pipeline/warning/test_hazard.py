@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The warning: hazard and its gates, what is said and when, and that cuts of the blocks change nothing."""
+"""The warning: hazard and its gates, what is said and when, and that cuts of the blocks change nothing.
+
+Tests `judgement.py`.
+"""
 
 from __future__ import annotations
 

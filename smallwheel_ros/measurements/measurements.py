@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.measurements.cells import MeasurementsError
 from smallwheel_ros.measurements.columns import CHANNELS, Mask, Texts, is_response, unit_of
 from smallwheel_ros.physics.conditions import PLATE, Array, Conditions

@@ -1,13 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parameter of the node: what it may be, and what is wrong with a value."""
+"""A parameter of the node: how one is declared, what it may be, and what is wrong with a value.
+
+A parameter is a field of a dataclass, declared once: its kind is the field's type, its name the field's,
+after those of the groups that it stands in.
+
+    @dataclass(frozen=True, kw_only=True)
+    class Timing:
+        reorder_time: float = parameter(0.2, "s", (0.0, 5.0), "How long a sinkage waits.")
+
+    @dataclass(frozen=True, kw_only=True)
+    class Parameters:
+        base_frame: str = parameter("base_link", text="Link that positions are measured from.")
+        timing: Timing = group(Timing)  # timing.reorder_time
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from inspect import get_annotations
 from pathlib import Path
-from typing import Any, Literal
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -22,6 +39,13 @@ _TYPES: dict[str, type] = {
     "string": str,
     "bool": bool,
     "string_array": list,
+}
+_KINDS: dict[Any, Kind] = {
+    float: "double",
+    int: "integer",
+    str: "string",
+    bool: "bool",
+    tuple: "string_array",
 }
 _NAMES: dict[Any, str] = {kind: name for name, kind in _TYPES.items()} | {list: "list"}
 _TOPIC = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -148,3 +172,101 @@ class NodeParameter:
 def written(value: Value) -> str:
     """A value as YAML has it, on one line."""
     return str(yaml.safe_dump([value], default_flow_style=True, width=math.inf)).strip()[1:-1]
+
+
+# --- Declarations
+
+Declared = TypeVar("Declared")
+
+
+def parameter(
+    default: object,
+    unit: str = "",
+    span: tuple[float, float] | None = None,
+    text: str = "",
+    *,
+    form: Form = "any",
+    required: bool = False,
+    at_start: bool = False,
+) -> Any:  # a dataclass field stands for a value of its annotated type
+    """Declare a parameter of the node as a field of a dataclass.
+
+    default: None where there is none, and then the field's type allows None or it is required. unit: of a
+    number. span: ends of its range, both allowed. text: what it means. form, required, at_start: see
+    `NodeParameter`. A field whose type is a Literal may be what that lists.
+    """
+    low, high = span or (None, None)
+    what = {"unit": unit, "low": low, "high": high, "description": text}
+    what |= {"form": form, "required": required, "at_start": at_start}
+    if required and default is None:
+        return field(metadata={"parameter": what})
+    return field(default=default, metadata={"parameter": what})
+
+
+def topic(default: str, text: str) -> Any:
+    """Declare the name of a topic; empty: none."""
+    return parameter(default, text=text, form="topic")
+
+
+def path(text: str, *, at_start: bool = False) -> Any:
+    """Declare the path of a file, empty at first: none."""
+    return parameter("", text=text, form="path", at_start=at_start)
+
+
+def group(of: type) -> Any:
+    """Declare a group of parameters, whose names begin with the field's."""
+    return field(default_factory=of, metadata={"group": of})
+
+
+def group_per_wheel(of: type) -> Any:
+    """Declare parameters that each wheel has: a mapping by the wheel's name."""
+    return field(default_factory=dict, metadata={"group_per_wheel": of})
+
+
+@cache
+def rows_of(declared: type) -> tuple[NodeParameter, ...]:
+    """Return the parameters of a declaration: its own before those that it inherits."""
+    return tuple(_rows(declared, ""))
+
+
+def _rows(declared: type, before: str) -> Iterator[NodeParameter]:
+    hints = get_type_hints(declared)
+    own = get_annotations(declared)
+    for one in sorted(fields(declared), key=lambda one: one.name not in own):
+        if "parameter" in one.metadata:
+            yield _row(
+                f"{before}{one.name}", hints[one.name], one.default, one.metadata["parameter"]
+            )
+        elif "group" in one.metadata:
+            yield from _rows(one.metadata["group"], f"{before}{one.name}.")
+        elif "group_per_wheel" in one.metadata:
+            yield from _rows(one.metadata["group_per_wheel"], f"{WHEEL}.")
+
+
+def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodeParameter:
+    """The parameter of a field; its kind and what it may be by the field's type."""
+    if get_origin(hint) in (Union, UnionType):  # of it and None
+        (hint,) = (one for one in get_args(hint) if one is not NoneType)
+    choices: tuple[Value, ...] = get_args(hint) if get_origin(hint) is Literal else ()
+    of = type(choices[0]) if choices else get_origin(hint) or hint
+    given = None if what["required"] else default
+    return NodeParameter(name, _KINDS[of], given, choices=choices, **what)
+
+
+def filled(declared: type[Declared], values: Mapping[str, Any], before: str = "") -> Declared:
+    """Make a declared group of values by full name, which have all of them; wheels are those of `wheels`.
+
+    Fields of the class that are no parameters keep their defaults.
+    """
+    found: dict[str, Any] = {}
+    for one in fields(declared):  # type: ignore[arg-type]
+        name, what = f"{before}{one.name}", one.metadata
+        if "parameter" in what:
+            value = values[name]
+            found[one.name] = tuple(value) if isinstance(value, list) else value
+        elif "group" in what:
+            found[one.name] = filled(what["group"], values, f"{name}.")
+        elif "group_per_wheel" in what:
+            of = what["group_per_wheel"]
+            found[one.name] = {w: filled(of, values, f"{w}.") for w in values["wheels"]}
+    return declared(**found)

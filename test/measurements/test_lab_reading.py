@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables that a lab types: pressure, rectangles, compliance, curves, shear; and what is wrong there."""
+"""The tables that a lab types: pressure, rectangles, compliance, curves, shear; and what is wrong there.
+
+Tests `lab.py`.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ from smallwheel_ros import cli
 from smallwheel_ros.api.fit import fit
 from smallwheel_ros.api.read import read_test
 from smallwheel_ros.measurements.cells import MeasurementsError
-from smallwheel_ros.measurements.table import Measurements, ShearTests
-from smallwheel_ros.measurements.wheels import read_measurements, read_tests
+from smallwheel_ros.measurements.from_file import read_measurements, read_tests
+from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 from smallwheel_ros.model.model_file import read_model
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands predict, effects and paper, and the group that holds all commands."""
+"""The commands predict, effects and paper, and the group that holds all commands.
+
+Tests `command.py` and `physics.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""At a border of two soils each wheel's mobility is that of its own soil."""
+"""At a border of two soils each wheel's mobility is that of its own soil.
+
+Tests `answer.py` and `wheel.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`import smallwheel_ros as sw`: what the functions return, and that the commands print the same."""
+"""`import smallwheel_ros as sw`: what the functions return, and that the commands print the same.
+
+Tests `add.py`, `benchmark.py`, `compare.py`, `diagnose.py`, `fit.py`, `learn.py`, `predict.py`,
+`read.py` and `replay.py`.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ from docs.function_table import PAGE, with_table
 from smallwheel_ros.api.compare import compare
 from smallwheel_ros.cli import main
 from smallwheel_ros.commands.command import described
-from smallwheel_ros.common.results import Result
+from smallwheel_ros.common.result import Result
 from smallwheel_ros.compare.comparison import Comparison
 from smallwheel_ros.diagnosis.apply import Added
 from smallwheel_ros.diagnosis.pipeline import Diagnosis

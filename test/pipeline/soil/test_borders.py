@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stretches and soils at their edges, on drives whose truth is a quadrature of its own."""
+"""Stretches and soils at their edges, on drives whose truth is a quadrature of its own.
+
+Tests `filter.py`, `health.py`, `local_law.py` and `scatter.py`.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,15 @@ import pytest
 from world_drives import Driven, driven_world, table_of
 
 from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.onboard.declared import VehicleParameters
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import Reported, Version, law_of
 from smallwheel_ros.pipeline.soil.saved_state import SavedState, read_state, write_state
-from smallwheel_ros.pipeline.soil.soils import Soils
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
 
@@ -36,7 +40,7 @@ def drive_of(world: str, way: str = "half", seed: int = 1) -> Driven:
 
 
 def settings_of(drive: Driven, **more: object) -> OnboardSettings:
-    return replace(drive.settings, mass=0.0, **more)  # type: ignore[arg-type]
+    return replace(drive.settings, vehicle=VehicleParameters(), **more)  # type: ignore[arg-type]
 
 
 def border_of(drive: Driven) -> float:

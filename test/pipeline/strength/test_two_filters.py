@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts, steps, strength and mobility at their edges, on drives whose truth is a quadrature of its own."""
+"""Contacts, steps, strength and mobility at their edges, on drives whose truth is a quadrature of its own.
+
+Tests `words.py`.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,14 @@ from world_drives import Driven, driven_world
 from rates.drive_trial import judged
 from rates.drive_worlds import WORLDS, make_drive
 from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.onboard.declared import VehicleParameters
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.mobility.wheel import Predicted, mobility
-from smallwheel_ros.pipeline.soil.soils import Soils
+from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.strength.steps import StepState, steps
-from smallwheel_ros.pipeline.strength.strengths import Strengths
+from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import constants_of
 from smallwheel_ros.pipeline.tables import Array, Integers, Readings
 
@@ -67,7 +71,7 @@ def driven(
         if known.any():
             some = block.take(known), loads.load[known], loads.load_std[known]
             numbers = law[known], believed[known]
-            made_of = mobility(*some, *numbers, soils, strengths, settings)
+            made_of = mobility(*some, *numbers, soils.versions, strengths, settings)
             names = {
                 name: getattr(some[0], name) for name in ("stamp", "wheel", "slip", "distance")
             }
@@ -181,7 +185,7 @@ def test_a_way_back_is_the_mirror_of_a_way_forward() -> None:
 def test_a_pressed_wheel_has_a_sinkage_and_no_pull() -> None:
     rows, settings = drive_of("nothing").rows, drive_of("nothing").settings
     wheels = (*settings.wheels[:3], Wheel("plate", 0.4, 0.12, "pressed"))
-    settings = replace(settings, wheels=wheels, mass=0.0)
+    settings = replace(settings, wheels=wheels, vehicle=VehicleParameters())
     found, strengths, _ = driven(rows, settings)
     plate = found.wheel == 3
     assert np.isnan(found.drawbar_pull[plate]).all()
@@ -210,7 +214,7 @@ def test_loads_that_are_all_too_large_are_seen_by_the_mass() -> None:
     rows, settings = drive.rows, drive.settings
     wrong = replace(rows, load=1.15 * rows.load)
     weighed, _, _ = driven(wrong, settings)
-    told, _, _ = driven(wrong, replace(settings, mass=0.0))
+    told, _, _ = driven(wrong, replace(settings, vehicle=VehicleParameters()))
     late = weighed.distance > 4.0
     truth = drive.drive.truth.load[drive.drive.at(rows.stamp), rows.wheel][late]
     assert np.abs(np.log(weighed.load[late] / truth)).mean() < 0.09

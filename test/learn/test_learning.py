@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that the library lacks: drafted where the data can tell, and refused where it cannot."""
+"""A law that the library lacks: drafted where the data can tell, and refused where it cannot.
+
+Tests `document.py`, `draft.py`, `grammar.py`, `law.py`, `search.py`, `tangent.py` and `verdict.py`.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +40,8 @@ from smallwheel_ros.learn.law import PLACES, LearntLaw
 from smallwheel_ros.learn.learning import LearnError, Learnt
 from smallwheel_ros.learn.search import LawSearch, TermGrid
 from smallwheel_ros.learn.verdict import SURE, chance
-from smallwheel_ros.measurements.table import Measurements
-from smallwheel_ros.measurements.wheels import read_measurements
+from smallwheel_ros.measurements.from_file import read_measurements
+from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.onboard.parameters import settings_from

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each rule names its fault and is silent of good sensors; nothing depends on where blocks are cut.
 
-`PYTHONPATH=. python test/pipeline/checks/test_checks.py` writes the table of docs/checks.md anew.
+`PYTHONPATH=. python test/pipeline/checks/test_rules.py` writes the table of docs/checks.md anew.
+
+Tests `ground_speed.py`, `lateness.py`, `loads.py`, `odometry.py`, `rims.py`, `sums.py` and
+`window.py`.
 """
 
 from __future__ import annotations

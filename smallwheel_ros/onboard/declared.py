@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The node's parameters, each declared once.
+
+The node's ROS descriptors, the values that node and replay accept and the settings that they become,
+config/template.yaml and docs/parameters.md all come from here. A new one is a field below; `python
+docs/parameter_pages.py` writes the pages anew. What the pipeline is to see of it belongs into
+`DriveParameters` or one of its groups. `<wheel>` stands for a wheel's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from smallwheel_ros.common.node_parameter import (
+    WHEEL,
+    NodeParameter,
+    group,
+    group_per_wheel,
+    parameter,
+    path,
+    rows_of,
+    topic,
+)
+from smallwheel_ros.costmap.cost_map import CostSettings
+from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.soil import SOILS
+
+LoadSource = Literal["wrench", "joint_states", "static"]
+Sign = Literal[1, -1]
+# The slip at which pulls are compared: what a driver accepts on a slope before turning back. With
+# the 20 % at which wheels are often compared on a bench, small wheels hold hardly any slope.
+REFERENCE_SLIP = 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleParameters:
+    """vehicle.*: the body."""
+
+    mass: float | None = parameter(
+        None,
+        "kg",
+        (0.01, 1e5),
+        "Mass. The balance of forces on slopes and while gaining speed then tells the soil's strength;"
+        " loads are checked against it, or are its share with load.source static.",
+    )
+    gravity_height: float | None = parameter(
+        None, "m", (0.01, 10.0),
+        "Height of the centre of gravity above ground: how a slope shifts static loads. Without it: 1.2"
+        " mean wheel diameters.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadParameters:
+    """load.*: where loads come from."""
+
+    source: LoadSource = parameter(
+        "wrench",
+        text="Where loads come from: load_topic, the effort of load_joint, or vehicle.mass split over the"
+        " wheels (static).",
+    )
+    per_effort: float = parameter(
+        1.0, "N", (1e-6, 1e6), "Load per unit of effort of load_joint."
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class MobilityParameters:
+    """mobility.*: what is answered."""
+
+    rate: float = parameter(
+        10.0, "Hz", (0.0, 1000.0),
+        "Estimates of each wheel's mobility a second at most. 0: one for each measured sinkage.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoilParameters:
+    """soil.*: what is known of the soil beforehand."""
+
+    name: str | None = parameter(
+        None,
+        text="Soil that the estimate starts from: of model_file, or of the library:"
+        f" {', '.join(SOILS)}.",
+    )
+    file: str = path(
+        "File that ~/save_soil writes and that the estimate goes on from. Empty: none."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwistSettings:
+    """twist.*: how the twist of the rims is reported."""
+
+    publish: bool = parameter(
+        False,
+        text="Whether ~/twist is sent, for robot_localization and others (docs/odometry.md). It needs"
+        " imu_topic and lateral_position.",
+    )
+    rim_delay: float = parameter(
+        0.0,
+        "s",
+        (0.0, 1.0),
+        "How much later wheel speeds are stamped than the imu's readings of the same instant.",
+    )
+    correlation_time: float = parameter(
+        0.4, "s", (0.0, 10.0),
+        "How long errors of slip last: variances sent are multiplied by twice this times the rate. 0: the"
+        " variance of one reading.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorNoise:
+    """noise.*: standard deviations of measurements whose messages state none."""
+
+    sinkage: float = parameter(
+        0.001,
+        "m",
+        (1e-5, 1.0),
+        "Standard deviation of a sinkage whose message states none.",
+    )
+    load: float = parameter(
+        0.5, "N", (0.0, 1e5), "Standard deviation of a load, besides 2 % of it."
+    )
+    drawbar_pull: float = parameter(
+        0.6, "N", (1e-3, 1e5), "Standard deviation of a measured drawbar pull."
+    )
+    speed: float = parameter(
+        0.01, "m/s", (0.0, 10.0), "Standard deviation of odometry's speed."
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """timing.*: what is expected of stamps."""
+
+    reorder_time: float = parameter(
+        0.2,
+        "s",
+        (0.0, 5.0),
+        "How long, by stamps, a sinkage waits for those of other wheels that belong before it. 0: results"
+        " depend on the order of arrival.",
+    )
+    maximum_age: float = parameter(
+        5.0, "s", (0.01, 1e9),
+        "Messages stamped further behind the clock are refused.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelParameters:
+    """<wheel>.*: a wheel, and where its measurements come from."""
+
+    diameter: float = parameter(
+        None,
+        "m",
+        (0.005, 5.0),
+        "Diameter of the wheel. Without it: of its link's cylinder in the URDF.",
+        required=True,
+    )
+    width: float = parameter(
+        None,
+        "m",
+        (0.001, 5.0),
+        "Width of the wheel. Without it: of that cylinder.",
+        required=True,
+    )
+    contact: Literal["rolling", "pressed"] = parameter(
+        ROLLING, text="pressed: pushed straight down by a test rig, without odometry."
+    )
+    lateral_position: float = parameter(
+        0.0,
+        "m",
+        (-10.0, 10.0),
+        "Left of base_frame: speed in turns, place on the map. Without it: the URDF's.",
+    )
+    longitudinal_position: float = parameter(
+        0.0,
+        "m",
+        (-10.0, 10.0),
+        "Ahead of base_frame: which wheels follow in a rut and come to another soil first. Without it: the"
+        " URDF's.",
+    )
+    load_topic: str = topic(
+        "<wheel>/load", "Topic (geometry_msgs/WrenchStamped) of its load, force.z."
+    )
+    load_joint: str = parameter(
+        "<wheel>_load_joint", text="Joint whose effort is the load with load.source joint_states."
+    )
+    load_sign: Sign = parameter(
+        1, text="-1: the load is negative when the wheel presses on the soil."
+    )
+    load_share: float | None = parameter(
+        None,
+        "1",
+        (0.001, 1.0),
+        "Share of the weight with load.source static. Without it: an equal one.",
+    )
+    sinkage_topic: str = topic(
+        "<wheel>/sinkage",
+        "Topic (smallwheel_ros/WheelSinkage) of its sinkage. Empty: it is not measured.",
+    )
+    range_height: float | None = parameter(
+        None,
+        "m",
+        (0.0, 10.0),
+        "Given: sinkage_topic is a sensor_msgs/Range that looks down at undisturbed soil and shows this on"
+        " hard ground.",
+    )
+    drawbar_pull_topic: str = topic(
+        "",
+        "Topic (geometry_msgs/WrenchStamped) of what it pulls the vehicle with, force.x, positive forward."
+        " Empty: it is not measured.",
+    )
+    joint: str = parameter("<wheel>_joint", text="Its joint in joint_states and in the URDF.")
+    joint_sign: Sign = parameter(
+        1,
+        text="-1: its joint turns backwards when it drives forward. Without it: by the axis in the URDF.",
+    )
+    torque_per_effort: float = parameter(
+        0.0, "1", (0.0, 1e4),
+        "Torque at the wheel (N m) per unit of its joint's effort, gear and its losses included. 0: it is not"
+        " measured.",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveParameters:
+    """What the pipeline goes by as it is given."""
+
+    vehicle: VehicleParameters = group(VehicleParameters)
+    mobility: MobilityParameters = group(MobilityParameters)
+    reference_slip: float = parameter(
+        REFERENCE_SLIP,
+        "1",
+        (0.02, 0.9),
+        "Slip at which margin, steepest slope and cost are worked out.",
+    )
+    twist: TwistSettings = group(TwistSettings)
+    noise: SensorNoise = group(SensorNoise)
+    timing: Timing = group(Timing)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters(DriveParameters):
+    """All parameters."""
+
+    wheels: tuple[str, ...] = parameter(
+        None,
+        text="Names of the wheels. Each has parameters of its own, below.",
+        required=True,
+        at_start=True,
+    )
+    autostart: bool = parameter(
+        True,
+        text="Configure and activate at the start. False: left to a lifecycle manager.",
+        at_start=True,
+    )
+    robot_description_topic: str = parameter(
+        "robot_description",
+        text="Topic (std_msgs/String, latched) of the URDF: sizes, positions and joint_sign of wheels where"
+        " none are given. Empty: no URDF.",
+        form="topic",
+        at_start=True,
+    )
+    base_frame: str = parameter(
+        "base_link",
+        text="Link that positions are measured from; the URDF's root link where it has no base_link.",
+        at_start=True,
+    )
+    # --- Inputs
+    odometry_from_wheels: bool = parameter(
+        False,
+        text="Whether odom is computed from the wheels and shows no slip: velocity_topic has to.",
+    )
+    velocity_topic: str = topic(
+        "",
+        "Topic (geometry_msgs/TwistStamped, in base_frame) of a speed over ground that the wheels do not"
+        " measure: radar, optical flow. Empty: odom's.",
+    )
+    imu_topic: str = topic(
+        "", "Topic (sensor_msgs/Imu) that tells the slope. Empty: odom's orientation does."
+    )
+    imu_yaw: float = parameter(
+        0.0,
+        "rad",
+        (-3.15, 3.15),
+        "Direction of the imu's x axis in base_frame, positive to the left.",
+    )
+    load: LoadParameters = group(LoadParameters)
+    # --- What is known beforehand
+    model_file: str = path(
+        "Model file of fit, add or diagnose --apply: its soil in place of the library's, and its effects."
+    )
+    effects_file: str = path(
+        "Python file with effects of your own that model_file names. It is run: name only files that you"
+        " trust.",
+        at_start=True,
+    )
+    soil: SoilParameters = group(SoilParameters)
+    sinkage_zero_std: float = parameter(
+        0.002,
+        "m",
+        (0.0, 1.0),
+        "Standard deviation of the zero of the sinkage sensors, which limits how well n and the pressure"
+        " can be known: set them on firm ground, and lower it.",
+    )
+    cost: CostSettings = group(CostSettings)
+    inputs: Mapping[str, WheelParameters] = group_per_wheel(WheelParameters)  # fmt: skip
+
+
+PARAMETERS = {row.name: row for row in rows_of(Parameters)}
+GENERAL = tuple(row for row in PARAMETERS.values() if not row.name.startswith(WHEEL))
+PER_WHEEL = tuple(row for row in PARAMETERS.values() if row.name.startswith(WHEEL))
+
+
+def parameters_for(wheels: Sequence[str]) -> tuple[NodeParameter, ...]:
+    """Return all parameters of a vehicle with these wheels."""
+    return GENERAL + tuple(p.for_wheel(wheel) for wheel in wheels for p in PER_WHEEL)

@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which joints of a robot description turn wheels, what steers these, and which way the base looks.
+
+Neither names nor shapes are needed for the first two: a wheel turns about a horizontal axis across the
+vehicle, has no such joint below it, and is among the lowest joints. What steers it is the nearest joint above
+it that turns about the vertical. The base's x is ahead (REP 103), unless wheels turn about it: then names
+have to tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from smallwheel_ros.onboard.urdf import TURNING, Array, Joint, RobotDescriptionError, Urdf
+from smallwheel_ros.onboard.wheel_names import ACROSS, ALONG, called_by_place, place_of
+
+# Directions within 25 degrees of each other: more than wheels are cambered or toed in, and far from
+# the 90 degrees by which an axis or a cylinder is turned by mistake.
+PARALLEL = 0.9
+_UPRIGHT = 0.7  # an axis within 45 degrees of the vertical steers
+_LOWEST = 0.25  # of the height over which joints turn: a wheel is no higher above the lowest one
+# Of the length or width of the vehicle: wheels of two sizes, and rockers, whose joints are all low.
+_LEVEL = 0.1
+_TRAIL = 0.1  # of its height above a wheel: a swivel so far ahead of the wheel's axis is a caster's
+_AHEAD = (
+    (1.0, 0.0),
+    (0.0, 1.0),
+    (-1.0, 0.0),
+    (0.0, -1.0),
+)  # by quarter turns of the base to the left
+
+
+class Steering(NamedTuple):
+    """What steers a wheel: a joint, its sign (1: positive to the left), its distance to the wheel, m."""
+
+    joint: str
+    sign: int
+    arm: float
+
+
+@dataclass
+class RunningGear:
+    """The joints that turn wheels. notes: which joints turn and are not taken, and what is odd."""
+
+    wheels: list[Joint] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+class Heading(NamedTuple):
+    """Which way a vehicle looks in its base frame.
+
+    quarters: turns of 90 degrees by which ahead lies to the left of the frame's x; None where nothing
+    tells it. note: why, where it is not 0.
+    """
+
+    quarters: int | None
+    note: str = ""
+
+    def turned(self, vector: Array) -> Array:
+        """A direction or place of the base frame, (3,), as ahead, left, up."""
+        cosine, sine = _AHEAD[self.quarters or 0]
+        x, y, z = vector
+        return np.array([cosine * x + sine * y, cosine * y - sine * x, z])
+
+
+class _Turning(NamedTuple):
+    """A joint that turns, in the base frame.
+
+    axis: its direction; at: a point of it; centre: the middle of its link's cylinder, or that point; low: the
+    height of that cylinder's lowest point; above: joints that turn above it, the nearest first.
+    """
+
+    joint: Joint
+    axis: Array
+    at: Array
+    centre: Array
+    low: float
+    above: list[Joint]
+
+
+def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
+    """Where a wheel's middle is in the base frame, (3,), m: that of its cylinder where it has one."""
+    pose = urdf.pose(joint.child, base)
+    with suppress(RobotDescriptionError):
+        pose = pose @ urdf.cylinder(joint.child)[2]
+    return np.asarray(pose[:3, 3])
+
+
+def axis_of(urdf: Urdf, joint: Joint, base: str) -> Array:
+    """Direction in the base frame that a joint turns about, (3,)."""
+    return np.asarray(urdf.pose(joint.child, base)[:3, :3] @ joint.axis)
+
+
+def running_gear(urdf: Urdf) -> RunningGear:
+    """Find the joints that turn wheels. Raises RobotDescriptionError, saying why, where there are none."""
+    all_ = [joint for joint in urdf.joints.values() if joint.kind in TURNING]
+    if not all_:
+        raise RobotDescriptionError(_none_turns(urdf))
+    base = urdf.base(all_[0].child)
+    notes, turning = [], {}
+    for joint in all_:
+        try:
+            turning[joint.name] = _turning(urdf, joint, base)
+        except RobotDescriptionError as error:
+            notes.append(f"{joint.name} is left out: {error}")
+    across = _across(turning.values())
+    why = {name: _no_wheel(one, turning, across) for name, one in turning.items()}
+    could = [turning[name] for name, reason in why.items() if not reason]
+    if could:
+        highest = _height(could, turning.values())
+        for one in could:
+            above = min(_above_lowest(could, one, "low"), _above_lowest(could, one, "middle"))
+            if above > highest:
+                why[one.joint.name] = f"{above:.2g} m above the lowest wheel"
+    wheels = [one for one in could if not why[one.joint.name]]
+    steering = {name for one in wheels if (name := _steered_by(one, turning))}
+    for name in sorted(steering):
+        carried = [one.joint.name for one in wheels if _steered_by(one, turning) == name]
+        if len(carried) > 1:
+            raise RobotDescriptionError(
+                f"joint {name!r} turns about the vertical and carries the wheels of {', '.join(carried)}: a"
+                " vehicle that is steered by an axle or in its middle (articulated) is not estimated"
+            )
+    left = {n: reason for n, reason in why.items() if reason and n not in steering}
+    if not wheels:
+        words = "; ".join(notes + _left_out(left))
+        raise RobotDescriptionError(
+            f"no joint turns like a wheel, about a horizontal axis and without end: {words}"
+        )
+    for one in wheels:
+        notes += [
+            f"{joint.name} is called a steering joint, but turns about"
+            f" {_shown(turning[joint.name].axis)}: what steers {one.joint.name} is not known from it"
+            for joint in one.above
+            if "steer" in joint.name.lower()
+            and joint.name in turning
+            and joint.name not in steering
+        ]
+        left = {name: reason for name, reason in left.items() if not _is_steer(name, one)}
+    notes += [f"joints that turn and are no wheels: {words}" for words in _left_out(left)]
+    return RunningGear([one.joint for one in wheels], notes)
+
+
+def _is_steer(name: str, one: _Turning) -> bool:
+    return "steer" in name.lower() and name in [joint.name for joint in one.above]
+
+
+def steering_of(urdf: Urdf, joint: Joint, base: str) -> Steering | None:
+    """What steers the wheel of a joint; None where nothing does. Raises RobotDescriptionError."""
+    above = {j.name: _turning(urdf, j, base) for j in _above(urdf, joint, base)}
+    wheel = _turning(urdf, joint, base)
+    name = _steered_by(wheel, above)
+    if not name:
+        return None
+    beside = wheel.centre - above[name].at
+    arm = abs(float(beside @ wheel.axis))
+    return Steering(name, 1 if above[name].axis[2] > 0.0 else -1, arm)
+
+
+def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> Heading:
+    """Which way the vehicle looks in its base frame, by the axes of its wheels' joints and by names.
+
+    wheels: by a wheel's name, its joint. Raises RobotDescriptionError where a wheel's place is not known.
+    """
+    centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
+    axes = [axis_of(urdf, joint, base) for joint in wheels.values()]
+    sideways = sum(abs(axis[0]) > PARALLEL for axis in axes)
+    if sideways and sideways == len(axes):
+        possible, usual = (1, 3), None
+    else:
+        possible, usual = (0, 2), 0
+    agreeing = [q for q in possible if _agrees(centres, wheels, Heading(q)) is True]
+    if usual in agreeing or len(agreeing) != 1:
+        if usual is not None:
+            return Heading(usual)
+        return Heading(None, _not_ahead(base, list(wheels.values())))
+    (quarters,) = agreeing
+    where = {1: "to the left of", 2: "opposite to", 3: "to the right of"}[quarters]
+    return Heading(
+        quarters,
+        f"{base} is turned: by their names and places the wheels' way ahead is {where} its x axis; places and"
+        " signs are those of a base whose x is ahead (REP 103)",
+    )
+
+
+def contradicting(
+    urdf: Urdf, wheels: Mapping[str, Joint], base: str, heading: Heading
+) -> list[str]:
+    """Return the wheels that are elsewhere than their names say."""
+    centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
+    placed = called_by_place({n: _xy(heading.turned(c)) for n, c in centres.items()})
+    if placed is None:
+        return []
+    return [n for n, joint in wheels.items() if _against(_told(n, joint), placed[n].split("_"))]
+
+
+def _agrees(
+    centres: Mapping[str, Array], wheels: Mapping[str, Joint], heading: Heading
+) -> bool | None:
+    """Whether all names agree with the places, the vehicle looking so; None where no name tells anything."""
+    placed = called_by_place({n: _xy(heading.turned(c)) for n, c in centres.items()})
+    if placed is None:
+        return None
+    told = {name: _told(name, joint) for name, joint in wheels.items()}
+    if any(_against(told[name], placed[name].split("_")) for name in wheels):
+        return False
+    words = {word for name in wheels for word in told[name] & {*placed[name].split("_")}}
+    return True if len(words) > 1 else None
+
+
+def _told(wheel: str, joint: Joint) -> set[str]:
+    """Place of a wheel as its name, else its joint's, tells it."""
+    return place_of(wheel) or place_of(joint.name)
+
+
+def _against(told: set[str], placed: Iterable[str]) -> bool:
+    """Whether two places of a wheel are different ones."""
+    there = {*placed}
+    return any(
+        told & {*axis} and there & {*axis} and not told & there & {*axis}
+        for axis in (ALONG, ACROSS)
+    )
+
+
+def _xy(centre: Array) -> tuple[float, float]:
+    return float(centre[0]), float(centre[1])
+
+
+# --- One joint
+
+
+def _above(urdf: Urdf, joint: Joint, base: str) -> list[Joint]:
+    """Joints that turn between a joint and the base, the nearest first."""
+    fixed = {above.name for above in urdf.chain(base)}
+    return [j for j in urdf.chain(joint.parent) if j.kind in TURNING and j.name not in fixed]
+
+
+def _turning(urdf: Urdf, joint: Joint, base: str) -> _Turning:
+    centre = centre_of(urdf, joint, base)
+    low = float(centre[2])
+    with suppress(RobotDescriptionError):
+        low -= urdf.cylinder(joint.child)[0]
+    at = np.asarray(urdf.pose(joint.child, base)[:3, 3])
+    axis, above = axis_of(urdf, joint, base), _above(urdf, joint, base)
+    return _Turning(joint, axis, at, centre, low, above)
+
+
+def _across(turning: Iterable[_Turning]) -> int:
+    """The axis of the base frame that most joints which could be wheels turn about: 1 is y, 0 x."""
+    free = [one for one in turning if one.joint.full_turn]
+    about = [sum(abs(one.axis[i]) > PARALLEL for one in free) for i in (0, 1)]
+    return 0 if about[0] > about[1] else 1
+
+
+def _no_wheel(one: _Turning, turning: Mapping[str, _Turning], across: int) -> str:
+    """Why a joint turns no wheel, by itself; empty where it may."""
+    if abs(one.axis[across]) < PARALLEL:
+        return f"about {_shown(one.axis)}"
+    below = [
+        other.joint.name
+        for other in turning.values()
+        if one.joint in other.above and abs(other.axis[across]) > PARALLEL
+    ]
+    if below:
+        return f"above {below[0]}"
+    if not one.joint.full_turn:
+        return "limited to less than a turn"
+    return _caster(one, turning)
+
+
+def _caster(one: _Turning, turning: Mapping[str, _Turning]) -> str:
+    """Whether a wheel follows a swivel, which no motor turns; empty where it does not."""
+    name = _steered_by(one, turning)
+    if not name:
+        return ""
+    swivel = turning[name]
+    called = f"{name} {one.joint.name} {one.joint.child}".lower()
+    if "caster" in called or "castor" in called:
+        return "a caster"
+    away = one.centre - swivel.at
+    trail = float(np.linalg.norm((away - (away @ one.axis) * one.axis)[:2]))
+    trails = trail > _TRAIL * max(swivel.at[2] - one.low, 0.0) + 1e-3
+    return "a caster" if swivel.joint.kind == "continuous" and trails else ""
+
+
+def _steered_by(one: _Turning, turning: Mapping[str, _Turning]) -> str:
+    """Name of the nearest joint above a wheel that turns about the vertical; empty without one."""
+    upright = (
+        joint.name
+        for joint in one.above
+        if joint.name in turning and abs(turning[joint.name].axis[2]) > _UPRIGHT
+    )
+    return next(upright, "")
+
+
+def _above_lowest(could: list[_Turning], one: _Turning, what: Literal["low", "middle"]) -> float:
+    """How far the lowest point or the middle of a joint's link is above the lowest one, m."""
+    heights = {id(o): o.low if what == "low" else float(o.centre[2]) for o in could}
+    return heights[id(one)] - min(heights.values())
+
+
+def _height(could: list[_Turning], turning: Iterable[_Turning]) -> float:
+    """How high above the lowest wheel another one is at most, m."""
+    heights = [float(one.centre[2]) for one in turning]
+    places = np.array([one.centre[:2] for one in could])
+    return max(
+        _LOWEST * (max(heights) - min(heights)), _LEVEL * float(np.ptp(places, axis=0).max()), 1e-3
+    )
+
+
+# --- Words
+
+
+def _none_turns(urdf: Urdf) -> str:
+    kinds = sorted({joint.kind or "of no type" for joint in urdf.joints.values()})
+    if not urdf.joints:
+        return f"it has no joint, {len(urdf.links)} links: is it one part of a description?"
+    return (
+        f"none of its {len(urdf.joints)} joints turns, they are {', '.join(kinds)}: a wheel's is"
+        f" {' or '.join(TURNING)}"
+    )
+
+
+def _not_ahead(base: str, wheels: list[Joint]) -> str:
+    joint = wheels[0]
+    if joint.element.find("axis") is None:
+        return (
+            f"joint {joint.name!r} has no axis, and then turns about x, that is ahead: write its axis into"
+            " the description; places and signs of wheels are left to you"
+        )
+    return (
+        f"wheels turn about the x axis of {base}, which is then not ahead (REP 103), and their names do not"
+        " tell what is: places and signs of wheels are left to you"
+    )
+
+
+def _left_out(left: Mapping[str, str]) -> list[str]:
+    """Names of joints, by why they are no wheels."""
+    by: dict[str, list[str]] = {}
+    for name, reason in left.items():
+        by.setdefault(reason, []).append(name)
+    words = [f"{', '.join(names)} ({reason})" for reason, names in by.items()]
+    return [", ".join(words)] if words else []
+
+
+def _shown(axis: Array) -> str:
+    return "(" + " ".join(f"{number + 0.0:.2g}" for number in np.round(axis, 2)) + ")"

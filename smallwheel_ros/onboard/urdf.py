@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot description (URDF): its links and joints by name, and where they are.
+
+Poses are matrices, (4, 4), of what is in a frame to that frame; m.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from smallwheel_ros.common.errors import SmallwheelError
+
+Array = NDArray[np.float64]
+
+TURNING = ("continuous", "revolute")
+BASE = "base_link"
+_LARGEST = 1e6  # m or rad: beyond any robot, and products of it stay finite
+
+
+class RobotDescriptionError(SmallwheelError):
+    """A robot description that cannot be read, or that lacks what is looked for."""
+
+
+class Joint(NamedTuple):
+    """A joint: its name, type, the links that it joins, and its element."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    element: Element
+
+    @property
+    def axis(self) -> Array:
+        """Direction that it turns about, (3,), of length 1, in the frame of the child link."""
+        axis = _numbers(self.element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"joint {self.name!r}")
+        length = float(np.linalg.norm(axis))
+        if length < 1e-6:
+            raise RobotDescriptionError(f"joint {self.name!r} has an axis without direction")
+        return axis / length
+
+    @property
+    def full_turn(self) -> bool:
+        """Whether it can go on turning, as a wheel does. Limits that are equal are taken for none."""
+        if self.kind == "continuous":
+            return True
+        limit, where = self.element.find("limit"), f"joint {self.name!r}"
+        low, high = (float(_numbers(limit, n, (0.0,), where)[0]) for n in ("lower", "upper"))
+        return self.kind == "revolute" and not 0.0 < high - low < 2.0 * math.pi - 0.01
+
+
+class Urdf:
+    """The links and joints of a robot description, by name; not those of transmissions and plugins.
+
+    Raises RobotDescriptionError if the text is no URDF, or has two joints of a name or above one link.
+    """
+
+    def __init__(self, text: str) -> None:
+        try:
+            root = ElementTree.fromstring(text)
+        except (ElementTree.ParseError, ValueError) as error:
+            raise RobotDescriptionError(f"it is no XML: {error}") from None
+        if root.tag != "robot":
+            raise RobotDescriptionError(f"its outermost element is {root.tag!r}, expected 'robot'")
+        macro = _macro(root)
+        if macro:
+            raise RobotDescriptionError(
+                f"it is xacro that has not been expanded ({macro}): give what `xacro FILE > robot.urdf`"
+                " writes"
+            )
+        self.links = {link.get("name", ""): link for link in root.findall("link")}
+        self.joints: dict[str, Joint] = {}
+        self._above: dict[str, Joint] = {}
+        for element in root.findall("joint"):
+            name, kind = element.get("name", ""), element.get("type", "")
+            ends = (element.find(end) for end in ("parent", "child"))
+            above, below = ("" if end is None else end.get("link", "") for end in ends)
+            joint = Joint(name, kind, above, below, element)
+            twin = self._above.get(joint.child)
+            if name in self.joints:
+                raise RobotDescriptionError(f"two joints are called {name!r}")
+            if twin is not None:
+                raise RobotDescriptionError(
+                    f"link {joint.child!r} is the child of two joints, {twin.name!r} and {name!r}"
+                )
+            self.joints[name] = self._above[joint.child] = joint
+
+    def chain(self, link: str) -> list[Joint]:
+        """Return the joints above a link, from the lowest up to the root link."""
+        chain: list[Joint] = []
+        while link in self._above:
+            if len(chain) > len(self.joints):
+                raise RobotDescriptionError(f"the joints above link {link!r} are a circle")
+            chain.append(self._above[link])
+            link = chain[-1].parent
+        return chain
+
+    def base(self, link: str) -> str:
+        """Return the frame that a wheel's place is measured from: base_link, or the root above a link."""
+        return BASE if BASE in self.links else self.root(link)
+
+    def pose(self, link: str, frame: str) -> Array:
+        """Return the pose of a link in the frame of another one, with all joints at zero."""
+        poses = []
+        for each in (frame, link):
+            pose = np.eye(4)
+            for joint in self.chain(each):
+                pose = _origin(joint.element, f"joint {joint.name!r}") @ pose
+            poses.append(pose)
+        if self.root(link) != self.root(frame):
+            raise RobotDescriptionError(f"no joints connect link {link!r} with link {frame!r}")
+        return np.asarray(np.linalg.solve(*poses), dtype=np.float64)
+
+    def root(self, link: str) -> str:
+        """Return the link at the top of the chain that a link is in."""
+        return ([link] + [joint.parent for joint in self.chain(link)])[-1]
+
+    def cylinder(self, link: str) -> tuple[float, float, Array]:
+        """Return radius, length (m) and pose of the largest cylinder of a link; its axis is its z."""
+        element, where = self.links.get(link), f"link {link!r}"
+        if element is None:
+            raise RobotDescriptionError(f"there is no {where}")
+        for part in ("collision", "visual"):
+            found = []
+            for body in element.findall(part):
+                for shape in body.findall("geometry/cylinder"):
+                    radius, length = (
+                        float(_numbers(shape, name, (0.0,), where)[0])
+                        for name in ("radius", "length")
+                    )
+                    found.append((radius, length, _origin(body, where)))
+            if found:
+                return max(found, key=lambda cylinder: cylinder[0])
+        shapes = sorted({repr(shape.tag) for shape in element.findall("*/geometry/*")})
+        raise RobotDescriptionError(
+            f"{where} has {', '.join(shapes[:5]) or 'no geometry'}, expected a cylinder in its collision"
+            " or visual"
+        )
+
+
+def _origin(element: Element, where: str) -> Array:
+    """Read the element's origin; rpy are angles about the fixed axes x, y and z, in this order."""
+    origin, pose = element.find("origin"), np.eye(4)
+    angles = _numbers(origin, "rpy", (0.0, 0.0, 0.0), where)
+    pose[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+    pose[:3, 3] = _numbers(origin, "xyz", (0.0, 0.0, 0.0), where)
+    return pose
+
+
+def _numbers(element: Element | None, name: str, default: tuple[float, ...], where: str) -> Array:
+    text = None if element is None else element.get(name)
+    if element is None or text is None:
+        return np.array(default)
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != len(default) or not (np.abs(numbers) <= _LARGEST).all():
+        raise RobotDescriptionError(
+            f"{where}: {name} of its {element.tag} is {text[:60]!r}, expected"
+            f" {len(default)} number{'s' if len(default) > 1 else ''} of at most {_LARGEST:g}"
+        )
+    return numbers
+
+
+def _macro(root: Element) -> str:
+    """Return a sign of xacro that nobody expanded: an element of it, or ${} in a link's or joint's text."""
+    for element in root.iter():
+        if "xacro" in element.tag.partition("}")[0]:
+            return f"it has <xacro:{element.tag.rpartition('}')[2]}>"
+    for part in (*root.findall("link"), *root.findall("joint")):
+        for element in part.iter():
+            for name, text in element.items():
+                if name != "filename" and ("${" in text or "$(" in text):
+                    return f"{name} of a {element.tag} is {text[:60]!r}"
+    return ""

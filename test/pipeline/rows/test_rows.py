@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers to readings: a wheel at an instant, its slip and path, and whose track it rolls in.
+
+Tests `align.py`, `slip.py`, `motion.py` and `passes.py`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rows_of_drives import PLACES, drive, rover, run, static_rover
+
+
+def test_slip_speed_and_path_are_those_of_the_drive() -> None:
+    rows, _ = run(rover(), drive(20.0, slip=0.2))
+    assert len(rows) > 4 * 25 * 15
+    rolling = rows.take(rows.stamp > rows.stamp[0] + 3 * 10**9)
+    assert np.nanmedian(rolling.slip) == pytest.approx(0.2, abs=0.01)
+    assert np.nanmedian(rolling.speed) == pytest.approx(0.3, abs=0.01)
+    # It sets off after a second, and is read up to the last sample.
+    assert rows.distance.max() == pytest.approx(0.3 * 19.0, abs=0.1)
+    for wheel in range(len(PLACES)):
+        path = rows.path[rows.wheel == wheel]
+        assert (np.diff(path) > -1e-9).all()
+        assert path.max() == pytest.approx(0.3 * 19.0, abs=0.1)
+
+
+def test_a_wheel_that_stands_has_no_slip_and_is_said_to_stand() -> None:
+    rows, _ = run(rover(), drive(6.0, speed=lambda t: 0.0 * t))
+    assert np.isnan(rows.slip).all()
+    assert rows.path.max() == pytest.approx(0.0, abs=0.01)
+
+
+def test_rear_wheels_roll_in_the_track_of_front_ones() -> None:
+    """Passes before this one."""
+    rows, _ = run(rover(), drive(20.0))
+    names = list(PLACES)
+    late = rows.take(rows.distance > 2.0)
+    for wheel, name in enumerate(names):
+        passes = late.passes[late.wheel == wheel]
+        assert np.nanmedian(passes) == (0.0 if name.startswith("f") else 1.0), name
+
+
+def test_without_sensors_of_the_soil_there_are_readings_all_the_same() -> None:
+    rows, _ = run(static_rover(), drive(10.0, soil=False))
+    assert np.isnan(rows.sinkage).all()
+    assert np.isfinite(rows.slip).mean() > 0.7
