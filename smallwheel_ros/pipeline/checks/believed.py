@@ -143,8 +143,8 @@ class BelievedRows:
         side = np.array([wheel.lateral_position for wheel in rolling])
         turn = unknown(instants.size)
         if (side > 0.0).any() and (side < 0.0).any():
-            turn = 0.5 * (_mean(rims[side < 0.0]) - _mean(rims[side > 0.0]))
-        return _mean(rims), _mean(np.abs(rims)), turn
+            turn = 0.5 * (mean_of_known(rims[side < 0.0]) - mean_of_known(rims[side > 0.0]))
+        return mean_of_known(rims), mean_of_known(np.abs(rims)), turn
 
     def trust(self, instants: Integers) -> Trust:
         """How far the speed is believed at instants."""
@@ -191,8 +191,8 @@ class BelievedRows:
         return found
 
 
-def _mean(wheels: Array) -> Array:
-    """Mean over the wheels that are known, (instants,)."""
+def mean_of_known(wheels: Array) -> Array:
+    """Mean over the first axis of those that are known, NaN where none is."""
     known = np.isfinite(wheels)
     count = known.sum(axis=0)
     total = np.where(known, wheels, 0.0).sum(axis=0)

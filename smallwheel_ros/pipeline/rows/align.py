@@ -19,7 +19,7 @@ import numpy as np
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, STANDSTILL_SPEED, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
-from smallwheel_ros.pipeline.checks.believed import BelievedRows, Trust
+from smallwheel_ros.pipeline.checks.believed import BelievedRows, Trust, mean_of_known
 from smallwheel_ros.pipeline.checks.ground_speed import (
     COSINE,
     PITCH,
@@ -190,7 +190,8 @@ class Align:
         if not len(rims):
             return np.zeros(stamps.size)
         own = np.ptp(rims, axis=1)[self._order[wheel], np.arange(stamps.size)]
-        common = np.ptp(rims.mean(axis=0), axis=0)
+        # Of the wheels that are known: one that is doubted makes the others no surer.
+        common = np.ptp(mean_of_known(rims), axis=0)
         rolls = self._order[wheel] >= 0
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
 
