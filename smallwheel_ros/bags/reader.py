@@ -11,7 +11,8 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, Literal, NamedTuple
 
@@ -42,6 +43,7 @@ Storage = Literal["mcap", "sqlite3"]
 Key = tuple[str, str]  # topic and type
 # How a message begins that was compressed by itself; CDR begins otherwise.
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_HOLE = 30 * 86_400 * 10**9  # ns: no vehicle's recording goes on over a month without a message
 _KINDS = (".mcap", ".db3", ".bag")
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 _MEND = {
@@ -106,6 +108,9 @@ class BagReader:
         Log times of the first and the last message (ns), None when the bag is empty.
     storage
         In which a bag is to be written that is read like this one.
+    hole
+        How a hole of years in the times of recording was bridged, in words; empty where there is none. All
+        log times are those after that.
     damage
         What is wrong with the bag as far as it has been read, in words; empty where nothing is.
 
@@ -147,7 +152,48 @@ class BagReader:
         self.start_time = min((part.start_time for part in filled), default=None)
         # rosbags gives the first instant after the last message.
         self.end_time = max((part.end_time - 1 for part in filled), default=None)
+        self.hole = ""
+        self._shifts: list[
+            tuple[int, int]
+        ] = []  # log times up to which to shift, and by how much, ns
+        if self.start_time is not None and (self.end_time or 0) - self.start_time > _HOLE:
+            self._bridge()
         return self
+
+    def _bridge(self) -> None:
+        """Put what was recorded years before or after most messages beside these.
+
+        Before /clock ticks, recorders with use_sim_time write 0 (ros2/rosbag2#1276).
+        """
+        times = []
+        for part in self._parts:
+            with suppress(Exception):  # where it breaks is said when it is read
+                times += [time for _, time, _ in part.messages()]
+        times.sort()
+        ends = [i for i in range(1, len(times)) if times[i] - times[i - 1] > _HOLE]
+        parts = [times[i:k] for i, k in pairwise([0, *ends, len(times)])]
+        if not ends:
+            return
+        most = max(range(len(parts)), key=lambda i: len(parts[i]))
+        shifts = [0] * len(parts)
+        for i in range(most - 1, -1, -1):
+            shifts[i] = shifts[i + 1] + parts[i + 1][0] - parts[i][-1]
+        for i in range(most + 1, len(parts)):
+            shifts[i] = shifts[i - 1] - (parts[i][0] - parts[i - 1][-1])
+        self._shifts = [(part[-1], shift) for part, shift in zip(parts, shifts, strict=True)]
+        self.start_time, self.end_time = (
+            time + self._shift(time) for time in (times[0], times[-1])
+        )
+        others = len(times) - len(parts[most])
+        years = max(abs(shift) for shift in shifts) / 3.156e16
+        self.hole = (
+            f"{others} of {len(times)} messages were recorded {years:.1f} years from the others: they are put"
+            " beside these (use_sim_time before the clock ticked?)"
+        )
+
+    def _shift(self, time: int) -> int:
+        """By how much (ns) a log time is to be shifted."""
+        return next((shift for until, shift in self._shifts if time <= until), 0)
 
     def _opened(self, stack: ExitStack) -> Iterator[Any]:
         """Open all of the bag, or each of its files that can be opened."""
@@ -245,6 +291,7 @@ class BagReader:
                 for connection, time, data in part.messages(chosen) if chosen else ():
                     if data[:4] == _ZSTD:
                         data = zstd.decompress(data)
+                    time += self._shift(time) if self._shifts else 0
                     read, last = read + 1, time
                     yield RawMessage(connection.topic, connection.msgtype, time, bytes(data))
             except Exception as error:  # damaged bytes make rosbags raise as it likes

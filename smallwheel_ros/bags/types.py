@@ -96,11 +96,13 @@ class Definitions:
 
     def __init__(self, ros2: bool) -> None:
         self.ros2 = ros2
+        # What a definition of ROS 1 does not define is as ROS 1 has it: its headers have a number.
+        self._standard = typestore() if ros2 else get_typestore(Stores.ROS1_NOETIC)
         self._stores: dict[str, Typestore] = {}
 
     def is_known(self, topic: Connection) -> bool:
         """Whether a topic's type is defined in the bag, or known here."""
-        return bool(topic.msgdef.data) or topic.msgtype in typestore().fielddefs
+        return bool(topic.msgdef.data) or topic.msgtype in self._standard.fielddefs
 
     def decoder(self, topic: Connection, *, as_here: bool = False) -> Callable[[bytes], Any]:
         """Return what makes a message of a topic's bytes.
@@ -135,20 +137,22 @@ class Definitions:
 
     def _store(self, topic: Connection) -> Typestore:
         """Return what knows a topic's type: ours, or where the bag has another one, one of its own."""
-        kind, known = topic.msgtype, typestore().fielddefs
+        kind, known = topic.msgtype, self._standard.fielddefs
         if kind not in self._stores:
             if not topic.msgdef.data:
                 if kind not in known:
                     raise DefinitionError("its definition is neither in the bag nor known here")
-                return typestore()
+                return self._standard
             try:
                 found = _parsed(topic)
                 used = _used(kind, {**known, **found}, {})
                 same = all(known.get(name) == fields for name, fields in used.items())
-                store = typestore() if same else get_typestore(Stores.EMPTY)
+                store = self._standard if same else get_typestore(Stores.EMPTY)
                 if not same:
                     store.register(used)
             except Exception as error:  # whatever the parser makes of a wrong text
+                if not self.ros2 and kind in known:
+                    return self._standard
                 words = f"its definition cannot be understood ({reason(error)[:100]})"
                 raise DefinitionError(words) from error
             self._stores[kind] = store

@@ -60,7 +60,8 @@ def play(bag: Bag, *, rate: Pace = 1.0, wait: Seconds = 10.0) -> str:
     check_ros()
     from smallwheel_ros.ros.play import play_bag
 
-    return f"{bag}: {play_bag(Path(bag), rate, wait)} messages published"
+    published, hole = play_bag(Path(bag), rate, wait)
+    return "\n".join([f"{bag}: {published} messages published", *([hole] if hole else [])])
 
 
 def _shown(found: tuple[dict[str, Any], str], asked: Options) -> None:

@@ -45,10 +45,16 @@ def feed(
                 if stream in read:
                     parts.setdefault(stream, []).append((stamps, read[stream], order[index]))
                     continue
-                if streams.all[stream].received and topic.joints.get(stream) not in joints:
+                joint = topic.joints.get(stream)
+                if streams.all[stream].received and joint not in joints:
                     continue  # of another publisher: joint states come in parts
                 there = ", ".join(joints) or "no joint"
                 text = f"topic {name} has no value of its joint; it has {there}"
+                if joint in joints:
+                    what = "velocity" if stream.endswith("wheel_speed") else "effort"
+                    text = f"topic {name} names joint {joint} without {what}"
+                    again = f"{text}: is there more than one publisher?"
+                    text = again if streams.all[stream].received else text
                 streams.note(stream, "no_value", text, index.size)
     rows: dict[str, tuple[Integers, Array, Integers]] = {}
     for stream, groups_of in parts.items():

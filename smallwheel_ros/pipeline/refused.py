@@ -53,11 +53,12 @@ class ProblemLog:
         )
 
     def findings(self, received: Iterable[tuple[str, int]]) -> tuple[str, ...]:
-        """Streams of which much is refused, in words."""
+        """Streams of which much is refused, in words. received: of each, rows that were offered to it."""
         found = []
-        for name, count in received:
+        for name, rows in received:
             refused = self.refused(name)
-            if count >= _ENOUGH and refused > _MANY * count:
+            count = rows + sum(self.counts[name, reason] for reason in _NO_ROW)
+            if rows >= _ENOUGH and refused > _MANY * count:
                 newest = [text for key, text in self.words.items() if key[0] == name][-1]
                 found.append(
                     f"{name}: {refused / count:.0%} of the messages are refused (newest: {newest})"
@@ -65,5 +66,6 @@ class ProblemLog:
         return tuple(found)
 
 
+_NO_ROW = ("no_value", "not_readable")  # of messages that gave the stream no row
 # Reasons of streams that keep the message.
 _USED = frozenset(["no_orientation", "load_not_positive", "time_jump"])

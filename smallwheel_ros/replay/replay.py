@@ -96,6 +96,7 @@ class _Drive:
     def __init__(self, spec: ReplaySpec, reader: BagReader) -> None:
         self._spec, self._reader = spec, reader
         self._settings, self._notes = read_settings(spec, reader)
+        self._notes += [reader.hole] if reader.hole else []
         if not reader.message_count or reader.start_time is None:
             raise ReplayError(f"bag {spec.bag} has no messages: nothing can be estimated")
         if self._settings.soil.file and spec.soil_file is None:

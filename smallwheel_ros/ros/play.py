@@ -188,6 +188,11 @@ class _Player:
         """What is published."""
         return list(self._publishers)
 
+    @property
+    def hole(self) -> str:
+        """How a hole of years in the times of recording was bridged, in words."""
+        return self._reader.hole
+
     def heard(self, *names: str) -> bool:
         """Whether somebody listens to each of these topics."""
         return all(self._publishers[name].get_subscription_count() for name in names)
@@ -237,13 +242,16 @@ class _Player:
                 raise PlayError(f"the node {NODE_NAME} does not answer: {failure}")
 
 
-def play_bag(bag: Path, rate: float, wait: float) -> int:
-    """Publish a bag at its pace once somebody listens to it, at most after `wait` s; return how much."""
+def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
+    """Publish a bag at its pace once somebody listens to it, at most after `wait` s.
+
+    Returns how many messages, and how a hole in the times of recording was bridged, in words.
+    """
     with _Player(bag, lambda: None) as player:
         limit = time.monotonic() + wait
         while time.monotonic() < limit and not player.heard(*player.topics):
             player.spin_until(time.monotonic() + 0.1)
-        return player.play(rate)
+        return player.play(rate), player.hole
 
 
 def _stamp_of(data: bytes) -> int:

@@ -438,3 +438,31 @@ def test_what_a_killed_recorder_left_in_its_log_is_said(tmp_path):
     good, text = salvaged(killed)
     assert good == whole
     assert "a log beside it, whose messages are not read" in text
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("odd", ["first", "last"])
+def test_a_hole_of_years_in_the_times_of_recording_is_bridged(tmp_path, storage, odd) -> None:
+    second, begin = 10**9, 1_700_000_000 * 10**9
+    times = [begin + i * second // 10 for i in range(100)]
+    others = [0] * 5 if odd == "first" else [begin + 30 * 10**16 + i for i in range(5)]
+    kind = "std_msgs/msg/String"
+    with BagWriter(tmp_path / "bag", storage=storage) as writer:
+        for i, time in enumerate(sorted(times + others)):
+            writer.write("/text", kind, time, message_type(kind)(data=str(i)))
+    with BagReader(tmp_path / "bag") as reader:
+        assert "5 of 105 messages were recorded" in reader.hole
+        logged = [message.log_time for message in reader.messages()]
+        assert logged == sorted(logged)
+        assert begin <= logged[0] <= logged[-1] < begin + 10 * second
+        assert (reader.start_time, reader.end_time) == (logged[0], logged[-1])
+
+
+def test_a_night_between_two_drives_is_no_hole(tmp_path) -> None:
+    kind, night = "std_msgs/msg/String", 12 * 3600 * 10**9
+    with BagWriter(tmp_path / "bag") as writer:
+        for time in (1, night):
+            writer.write("/text", kind, time, message_type(kind)(data=""))
+    with BagReader(tmp_path / "bag") as reader:
+        assert reader.hole == ""
+        assert [message.log_time for message in reader.messages()] == [1, night]

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from rosbags.convert.converter import migrate_bytes
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from smallwheel_ros.bags import BagReader, typestore
 from smallwheel_ros.cli import main
@@ -101,3 +105,39 @@ def test_a_definition_with_more_fields_is_read(drive, rover, tmp_path):
             more = bytes(8) if raw.type == SINKAGE else b""
             writer.write(connections[raw.topic], raw.log_time, raw.data + more)
     replayed(target, rover, tmp_path / "out", 0)
+
+
+# --- ROS 1: definitions without those of the messages in them
+
+
+def ros1(bag: Path, target: Path, broken: set[str]) -> Path:
+    """Odometry and joint states of a bag as ROS 1 has them; those of some topics lack their parts."""
+    old, names = get_typestore(Stores.ROS1_NOETIC), {"/odom", "/joint_states"}
+    with BagReader(bag) as reader, Ros1Writer(target) as writer:
+        connections = {}
+        for topic in reader.topics:
+            if topic.name in names:
+                text, digest = old.generate_msgdef(topic.type)
+                if topic.name in broken:
+                    text = text.split("=" * 80)[0].replace("std_msgs/Header", "Header")
+                options = {"typestore": old, "msgdef": text, "md5sum": digest}
+                connections[topic.name] = writer.add_connection(topic.name, topic.type, **options)
+        for raw in reader.raw_messages(names):
+            convert = partial(migrate_bytes, typestore(), old, raw.type, raw.type, {})
+            data = convert(raw.data, src_is2=True, dst_is2=False)
+            writer.write(connections[raw.topic], raw.log_time, data)
+    return target
+
+
+@pytest.mark.parametrize("broken", [set(), {"/odom"}, {"/odom", "/joint_states"}])
+def test_a_definition_of_ros1_without_its_parts_is_the_standard_one(drive, tmp_path, broken):
+    bag = ros1(drive, tmp_path / "old.bag", broken)
+    with BagReader(drive) as one, BagReader(bag) as other:
+        wanted = [
+            (m.topic, m.message.header.stamp) for m in one.messages({"/odom", "/joint_states"})
+        ]
+        found = [
+            (m.topic, m.message.header.stamp) for m in other.messages({"/odom", "/joint_states"})
+        ]
+        assert found == wanted
+        assert not other.damage

@@ -85,7 +85,8 @@ class Dead:
 class Held:
     """How often most others change while a joint shows one value, not 0, bit for bit.
 
-    The largest value of all, which joints of both sides have shown, is a limit of the drivers, and no fault.
+    The largest value of all, which joints of both sides have shown, is a limit of the drivers, and no fault;
+    so is one that another joint holds bit for bit, too.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
@@ -106,8 +107,11 @@ class Held:
         moves = np.nan_to_num(np.abs(x)).max(axis=1, initial=0.0) > MOVES
         for i, (name, run) in enumerate(zip(self.names, self.runs, strict=True)):
             others = np.delete(changes, i, axis=1).sum(axis=1) > (len(self.names) - 1) / 2
+            held = np.delete(np.where(changes, np.nan, np.abs(x)), i, axis=1)
+            shared = np.isin(np.abs(x[:, i]), held[np.isfinite(held)])
+            own = ~shared & (x[:, i] != 0) & (np.abs(x[:, i]) != limit) & np.isfinite(x[:, i])
             run.extend(
-                ~changes[:, i] & (x[:, i] != 0) & (np.abs(x[:, i]) != limit) & np.isfinite(x[:, i]),
+                ~changes[:, i] & own,
                 (others & moves).astype(float),
                 t,
             )

@@ -100,11 +100,14 @@ def _sinkage(wheel: str) -> Callable[[Fields, list[str]], Rows]:
 
 
 def _range(stream: str, height: float) -> Callable[[Fields, list[str]], Rows]:
-    """Distance to the ground: what the sensor is nearer to it, the wheel is deeper."""
+    """Distance to the ground: what the sensor is nearer to it, the wheel is deeper.
+
+    At its limits a sensor sees nothing (REP 117): drivers that write no infinity write the limit.
+    """
 
     def read(of: Fields, _: list[str]) -> Rows:
         distance, low, high = of["range"], of["min_range"], of["max_range"]
-        good = np.isfinite(distance) & ((high <= low) | ((low <= distance) & (distance <= high)))
+        good = np.isfinite(distance) & ((high <= low) | ((low < distance) & (distance < high)))
         variance = of.get("variance", np.zeros_like(distance))
         return {stream: np.hstack([np.where(good, height - distance, np.nan), variance])}
 

@@ -45,6 +45,11 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
         "odom": ("speed", "yaw rate", "x", "y"),
         "velocity": ("speed", "yaw rate"),
     }.get(kind, (kind,))
+    if kind == "sinkage" and math.isnan(values[0]):
+        return (
+            "not_finite",
+            "sinkage is nan: no reading, or a distance at or beyond the sensor's limits (REP 117)",
+        )
     for name, value in zip(names, values, strict=False):
         if not abs(value) < _LARGEST:
             reason = "not_plausible" if math.isfinite(value) else "not_finite"

@@ -142,13 +142,15 @@ def test_nearer_ground_is_a_deeper_wheel() -> None:
     assert rows.sinkage_std == pytest.approx(0.002, rel=1e-5)
 
 
-@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 0.01, 3.0])
+# The last two are its limits: so drivers write that nothing is in view, where REP 117 asks for infinity.
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 0.01, 3.0, 0.05, 2.0])
 def test_a_distance_outside_of_its_limits_is_counted(value: float) -> None:
     fed = by_range()
     fed.give("front/sinkage", distance(START, value))
     assert sum(fed.counts.values()) == 1
     (problem,) = fed.pipeline.take_problems()
     assert problem.stream == "front/sinkage"
+    assert "no reading" in problem.text
     assert fed.pipeline.rejected == 1
 
 
