@@ -61,6 +61,7 @@ _SMOOTH = (
     0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
 )
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
+_NEAR = 6  # lags of 0.1 s that three messages in a row span, of an odometry of 4 Hz and more
 _GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
 _UNTRIED = (
     0.1  # m/s at rest, as a share like `_SLOW`: six odometries of real robots had 0.04 to 0.2
@@ -94,9 +95,8 @@ class Known:
 class _Sums:
     """Running sums of what is learnt, and what they were at the end of the last piece of way."""
 
-    spread: list[RunningDeviation] = field(
-        default_factory=lambda: [RunningDeviation(_GUESSED) for _ in range(2)]
-    )
+    quick: RunningDeviation = field(default_factory=lambda: RunningDeviation(_GUESSED))
+    lasting: RunningDeviation = field(default_factory=lambda: RunningDeviation(_GUESSED))
     late: Array = field(default_factory=lambda: np.zeros(2))
     speed: Array = field(default_factory=lambda: unknown(2))
     way: float = 0.0
@@ -272,7 +272,7 @@ class GroundSpeed:
         changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
         changed_way = np.maximum(changed_way, sums.changed_way)
         sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
-        variance = self._spread(now, middle, back, speed, off, mean[:, [0, -2, -1]])
+        variance = self._spread(now, middle, back, speed, off, mean)
         lag = self._lag(now, middle, speed, turn, mean[:, : LAGS.size])
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
@@ -294,16 +294,19 @@ class GroundSpeed:
         """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
 
         off: m, of a place from the line between its neighbours, as `_off_line` has it. rims: their mean
-        speed then, `_APART` and twice that before, (rows, 3).
+        speed `LAGS`, `_APART` and twice that before, (rows, lags + 2).
         """
         sums = self._sums
         apart = [now.speeds(middle - k * _APART)[:, 0] for k in (1, 2)]
         with np.errstate(invalid="ignore"):
-            most = np.abs(rims).max(axis=1)
-            change = np.where(most > STANDSTILL_SPEED, np.ptp(rims, axis=1) / most, np.nan)
+            whole, near = rims[:, [0, -2, -1]], rims[:, :_NEAR]
+            most = np.abs(whole).max(axis=1)
+            size = np.where(most > STANDSTILL_SPEED, most, np.nan)
+            change, change_near = np.ptp(whole, axis=1) / size, np.ptp(near, axis=1) / size
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
-        bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
+        lasting = speed - 2.0 * apart[0] + apart[1]
+        quick = speed - 2.0 * before[1:-1] + before[:-2]
         told: Array = np.full(back.size, self.settings.noise.speed**2)
         with np.errstate(invalid="ignore", divide="ignore"):
             late2 = (off**2 - _PLACE**2) / rims[:, 0] ** 2
@@ -315,12 +318,12 @@ class GroundSpeed:
         # Errors of stamps grow with the speed: fast and slow rows tell of each other by this share.
         with np.errstate(invalid="ignore"):
             share = _SLOW**2 + np.nan_to_num(np.fmax(most, np.abs(speed))) ** 2
-        for i, bend in enumerate(bends):
-            good = (change < _STEADY) & np.isfinite(bend)
-            sizes = np.abs(bend) / np.sqrt(6.0 * share)
-            learnt = sums.spread[i].take(
-                good, sizes, np.sqrt(np.maximum(told / share, _UNTRIED**2))
-            )
+        # What three messages in a row show is there first, and as much goes for errors that last.
+        learnt = np.sqrt(np.maximum(told / share, _UNTRIED**2))
+        kinds = (quick, change_near, sums.quick), (lasting, change, sums.lasting)
+        for bend, changes, deviation in kinds:
+            good = (changes < _STEADY) & np.isfinite(bend)
+            learnt = deviation.take(good, np.abs(bend) / np.sqrt(6.0 * share), learnt)
             found = np.maximum(found, share * learnt**2)
         return np.asarray(found)
 
