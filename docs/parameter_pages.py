@@ -10,7 +10,7 @@ import textwrap
 from pathlib import Path
 
 from smallwheel_ros.common.node_parameter import WHEEL, NodeParameter, Value, written
-from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL, parameters_for
+from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL
 
 _EXAMPLE_WHEEL = "front_left"
 _EXAMPLES: dict[str, Value] = {
@@ -20,7 +20,10 @@ _EXAMPLES: dict[str, Value] = {
 }
 _INTRODUCTION = (
     "Made by `python docs/parameter_pages.py` from `smallwheel_ros/onboard/declared.py`, as"
-    " [config/template.yaml](../config/template.yaml) is. A `double` needs a point: `1.0`, not `1`. A name"
+    " [config/template.yaml](../config/template.yaml) is. An integer is taken where a `double` is meant."
+    " `all_wheels.`*name* gives each wheel a parameter that has none of its own; `<wheel>` in a text is the"
+    " wheel's name. Then counts the robot's description, then `vehicle.track` and `vehicle.wheelbase`, then"
+    " the default. A name"
     " that is unknown is a warning; one that is missing or wrong is an error: the node is not configured, a"
     " replay has exit code 2. *At start*: only from a"
     " file or the command line."
@@ -44,7 +47,7 @@ def template() -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    table = parameters_for([_EXAMPLE_WHEEL])
+    table = (*GENERAL, *(row.for_wheel(_EXAMPLE_WHEEL) for row in PER_WHEEL))
     needed = {p.name.split(".")[0] for p in table if p.required}
     group = ""
     for parameter in table:

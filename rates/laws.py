@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from rates.judges import Judge, Line, Subject, share
-from smallwheel_ros.benchmark.laws import CONSTANT, SIZE_LAWS, Fold, predictions
-from smallwheel_ros.benchmark.parts import Task, tasks_of
-from smallwheel_ros.benchmark.table import Errors, difference
+from smallwheel_ros.compare.fitted_laws import CONSTANT, SIZE_LAWS, Fold, predictions
+from smallwheel_ros.compare.law_table import Errors, difference
+from smallwheel_ros.compare.left_out import Task, tasks_of
 from smallwheel_ros.fitting.points import points_of
 from smallwheel_ros.measurements.from_file import read_measurements
 

@@ -42,7 +42,8 @@ class Kind:
     type: of each value. within: its lowest and highest, None: none. several: it may be given several times.
     unnamed: it stands without a name where it is the first of its function. names: of the option, where they
     are not the parameter's. say: a text behind that of the docstring. read: makes of what was typed what the
-    function takes. of_table: levels of settings of the table that is read.
+    function takes. of_table: levels of settings of the table that is read. or_folder: of a table, it may be
+    a folder, which the function reads itself.
     """
 
     metavar: str | None = None
@@ -54,6 +55,7 @@ class Kind:
     say: str = ""
     read: Callable[[Any], Any] | None = None
     of_table: bool = False
+    or_folder: bool = False
 
 
 def unheard(*progress: object) -> None:
@@ -158,11 +160,12 @@ Remaps = Annotated[
 Copied = Annotated[Copy, Kind()]
 Hertz = Annotated[float, Kind("HZ", type=float, within=(0.0, 1000.0))]
 
-DataSets = Annotated[str | PathLike[str], Kind(type=Path, unnamed=True)]
+DataOrSets = Annotated["_Table", Kind("DATA|FOLDER", type=Path, unnamed=True, or_folder=True)]
 OwnLaws = Annotated[str | PathLike[str], Kind("FILE", type=Path)]
 BagOrUrdf = Annotated[str | PathLike[str], Kind("[BAG|URDF]", type=Path, unnamed=True)]
 Urdf = Annotated[str | PathLike[str], Kind("FILE", type=Path)]
 Count = Annotated[int, Kind("N", type=int)]
+TopicName = Annotated[str, Kind("NAME")]
 Distance = Annotated[float, Kind(type=float, within=(2.0, 500.0))]
 Pace = Annotated[float, Kind(type=float, within=(0.001, 1000.0))]
 Seconds = Annotated[float, Kind(type=float, within=(0.0, 86400.0))]

@@ -17,14 +17,13 @@ from smallwheel_ros.common.release import __version__
 # name: (where it is, what `smallwheel --help` says of it)
 COMMANDS = {
     "predict": ("commands.physics:predict", "Sinkage, resistance and drawbar pull of a wheel on a soil."),
-    "compare": ("commands.bench:compare", "Models against measurements, side by side."),
+    "compare": ("commands.bench:compare", "Models on a table, or laws on a folder of data, side by side."),
     "diagnose": ("commands.bench:diagnose", "Find which physical effect a model is missing."),
     "learn": ("commands.bench:learn", "Learn a law that no known effect explains, into a file."),
     "fit": ("commands.bench:fit", "Calibrate soil and effects on measurements, write a model file."),
     "add": ("commands.bench:add", "Add one effect to a model file, see whether the error falls."),
     "report": ("commands.bench:report", "All results for a table in one HTML page."),
     "effects": ("commands.physics:effects", "List the effects, or explain one."),
-    "benchmark": ("commands.bench:benchmark", "A table of laws on public data, parts left out in turn."),
     "paper": ("commands.physics:paper", "The paper's own numbers, computed and judged."),
     "init": ("commands.init:init", "A rover's parameter file, from a bag, a URDF or a number of wheels."),
     "node": ("ros:node", "The node on the robot, without the command line of ROS."),

@@ -1,25 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`compare`: models against measurements."""
+"""`compare`: models against measurements, and laws on a folder of data sets."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 from smallwheel_ros.api.read import read
-from smallwheel_ros.arguments import Data, Models, OwnEffects, unheard
+from smallwheel_ros.arguments import DataOrSets, Models, OwnEffects, OwnLaws, unheard
+from smallwheel_ros.common.errors import ArgumentError
 from smallwheel_ros.model.given import registry_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from smallwheel_ros.compare.comparison import Comparison
+    from smallwheel_ros.compare.data_sets import Benchmark
+    from smallwheel_ros.compare.law_table import LawTable
+    from smallwheel_ros.measurements.measurements import Measurements
 
 
+@overload
 def compare(
-    data: Data,
+    data: "Measurements | pd.DataFrame",
     models: Models = (),
     *,
     effects: OwnEffects | None = None,
-    progress: Callable[[int, int], object] = unheard,
-) -> "Comparison":
-    """Compare models with measurements.
+    progress: Callable[..., object] = unheard,
+) -> "Comparison": ...
+
+
+@overload
+def compare(
+    data: "str | PathLike[str]",
+    models: Models = (),
+    *,
+    effects: OwnEffects | None = None,
+    law: OwnLaws | None = None,
+    done: "Callable[[LawTable], object]" = unheard,
+    progress: Callable[..., object] = unheard,
+) -> "Comparison | Benchmark": ...
+
+
+def compare(
+    data: DataOrSets,
+    models: Models = (),
+    *,
+    effects: OwnEffects | None = None,
+    law: OwnLaws | None = None,
+    done: "Callable[[LawTable], object]" = unheard,
+    progress: Callable[..., object] = unheard,
+) -> "Comparison | Benchmark":
+    """Compare models with measurements, or laws on a folder of measured data sets.
 
     The closed forms of Bekker and of Meirion-Griffith & Spenko, the contact integral and, where pull or
     torque was measured, the law of Wong and Reece are fitted to the data, and judged on runs that were
@@ -27,16 +59,27 @@ def compare(
     are given for each channel, soil, wheel and range of conditions, beside the repeatability within
     runs. `diagnose` works out what error a true model would leave.
 
+    In a folder a data set is a folder with its licence (a file LICENSE) and its tables. Sizes of plates,
+    levels of slip, wheels, runs and soils are left out in turn, and every law is fitted to the rest: the
+    mean of the rest, Bernstein-Goriatchkin, Bekker, Reece, Meirion-Griffith & Spenko, Wong and Reece
+    where pull or torque was measured, the contact integral, and ours, which adds the effects that a
+    diagnosis of the rest names. The errors are those on what was left out; ours wins, loses, or cannot
+    be told from each other law.
+
     Parameters
     ----------
     data
-        The measurements.
+        The measurements, or a folder of data sets.
     models : one, several, or several by name
-        A further model to compare, used as it is.
+        A further model to compare on a table, used as it is.
     effects : or what `sw.effects.load` made of it
         A Python file with effects of your own. It is run: name only files that you trust.
+    law
+        A Python file with laws of your own to enter for a folder, which is run.
+    done
+        Given each set of rows of a folder when its laws are through.
     progress
-        Told how many of how many fits are done.
+        Told how many of how many fits are done; for a folder, in words what is worked on.
 
     Examples
     --------
@@ -45,6 +88,19 @@ def compare(
     >>> [model.contender.name for model in found.models]
     ['constant', 'log_log_regression', 'bekker', 'meirion_griffith_spenko', 'contact_integral', 'sand']
     """
+    if isinstance(data, (str, PathLike)) and Path(data).is_dir():
+        from smallwheel_ros.compare.data_sets import held_against
+
+        if models or effects is not None:
+            raise ArgumentError(
+                f"{data}: found a folder, whose laws are fitted in turn; models and effects go with a table, "
+                "laws of your own with --law FILE (law=FILE)"
+            )
+        return held_against(Path(data), None if law is None else Path(law), done, progress)
+    if law is not None:
+        raise ArgumentError(
+            f"law: found {law}, but the data is no folder of data sets; a table is compared with models"
+        )
     from smallwheel_ros.compare.comparison import comparison_of
     from smallwheel_ros.compare.contenders import contenders_of
 

@@ -8,7 +8,6 @@ from typing import Any
 import click
 
 from smallwheel_ros.api.add import add as add_effect
-from smallwheel_ros.api.benchmark import benchmark as laws_on_data
 from smallwheel_ros.api.compare import compare as compare_models
 from smallwheel_ros.api.diagnose import diagnose as diagnose_data
 from smallwheel_ros.api.fit import fit as fit_tests
@@ -36,8 +35,40 @@ fit = command(
     words="-o writes a model file for the other commands and the node.",
 )
 
+
+def _tables_shown(asked: Options) -> Options:
+    """Each table of a folder is printed as soon as it is done."""
+    from tqdm import tqdm
+
+    from smallwheel_ros.views.law_table import table_text
+
+    def done(table: Any) -> None:
+        if asked["json_file"] != "-":
+            with tqdm.external_write_mode():
+                click.echo(f"{table_text(table)}\n")
+
+    return {"done": done}
+
+
+def _compared(result: Any, asked: Options) -> None:
+    from smallwheel_ros.compare.data_sets import Benchmark
+    from smallwheel_ros.views.law_table import ending
+
+    finish(result, asked, ending(result) if isinstance(result, Benchmark) else None)
+
+
 compare = command(
-    compare_models, JSON, PLOTS, HTML, words="A model file is compared beside these.", bar=_FITTING
+    compare_models,
+    output("Write the errors as a table (CSV)."),
+    JSON,
+    PLOTS,
+    HTML,
+    words="A model file is compared beside these.\n\n"
+    "Of a folder each table is printed as soon as it is done. --law enters a law of your own: a class of "
+    "about ten lines (docs/benchmark.md).",
+    heard=_tables_shown,
+    finish=_compared,
+    bar=_FITTING,
 )
 
 
@@ -135,36 +166,3 @@ def report(**options: Any) -> None:
     page(diagnosis, comparison, choices).write(options["output"])
     found = {"comparison": comparison.to_dict(), "diagnosis": diagnosis.to_dict()}
     tell({"schema": 1, **found}, f"written: {options['output']}", options["json_file"])
-
-
-def _tables_shown(asked: Options) -> Options:
-    """Each table of the benchmark is printed as soon as it is done."""
-    from tqdm import tqdm
-
-    from smallwheel_ros.views.benchmark import table_text
-
-    def done(table: Any) -> None:
-        if asked["json_file"] != "-":
-            with tqdm.external_write_mode():
-                click.echo(f"{table_text(table)}\n")
-
-    return {"done": done}
-
-
-def _benchmarked(result: Any, asked: Options) -> None:
-    from smallwheel_ros.views.benchmark import ending
-
-    finish(result, asked, ending(result))
-
-
-benchmark = command(
-    laws_on_data,
-    output("Write the errors as a table (CSV)."),
-    JSON,
-    HTML,
-    words="Each table is printed as soon as it is done.\n\n"
-    "--law enters a law of your own: a class of about ten lines (docs/benchmark.md).",
-    heard=_tables_shown,
-    finish=_benchmarked,
-    bar={"what": "benchmark", "unit": "fit"},
-)

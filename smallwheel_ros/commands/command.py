@@ -188,6 +188,14 @@ def with_table(function: Function, given: Given) -> Given:
         return given
     arguments = dict(given)
     how, data = arguments.pop("how"), arguments.get("data")
+    if isinstance(data, Path) and data.is_dir() and kinds_of(function)["data"][0].or_folder:
+        defaults = inspect.signature(read).parameters
+        for name, value in how.items():
+            if value not in (None, (), {}, defaults[name].default):
+                raise CommandError(
+                    f"{data}: found a folder; --{name.replace('_', '-')} goes with one table"
+                )
+        return arguments
     if isinstance(data, tuple):
         return arguments | {"data": [told(read_test(path, **how)) for path in data]}
     if data is not None:

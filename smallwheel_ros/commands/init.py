@@ -26,9 +26,8 @@ def _written(rover: Rover, asked: Options) -> None:
     tell(rover.to_dict(), rover.text(), asked["json_file"], [file])
     if rover.missing and shown:
         click.echo(f"look for {FILL_IN} in {file}")
-    if rover.remaps and shown:
-        remaps = " ".join(f"--remap {name}:={topic}" for name, topic in rover.remaps.items())
-        click.echo(f"then: smallwheel replay {rover.origin} --config {file} {remaps} -o out")
+    if rover.of_bag and shown:
+        click.echo(f"then: smallwheel replay {rover.origin} --config {file} -o out")
 
 
 init = command(

@@ -29,10 +29,11 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 import yaml
 
 Kind = Literal["double", "integer", "string", "bool", "string_array"]
-Form = Literal["any", "topic", "path"]
+Form = Literal["any", "topic", "no_topic", "path"]
 Value = float | int | str | bool | list[str]
 
-WHEEL = "<wheel>"  # stands for a wheel's name, in names and defaults
+WHEEL = "<wheel>"  # stands for a wheel's name, in names, defaults and values of `ALL`
+ALL = "all_wheels"  # parameters that each wheel has that has none of its own
 _TYPES: dict[str, type] = {
     "double": float,
     "integer": int,
@@ -61,7 +62,7 @@ class NodeParameter:
     name
         Full name; `<wheel>` in it stands for each wheel's name.
     kind
-        Of its value; a double needs a point.
+        Of its value; an integer where a double is meant is taken for one.
     default
         None: there is none. It must then be given, or is optional (see the description).
     description
@@ -71,7 +72,8 @@ class NodeParameter:
     choices
         What a text or an integer may be; empty: anything.
     form
-        What a text must be besides a text: the name of a topic or of a file, where it is not empty.
+        What a text must be besides a text: the name of a topic, of a topic or empty (no_topic), or of a
+        file or empty.
     at_start
         Whether it counts only in the file or command line that the node is started with.
     """
@@ -95,6 +97,14 @@ class NodeParameter:
             default = default.replace(WHEEL, wheel)
         return replace(self, name=self.name.replace(WHEEL, wheel), default=default)
 
+    def for_all(self) -> NodeParameter:
+        """Return the parameter that is said once of all wheels."""
+        return replace(self, name=self.name.replace(WHEEL, ALL), default=None, required=False)
+
+    def taken(self, value: Any) -> Any:
+        """Return a good value as it is used: 280 is 280.0 where a double is meant."""
+        return float(value) if self.kind == "double" and type(value) is int else value
+
     @property
     def expected(self) -> str:
         """What a value must be, in words."""
@@ -115,7 +125,9 @@ class NodeParameter:
             missing = f"parameter {self.name} is missing, expected {self.expected}"
             return missing if self.required else None
         found = f"parameter {self.name} is"
-        if type(value) is not _TYPES[self.kind]:
+        if type(value) is not _TYPES[self.kind] and not (
+            self.kind == "double" and type(value) is int  # a bool is none
+        ):
             kind = _NAMES.get(type(value), type(value).__name__)
             return f"{found} {kind} {value!r}, expected {self.expected}{self._mend(value)}"
         good = not self.choices or value in self.choices
@@ -125,7 +137,7 @@ class NodeParameter:
             good = good and self.spans(value)
         if not good:
             return f"{found} {value!r}, expected {self.expected}"
-        wrong = self._malformed(value) if isinstance(value, str) and value else None
+        wrong = self._malformed(value) if isinstance(value, str) else None
         return f"{found} {value!r}, expected {wrong}" if wrong else None
 
     def spans(self, value: float) -> bool:
@@ -138,7 +150,10 @@ class NodeParameter:
 
     def _malformed(self, value: str) -> str | None:
         """What a text is expected to be, if it is not of its form."""
-        if self.form == "topic" and not (_TOPIC.fullmatch(value) and len(value) <= _LONGEST_TOPIC):
+        if not value and self.form != "topic":
+            return None
+        named = _TOPIC.fullmatch(value) and len(value) <= _LONGEST_TOPIC
+        if self.form in ("topic", "no_topic") and not named:
             return (
                 f"the name of a topic, at most {_LONGEST_TOPIC} letters, digits and _, in parts"
                 " divided by / that do not begin with a digit"
@@ -151,8 +166,6 @@ class NodeParameter:
         return None
 
     def _mend(self, value: object) -> str:
-        if self.kind == "double" and type(value) is int:
-            return f": write {value}.0"
         if self.kind == "integer" and type(value) is float and value.is_integer():
             return f": write {int(value)}"
         if self.kind == "string" and isinstance(value, (int, float, bool)):
@@ -203,9 +216,9 @@ def parameter(
     return field(default=default, metadata={"parameter": what})
 
 
-def topic(default: str, text: str) -> Any:
+def topic(default: str, text: str, *, at_start: bool = False) -> Any:
     """Declare the name of a topic; empty: none."""
-    return parameter(default, text=text, form="topic")
+    return parameter(default, text=text, form="no_topic", at_start=at_start)
 
 
 def path(text: str, *, at_start: bool = False) -> Any:

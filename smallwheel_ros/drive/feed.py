@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
 from smallwheel_ros.pipeline.intake.decoder import Decoder
 from smallwheel_ros.pipeline.intake.inputs import Topic
 from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -51,7 +52,8 @@ def feed(
                 there = ", ".join(joints) or "no joint"
                 text = f"topic {name} has no value of its joint; it has {there}"
                 if joint in joints:
-                    what = "velocity" if stream.endswith("wheel_speed") else "effort"
+                    turns = stream.endswith("wheel_speed")
+                    what = "velocity or position" if turns else "effort"
                     text = f"topic {name} names joint {joint} without {what}"
                     again = f"{text}: is there more than one publisher?"
                     text = again if streams.all[stream].received else text
@@ -64,4 +66,21 @@ def feed(
         stamps, values, order = (np.concatenate(column) for column in zip(*groups_of, strict=True))
         sort = np.argsort(order, kind="stable")
         rows[stream] = stamps[sort], values[sort], order[sort]
+    _by_their_joints(pipeline, rows)
     streams.add_rows(rows, np.array([now for _, _, now in chunk], dtype=np.int64))
+
+
+def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]) -> None:
+    """Speeds of wheels, in place of what messages have of their joints; what that is made of is said once."""
+    for stream in [name for name in rows if name.endswith("/wheel_speed")]:
+        stamps, values, order = rows.pop(stream)
+        joint = pipeline.joints[stream]
+        before, left_out = joint.by_positions, joint.left_out
+        found, speeds, index = joint.take(stamps, values[:, 0], values[:, 1], values[:, 2] > 0.0)
+        if joint.by_positions and not before:
+            pipeline.note(stream, "by_positions", BY_POSITIONS, unused=False)
+        if times := joint.left_out - left_out:
+            text = "its joint comes without velocity, which it has had: is there more than one publisher?"
+            pipeline.note(stream, "no_value", text, times)
+        if found.size:
+            rows[stream] = found, speeds[:, None], order[index]

@@ -30,23 +30,6 @@ Kind = TypeVar("Kind")
 
 PACKAGE = "smallwheel_ros.effects"  # this one, and the group of entry points of others
 
-# Forms that no data chose, or that equal another effect. A model file that has one is refused.
-_GONE = {
-    "slip_sinkage": ("linear", "lyasko", "lug_digging", "exponent_shift", "dug_exponential",
-                     "dug_quadratic"),
-    "skid_sinkage": ("exponential", "linear", "dug_quadratic"),
-    "slip_angle_sinkage": ("exponential",),
-    "bulldozing": ("hegedus", "power"),
-    "penetration_rate": ("logarithmic",),
-    "load_dependent_modulus": ("saturating",),
-    "width_dependent_modulus": ("power",),
-    "multipass": ("logarithmic", "rut_power"),
-    "elastic_rebound": ("share",),
-    "grouser": ("partly_dug_lug_digging", "effective_radius"),
-    "rig_friction": ("constant",),
-    "slip_resistance": ("signed",),
-}  # fmt: skip
-
 # The laws that any column may drive, and the prefixes of their ids.
 _COLUMN_LAWS = [
     law
@@ -139,11 +122,6 @@ class Registry(Mapping[str, type[Effect]]):
     def form(self, id: str, form: str | None = None) -> type[Effect]:
         """Give one form of an effect, the default one for None. Raises EffectError as `family`."""
         known = {cls.form: cls for cls in self.family(id)}
-        if form in _GONE.get(id, ()):
-            raise EffectError(
-                f"effect '{id}' has no form '{form}': it went in 0.3.0; fit again "
-                f"(`smallwheel fit --effects {id}`)"
-            )
         if form is not None and form not in known:
             raise EffectError(f"effect '{id}' has no form '{form}': {nearest(form, list(known))}")
         return next(iter(known.values())) if form is None else known[form]

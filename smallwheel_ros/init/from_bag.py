@@ -12,14 +12,20 @@ from typing import Any, cast
 
 import numpy as np
 
-from smallwheel_ros.arguments import BagOrUrdf, Count, Urdf
+from smallwheel_ros.arguments import BagOrUrdf, Count, TopicName, Urdf
 from smallwheel_ros.bags import BagError, BagReader
 from smallwheel_ros.common.node_parameter import Value
+from smallwheel_ros.init.joint_topics import (
+    USUAL,
+    free_joints,
+    joint_states_of,
+    of_robot,
+    turning_wheels,
+)
 from smallwheel_ros.init.recorded import (
     JointSpeeds,
     Speed,
     is_of_wheels,
-    joint_speeds,
     signs_of,
     speed_of,
     unlike_wheels,
@@ -34,14 +40,17 @@ from smallwheel_ros.init.rover import (
     rover_of_wheels,
     wheel_joints,
 )
-from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE, fill_silent
+from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
+from smallwheel_ros.onboard.robot_description import (
+    DESCRIPTION_TYPE,
+    described_mass,
+    fill_silent,
+)
 from smallwheel_ros.onboard.urdf import RobotDescriptionError
 from smallwheel_ros.onboard.wheel_names import (
-    PLACES,
     best_match,
     only_or_best_match,
     wheels_named_by,
-    words_of,
 )
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -51,41 +60,46 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINTS = "sensor_msgs/msg/JointState"
 TWIST = "geometry_msgs/msg/TwistStamped"
 IMU = "sensor_msgs/msg/Imu"
-# Words of joints that turn no wheel.
-_NO_WHEEL = (
-    "steer", "steering", "corner", "arm", "caster", "castor", "pan", "tilt", "camera", "rocker", "bogie",
-)  # fmt: skip
 
 
-def rover_of_bag(path: Path, urdf: Path | None = None) -> Rover:
+def rover_of_bag(
+    path: Path,
+    urdf: Path | None = None,
+    joint_states: str | None = None,
+    namespace: str | None = None,
+) -> Rover:
     """The rover of a recorded drive. urdf: a robot description, in place of the bag's.
 
+    joint_states: the topic that has the wheels' joints. namespace: of one of several robots.
     Raises BagError, InitError where there is nothing of a wheel, or the description cannot be used.
     """
     text = None if urdf is None else description_in(urdf)
     with BagReader(path) as reader:
-        return _Finder(reader).rover(urdf, text)
+        return _Finder(reader, joint_states, namespace).rover(urdf, text)
 
 
 class _Finder:
     """Looks through the topics of an open bag."""
 
-    def __init__(self, reader: BagReader) -> None:
-        self._reader = reader
-        self._notes: list[str] = []
-        self._remaps: dict[str, str] = {}
+    def __init__(
+        self, reader: BagReader, joint_states: str | None = None, namespace: str | None = None
+    ) -> None:
+        self._reader, self._asked = reader, joint_states
+        self._notes: list[str] = [reader.hole] if reader.hole else []
+        # Parameters of topics that are not called as is expected.
+        self._named: dict[str, Value] = {}
         self._ranged: list[str] = []  # wheels with a range sensor
         self._topics: defaultdict[str, list[str]] = defaultdict(list)  # names, by type
         for topic in reader.topics:
             if topic.message_count and topic.readable:
                 self._topics[topic.type].append(topic.name)
+        if namespace is not None:
+            kept = {*of_robot(namespace, sorted({n for ns in self._topics.values() for n in ns}))}
+            for kind, names in self._topics.items():
+                self._topics[kind] = [name for name in names if name in kept]
 
     def rover(self, urdf: Path | None, description: str | None) -> Rover:
         """What the bag tells, and a robot description beside it."""
-        topic = self._joint_states()
-        joints = JointSpeeds(np.empty(0), [], np.empty((0, 0)))
-        if topic is not None:
-            joints = joint_speeds(self._reader, topic)
         turned: dict[str, str] = {}
         if description is None:
             description = self._description()
@@ -100,46 +114,63 @@ class _Finder:
                     raise InitError(f"{urdf}: {error}") from None
                 self._notes.append(f"the robot description is not used: {error}")
                 description = None
+        topic, found, words = joint_states_of(
+            self._reader, self._topics[JOINTS], turned.values(), self._asked
+        )
+        joints = found or JointSpeeds(np.empty(0), [], np.empty((0, 0)))
+        if topic not in (None, USUAL):
+            self._named["joint_states_topic"] = str(topic)
+        self._notes += [words] if words else []
         values = self._wheels(joints, turned)
+        values |= self._named  # of joint states and the description; the odometry's comes below
         if description is not None:
             filled = fill_silent(description, values)
             values |= filled.values
             self._notes += filled.lacking
         turning = self._recorded_joints(values, joints)
         rims = [joint for joint in turning.values() if joint in joints.names]
+        if which := [joint for joint in rims if joint in joints.by_positions]:
+            self._notes.append(f"{topic}: {', '.join(which)}: {BY_POSITIONS}")
         speed = self._odometry(joints, rims)
+        values |= self._named
         if speed is not None:
-            self._turn_axes(values, turning, signs_of(joints, speed, rims))
+            signs = signs_of(joints, speed, rims)
+            if not self._looks_back(values, turning, signs):
+                self._turn_axes(values, turning, signs)
         # What may help, and only people know: whether the wheels make it, how it is mounted.
-        offers = {"velocity_topic": [topic for topic in self._topics[TWIST] if "cmd" not in topic]}
-        if not self._imu(values):
-            offers["imu_topic"] = self._topics[IMU]
+        offers: dict[str, Value] = {}
+        if speeds := [topic for topic in self._topics[TWIST] if "cmd" not in topic]:
+            offers["velocity_topic"] = speeds[0]
+        if not self._imu(values) and self._topics[IMU]:
+            offers["imu_topic"] = self._topics[IMU][0]
+        self._mass(values, description, offers)
         return Rover(
             str(self._reader.path),
             values,
-            self._remaps,
             self._notes,
             described=description is not None,
-            offers={name: topics[0] for name, topics in offers.items() if topics},
+            offers=offers,
             ranged=self._ranged,
+            of_bag=True,
         )
 
-    def _joint_states(self) -> str | None:
-        """The topic of joint states: that of the usual name, the only one, or the most alike."""
-        topics = self._topics[JOINTS]
-        if "/joint_states" in topics:
-            return "/joint_states"
-        found = only_or_best_match("joint_states", topics)
-        if found is not None:
-            self._remaps["joint_states"] = found
-            note = f"assumed: {found} is joint_states, the only one like it of its type"
-        elif topics:
-            names = ", ".join(topics)
-            note = f"which of {names} is joint_states is not clear: say --remap joint_states:=TOPIC"
+    def _mass(
+        self, values: dict[str, Value], description: str | None, offers: dict[str, Value]
+    ) -> None:
+        """Take the mass of the robot description where loads are shares of it; else it is offered.
+
+        Measured loads are weighed against it, and a mass that is not the one that drives would accuse them.
+        """
+        mass = None if description is None else described_mass(description)
+        if mass is None:
+            return
+        if values.get("load.source") == "static":
+            values["vehicle.mass"] = mass
+            self._notes.append(
+                "vehicle.mass is the sum of the robot description's links: weigh the vehicle as it drives"
+            )
         else:
-            note = f"no topic of type {JOINTS}: without joint_states there is no slip and no thrust"
-        self._notes.append(note)
-        return found
+            offers["vehicle.mass"] = mass
 
     def _odometry(self, joints: JointSpeeds, rims: list[str]) -> Speed | None:
         """Choose the odometry, and say why; of several one that the wheels have no part in goes first."""
@@ -175,10 +206,24 @@ class _Finder:
         if speeds[chosen].by_pose:
             said.append(f"{chosen} has no speed (its twist is 0 throughout)")
         if chosen != "/odom":
-            self._remaps["odom"] = chosen
+            self._named["odom_topic"] = chosen
         if said:
             self._notes.append("; ".join(said))
         return speeds[chosen]
+
+    def _looks_back(
+        self, values: Mapping[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
+    ) -> bool:
+        """Whether by the odometry all joints turn against the axes that the description gives them."""
+        described = {j: values.get(f"{w}.joint_sign") for w, j in turned.items() if j in signs}
+        against = [joint for joint, sign in described.items() if sign == -signs[joint]]
+        if len(against) < max(2, len(turned)) or len(against) < len(described):
+            return False
+        self._notes.append(
+            "the odometry looks back: when it says that the vehicle drives ahead, all joints turn backward by"
+            " the description's axes; joint_sign is left as described: turn the odometry's frame (REP 105)"
+        )
+        return True
 
     def _turn_axes(
         self, values: dict[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]
@@ -196,16 +241,14 @@ class _Finder:
             )
 
     def _imu(self, values: dict[str, Value]) -> bool:
-        """Take the imu of a vehicle without load sensors, where gravity is along its z axis."""
+        """Take the imu where gravity is along its z axis."""
         topics = self._topics[IMU]
-        if not topics or values.get("load.source") != "static":
-            return False  # with load sensors it is offered, and people decide
+        if not topics:
+            return False
         found = only_or_best_match("imu", topics) or topics[0]
-        way = upright(self._reader, found)
+        way, why = upright(self._reader, found)
         if not way:
-            self._notes.append(
-                f"{found} is not used: gravity is not along its z axis; publish it in base_link's axes"
-            )
+            self._notes.append(f"{found} is not used: {why}")
             return False
         values["imu_topic"] = found
         shown = "up as gravity shows" if way > 0 else "down as gravity shows: it is turned over"
@@ -219,7 +262,9 @@ class _Finder:
         found = {}
         for wheel in as_names(values["wheels"]):
             name = str(values.get(f"{wheel}.joint", f"{wheel}_joint"))
-            recorded = None if name in joints.names else best_match(wheel, "joint", _free(joints))
+            recorded = (
+                None if name in joints.names else best_match(wheel, "joint", free_joints(joints))
+            )
             if recorded is not None:
                 self._notes.append(f"{recorded} turns {wheel}, by its name; there is no {name}")
                 values.pop(f"{wheel}.joint", None)
@@ -259,7 +304,7 @@ class _Finder:
                 values[f"{wheel}.sinkage_topic"] = ""
             elif ranges or depth != f"/{wheel}/sinkage":
                 values[f"{wheel}.sinkage_topic"] = depth
-            joint = turned.get(wheel) or best_match(wheel, "joint", _free(joints))
+            joint = turned.get(wheel) or best_match(wheel, "joint", free_joints(joints))
             if joint is not None:
                 values |= joint_values({wheel: joint})
         self._ranged = wheels if ranges else []
@@ -279,22 +324,9 @@ class _Finder:
         if message is None:
             return None
         if named[0] != "/robot_description":
-            self._remaps["robot_description"] = named[0]
+            self._named["robot_description_topic"] = named[0]
         self._notes.append(f"sizes and places of wheels from {named[0]}")
         return str(message.data)
-
-
-def _free(joints: JointSpeeds) -> list[str]:
-    """Joints that may turn a wheel by their names."""
-    return [joint for joint in joints.names if not words_of(joint) & {*_NO_WHEEL}]
-
-
-def turning_wheels(joints: JointSpeeds) -> list[str]:
-    """Joints that turn and are named like wheels, or by the places of wheels; none where it is not clear."""
-    turning = [name for name in joints.turning() if not words_of(name) & {*_NO_WHEEL}]
-    named = [name for name in turning if "wheel" in name.lower()]
-    placed = [name for name in turning if words_of(name) & {*PLACES}]
-    return named or placed
 
 
 def as_names(wheels: Value) -> list[str]:
@@ -313,7 +345,12 @@ def _first(reader: BagReader, topic: str) -> Any | None:
 
 
 def init(
-    source: BagOrUrdf | None = None, *, urdf: Urdf | None = None, wheels: Count | None = None
+    source: BagOrUrdf | None = None,
+    *,
+    urdf: Urdf | None = None,
+    wheels: Count | None = None,
+    joint_states: TopicName | None = None,
+    namespace: TopicName | None = None,
 ) -> Rover:
     """Write a parameter file for the node and for `smallwheel replay`.
 
@@ -329,6 +366,10 @@ def init(
         A robot description: sizes, places and joints; alone, or beside a BAG.
     wheels
         Without either: the number of wheels.
+    joint_states
+        Of several topics of joint states in a BAG, that of the wheels.
+    namespace
+        Of several robots in a BAG, the one whose topics begin so.
     """
     bag = None if source is None else Path(source)
     description = None if urdf is None else Path(urdf)
@@ -339,7 +380,7 @@ def init(
     if (bag is None and description is None) == (wheels is None):
         raise InitError("give a BAG, a URDF (--urdf FILE), both, or --wheels N alone")
     if bag is not None:
-        return rover_of_bag(bag, description)
+        return rover_of_bag(bag, description, joint_states, namespace)
     if description is not None:
         return rover_of_description(description)
     return rover_of_wheels(wheels or 0)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
 from typing import Any, NamedTuple
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.onboard.joint_motion import SECOND, JointMotion
 
 Array = NDArray[np.float64]
 _MOST = 50_000  # messages of a topic that are looked at: minutes of driving tell all of this
@@ -24,15 +25,21 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
+_WEAKEST, _STRONGEST = 8.0, 12.0  # m/s^2: gravity as accelerometers feel it that are not calibrated
+_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
 _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
-    """times: s. names: of the first message. speeds: rad/s, (instants, joints), NaN where not told."""
+    """times: s. names: of the joints. speeds: rad/s, (instants, joints), NaN where not told.
+
+    by_positions: joints whose speed is the difference of their positions.
+    """
 
     times: Array
     names: list[str]
     speeds: Array
+    by_positions: Sequence[str] = ()
 
     def turning(self) -> list[str]:
         """Joints that turn at some time."""
@@ -50,18 +57,32 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Speeds of all joints of a topic of JointState."""
-    names: list[str] = []
-    times, rows = [], []
+    """Speeds of all joints of a topic of JointState, by positions where velocities tell nothing."""
+    told: dict[str, list[tuple[int, float, float, bool]]] = {}
     for states in _first(reader, topic):
-        for name in states.name:
-            if str(name) not in names:
-                names.append(str(name))
-        if len(states.velocity) == len(states.name):
-            times.append(_seconds(states.header.stamp))
-            rows.append(dict(zip(map(str, states.name), states.velocity, strict=True)))
-    speeds = np.array([[row.get(name, math.nan) for name in names] for row in rows], dtype=float)
-    return JointSpeeds(np.array(times), names, speeds.reshape(len(times), len(names)))
+        stamp = states.header.stamp.sec * SECOND + states.header.stamp.nanosec
+        count = len(states.name)
+        velocities, positions = (
+            values if len(values) == count else [math.nan] * count
+            for values in (states.velocity, states.position)
+        )
+        has = len(states.velocity) == count
+        for name, velocity, position in zip(states.name, velocities, positions, strict=True):
+            row = stamp, float(velocity), float(position), has
+            told.setdefault(str(name), []).append(row)
+    found, by_positions = {}, []
+    for name, rows in told.items():
+        stamps, velocity, position, has_one = (
+            np.array(column) for column in zip(*rows, strict=True)
+        )
+        joint = JointMotion()
+        at, speeds, _ = joint.take(stamps, velocity, position, has_one)
+        found[name] = dict(zip(at.tolist(), speeds.tolist(), strict=True))
+        by_positions += [name] if joint.by_positions else []
+    times = sorted({stamp for one in found.values() for stamp in one})
+    table = [[one.get(stamp, math.nan) for one in found.values()] for stamp in times]
+    speeds = np.array(table, dtype=float).reshape(len(times), len(found))
+    return JointSpeeds(np.array(times) / SECOND, list(found), speeds, by_positions)
 
 
 def speed_of(reader: BagReader, topic: str) -> Speed:
@@ -143,15 +164,34 @@ def is_of_wheels(share: float | None) -> bool:
     return share is not None and share < _OF_WHEELS
 
 
-def upright(reader: BagReader, topic: str) -> int | None:
-    """Where the z axis of an imu looks: 1 up, -1 down, 0 neither; None where it feels no gravity."""
+def upright(reader: BagReader, topic: str) -> tuple[int, str]:
+    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not to be told; and then why."""
     felt = [m.linear_acceleration for m in _first(reader, topic)]
     table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)
+    if not len(table):
+        return 0, "none of its messages can be read"
     table = table[np.isfinite(table).all(axis=1)]
     if not len(table):
-        return None
+        return 0, f"none of its {len(felt)} accelerations is a number"
+    if not table.any():
+        return 0, "its accelerations are all 0, so it tells no slope"
     mean = table.mean(axis=0)
     strength = float(np.linalg.norm(mean))
-    if not 8.0 < strength < 12.0:  # m/s^2: it is not gravity, or in other units
-        return None
-    return int(np.sign(mean[2])) if abs(mean[2]) > _UPRIGHT * strength else 0
+    if not _WEAKEST < strength < _STRONGEST:
+        return 0, _no_gravity(strength)
+    if abs(mean[2]) > _UPRIGHT * strength:
+        return int(np.sign(mean[2])), ""
+    along = " ".join(f"{number:.1f}" for number in mean)
+    return 0, (
+        f"gravity is not along its z axis, but ({along}) m/s^2: publish it in base_link's axes"
+    )
+
+
+def _no_gravity(strength: float) -> str:
+    """What a mean acceleration is that is not gravity in m/s^2."""
+    for unit, factor in _UNITS.items():
+        if _WEAKEST < strength * factor < _STRONGEST:
+            return f"it feels {strength:.4g} on average, gravity in {unit}? expected 9.81 m/s^2"
+    if strength < _WEAKEST:
+        return f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope"
+    return f"it feels {strength:.4g} m/s^2 on average, expected 9.81"

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.common.node_parameter import WHEEL, Value, written
-from smallwheel_ros.onboard.declared import PARAMETERS, parameters_for
-from smallwheel_ros.onboard.robot_description import fill_silent
+from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, written
+from smallwheel_ros.onboard.declared import PARAMETERS, PER_WHEEL, parameters_for
+from smallwheel_ros.onboard.parameters import for_each_wheel, places_of
+from smallwheel_ros.onboard.robot_description import described_mass, fill_silent
 from smallwheel_ros.onboard.running_gear import centre_of, heading_of, running_gear
 from smallwheel_ros.onboard.urdf import RobotDescriptionError, Urdf
 from smallwheel_ros.onboard.wheel_names import usual_names, wheels_named_by
@@ -20,7 +21,8 @@ from smallwheel_ros.onboard.wheel_names import usual_names, wheels_named_by
 FILL_IN = "FILL_IN"
 _MOST_WHEELS = 20
 _MOST_BYTES = 1 << 24  # of a robot description
-_NEEDED = ("diameter", "width", "lateral_position", "longitudinal_position")
+_SIZES = ("diameter", "width")
+_PLACES = {"lateral_position": "vehicle.track", "longitudinal_position": "vehicle.wheelbase"}
 
 
 class InitError(SmallwheelError):
@@ -31,19 +33,19 @@ class InitError(SmallwheelError):
 class Rover:
     """A rover's parameters as far as they are known.
 
-    origin: what they come from. values: by full name, those of the wheels' names first. remaps: by the
-    node's name of an input, the topic that it has there. notes: what was assumed. described: whether a
-    robot description was found. offers: by full name of a parameter that only people can decide on, the
-    topic that a bag has for it. ranged: wheels whose sinkage a range sensor measures.
+    origin: what they come from. values: by full name, those of the wheels' names first. notes: what was
+    assumed. described: whether a robot description was found. offers: by full name of a parameter that only
+    people can decide on, what is found for it. ranged: wheels whose sinkage a range sensor
+    measures. of_bag: whether its origin is one that can be replayed.
     """
 
     origin: str
     values: Mapping[str, Value]
-    remaps: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
     described: bool = False
-    offers: Mapping[str, str] = field(default_factory=dict)
+    offers: Mapping[str, Value] = field(default_factory=dict)
     ranged: Sequence[str] = ()
+    of_bag: bool = False
 
     @property
     def wheels(self) -> list[str]:
@@ -52,12 +54,41 @@ class Rover:
 
     @property
     def missing(self) -> list[str]:
-        """Full names of what must be filled in."""
-        known = self.values
-        needed = [f"{wheel}.{name}" for wheel in self.wheels for name in _NEEDED]
-        needed += [f"{wheel}.range_height" for wheel in self.ranged]
-        needed += ["vehicle.mass"] if known.get("load.source") == "static" else []
-        return [name for name in needed if name not in known]
+        """Full names of what must be filled in: what wheels have in common once, as `all_wheels`."""
+        of_each = [*_SIZES, *(["range_height"] if self.ranged else [])]
+        needed = [self._once(name) for name in of_each]
+        needed += [self._place(name) for name in _PLACES]
+        mass = ["vehicle.mass"] if self.values.get("load.source") == "static" else []
+        return list(dict.fromkeys([*mass, *(name for names in needed for name in names)]))
+
+    def _lack(self, name: str) -> list[str]:
+        """Wheels of which a parameter is not known."""
+        known = for_each_wheel(self.values)
+        wheels = self.ranged if name == "range_height" else self.wheels
+        return [wheel for wheel in wheels if f"{wheel}.{name}" not in known]
+
+    def _once(self, name: str) -> list[str]:
+        """A number that is most likely that of all wheels, once where none of them has one."""
+        lack = self._lack(name)
+        if len(lack) == len(self.wheels):
+            return [f"{ALL}.{name}"]
+        return [f"{wheel}.{name}" for wheel in lack]
+
+    def _place(self, name: str) -> list[str]:
+        """Places by a size of the vehicle where the wheels' names tell them, else of each wheel.
+
+        One axle needs no wheelbase, wheels one behind the other no track: they are at 0.
+        """
+        lack = self._lack(name)
+        size = _PLACES[name]
+        if not lack or size in self.values:
+            return []
+        by_name = places_of({"wheels": lack, size: 1.0})
+        if by_name:
+            return [size]
+        alone = len(self.wheels) == 1
+        placed = places_of({"wheels": lack, **dict.fromkeys(_PLACES.values(), 1.0)})
+        return [] if placed or alone else [f"{wheel}.{name}" for wheel in lack]
 
     def text(self) -> str:
         """What was found, assumed and is to be filled in."""
@@ -65,7 +96,6 @@ class Rover:
         lines += [
             f"  {name}: {written(value)}" for name, value in self.values.items() if name != "wheels"
         ]
-        lines += [f"  --remap {name}:={topic}" for name, topic in self.remaps.items()]
         lines += [f"note: {note}" for note in self.notes]
         lines += [f"to be filled in: {', '.join(self.missing)}"] if self.missing else []
         return "\n".join(lines)
@@ -77,7 +107,6 @@ class Rover:
             "origin": self.origin,
             "values": self.values,
             "missing": self.missing,
-            "remaps": self.remaps,
             "notes": self.notes,
         }
 
@@ -86,32 +115,28 @@ class Rover:
         missing = self.missing
         lines = [
             f"# Parameters of mobility_estimator, made by `smallwheel init` from {self.origin}.",
-            "# docs/parameters.md explains all there are. Numbers need a point: 1.0, not 1.",
+            "# docs/parameters.md explains all there are.",
         ]
         if missing:
             lines.append(f"# {FILL_IN} stands where a number has to come from you.")
-        if self.remaps:
-            lines.append(
-                "# Topics under other names: give these to the node and to smallwheel replay, too:"
-            )
-            lines += [f"#   --remap {name}:={topic}" for name, topic in self.remaps.items()]
         for note in self.notes:
             lines += textwrap.wrap(note, 92, initial_indent="# ", subsequent_indent="#   ")
         lines += ["/**:", "  ros__parameters:", f"    wheels: {written(self.wheels)}"]
         lines += _left_out_lines(self)
+        values = _shared(self.values, self.wheels)
         explained: set[str] = set()
         group = ""
         for parameter in parameters_for(self.wheels)[1:]:
             name = parameter.name
-            if name not in self.values and name not in missing:
+            if name not in values and name not in missing:
                 continue
             above, _, own = name.rpartition(".")
             if above and above != group:
                 lines += ["", f"    {above}:"]
             group = above
             indent = "      " if above else "    "
-            if name in self.values:
-                lines.append(f"{indent}{own}: {written(self.values[name])}")
+            if name in values:
+                lines.append(f"{indent}{own}: {written(values[name])}")
                 continue
             if own not in explained:
                 explained.add(own)
@@ -119,6 +144,26 @@ class Rover:
             unit = f" # {parameter.unit}" if parameter.unit else ""
             lines.append(f"{indent}{own}: {FILL_IN}{unit}")
         return "\n".join(lines) + "\n"
+
+
+def _shared(values: Mapping[str, Value], wheels: Sequence[str]) -> dict[str, Value]:
+    """The same values, with what all wheels have alike said once; a name in a text is `<wheel>` then."""
+    found = dict(values)
+    for row in PER_WHEEL:
+        names = {wheel: row.for_wheel(wheel).name for wheel in wheels}
+        known = [found[name] for name in names.values() if name in found]
+        if len(known) < max(len(wheels), 2):
+            continue
+        alike = {_pattern(found[name], wheel) for wheel, name in names.items()}
+        if len(alike) == 1:
+            for name in names.values():
+                del found[name]
+            found[row.for_all().name] = alike.pop()
+    return found
+
+
+def _pattern(value: Any, wheel: str) -> Any:
+    return value.replace(wheel, WHEEL) if isinstance(value, str) else value
 
 
 # --- Rovers without a bag
@@ -142,8 +187,14 @@ def rover_of_description(path: Path) -> Rover:
         raise InitError(
             f"{path}: {error}; `smallwheel init --wheels N` does without a description"
         ) from None
-    notes += filled.lacking
-    return Rover(str(path), values | filled.values, notes=notes, described=True)
+    mass = described_mass(text)
+    return Rover(
+        str(path),
+        values | filled.values,
+        [*notes, *filled.lacking],
+        described=True,
+        offers={} if mass is None else {"vehicle.mass": mass},
+    )
 
 
 def description_in(path: Path) -> str:
@@ -212,13 +263,14 @@ _LEFT_OUT = {
         "nothing here says whether there is one, of which topic, with z up.",
         "Brings the slope: with vehicle.mass the soil's strength, so drawbar pull and cost do not rest on"
         " configured numbers; without one, the slope is that of odom's orientation.",
-        "the bag has it, but not how the imu is mounted: z has to be up, and imu_yaw says where x looks.",
+        "the bag has it, but no gravity along its z axis: z has to be up, and imu_yaw says where x looks.",
     ),
     "vehicle.mass": _LeftOut(
         0.0,  # refused as it is: a number has to be put in
         "only you know it; what a robot description says is seldom what is driven.",
         "Brings, with a slope (imu_topic, or odom with pitch), the soil's strength; and the loads are"
         " weighed against it, which finds loads in kg and wheels that are not listed.",
+        "this is the sum of the robot description's links, which is seldom what is driven: weigh it.",
         unit="kg, with all that it carries: write yours",
     ),
     "robot_description_topic": _LeftOut(
@@ -248,8 +300,6 @@ def _left_out_lines(rover: Rover) -> list[str]:
             continue
         explained = f"{name} is left out: {why} {one.brings}"
         lines += ["", *(f"    ## {line}" for line in textwrap.wrap(explained, 92))]
-        *above, own = name.split(".")
-        lines += [f"    # {group}:" for group in above]
         unit = f" # {one.unit}" if one.unit else ""
-        lines.append(f"    # {'  ' * len(above)}{own}: {written(offer or one.value)}{unit}")
+        lines.append(f"    # {name}: {written(offer or one.value)}{unit}")
     return lines

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from smallwheel_ros.common.node_parameter import (
+    ALL,
     WHEEL,
     NodeParameter,
     group,
@@ -46,9 +47,27 @@ class VehicleParameters:
         " loads are checked against it, or are its share with load.source static.",
     )
     gravity_height: float | None = parameter(
-        None, "m", (0.01, 10.0),
+        None,
+        "m",
+        (0.01, 10.0),
         "Height of the centre of gravity above ground: how a slope shifts static loads. Without it: 1.2"
         " mean wheel diameters.",
+    )
+    track: float | None = parameter(
+        None,
+        "m",
+        (0.01, 20.0),
+        "Between the middles of left and right wheels: places of wheels whose names say left or right, and"
+        " for which neither a place nor a URDF is given.",
+    )
+    wheelbase: float | None = parameter(
+        None,
+        "m",
+        (0.01, 20.0),
+        "Between the front and the rear axle: likewise for names that say front, middle or rear.",
+    )
+    base_at: Literal["middle", "rear_axle"] = parameter(
+        "middle", text="Where base_frame is, for vehicle.wheelbase."
     )  # fmt: skip
 
 
@@ -220,6 +239,10 @@ class WheelParameters:
         1,
         text="-1: its joint turns backwards when it drives forward. Without it: by the axis in the URDF.",
     )
+    frame: str | None = parameter(
+        None,
+        text="Frame of its messages. Without it: the link that its joint moves in the URDF, else its name.",
+    )
     torque_per_effort: float = parameter(
         0.0, "1", (0.0, 1e4),
         "Torque at the wheel (N m) per unit of its joint's effort, gear and its losses included. 0: it is not"
@@ -259,11 +282,10 @@ class Parameters(DriveParameters):
         text="Configure and activate at the start. False: left to a lifecycle manager.",
         at_start=True,
     )
-    robot_description_topic: str = parameter(
+    robot_description_topic: str = topic(
         "robot_description",
-        text="Topic (std_msgs/String, latched) of the URDF: sizes, positions and joint_sign of wheels where"
+        "Topic (std_msgs/String, latched) of the URDF: sizes, positions and joint_sign of wheels where"
         " none are given. Empty: no URDF.",
-        form="topic",
         at_start=True,
     )
     base_frame: str = parameter(
@@ -272,6 +294,20 @@ class Parameters(DriveParameters):
         at_start=True,
     )
     # --- Inputs
+    odom_topic: str = parameter(
+        "odom",
+        text="Topic (nav_msgs/Odometry) of the odometry: speed, place and, without an imu, slope.",
+        form="topic",
+    )
+    joint_states_topic: str = parameter(
+        "joint_states",
+        text="Topic (sensor_msgs/JointState) with the joints of the wheels.",
+        form="topic",
+    )
+    terrain_classes_topic: str = topic(
+        "terrain_classes",
+        "Topic (nav_msgs/OccupancyGrid) of terrain classes, one a cell (docs/nav2.md). Empty: none.",
+    )
     odometry_from_wheels: bool = parameter(
         False,
         text="Whether odom is computed from the wheels and shows no slip: velocity_topic has to.",
@@ -315,8 +351,10 @@ class Parameters(DriveParameters):
 PARAMETERS = {row.name: row for row in rows_of(Parameters)}
 GENERAL = tuple(row for row in PARAMETERS.values() if not row.name.startswith(WHEEL))
 PER_WHEEL = tuple(row for row in PARAMETERS.values() if row.name.startswith(WHEEL))
+OF_ALL = tuple(row.for_all() for row in PER_WHEEL)
+GROUPS = {row.name.split(".")[0] for row in GENERAL} | {ALL}  # no wheel is called so
 
 
 def parameters_for(wheels: Sequence[str]) -> tuple[NodeParameter, ...]:
     """Return all parameters of a vehicle with these wheels."""
-    return GENERAL + tuple(p.for_wheel(wheel) for wheel in wheels for p in PER_WHEEL)
+    return GENERAL + OF_ALL + tuple(p.for_wheel(wheel) for wheel in wheels for p in PER_WHEEL)

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.node_parameter import Value, filled
+from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.declared import (
-    GENERAL,
+    GROUPS,
+    OF_ALL,
     PARAMETERS,
     DriveParameters,
     Parameters,
@@ -32,6 +33,9 @@ from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
 
 NODE_NAME = "mobility_estimator"
 _SECTION = "ros__parameters"
+# Where an axle is, in wheelbases ahead of the middle.
+_AXLES = (("front", 0.5), ("middle", 0.0), ("rear", -0.5))
+_TAPE = 0.02  # m: both ends of a tape along a vehicle are off by a centimetre
 # rclpy's own; every node has them
 _FOREIGN = ("use_sim_time", "start_type_description_service")
 # A load that is not measured: uneven ground and turns move it by so much of itself.
@@ -104,11 +108,10 @@ def wheel_names(value: object) -> list[str]:
     if problem is not None:
         raise ParametersError(f"{problem}; {example}")
     assert isinstance(value, list)
-    groups = {p.name.split(".")[0] for p in GENERAL}
     for i, name in enumerate(value):
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             reason = "expected letters, digits and _, a letter first"
-        elif name in groups:
+        elif name in GROUPS:
             reason = "there is a group of parameters of that name"
         elif name in value[:i]:
             reason = "it is there twice"
@@ -139,29 +142,102 @@ def problems(values: Mapping[str, object]) -> list[str]:
         wheels = wheel_names(values.get("wheels"))
     except ParametersError as error:
         return [str(error)]
+    values = for_each_wheel(values)
     found = (p.problem(values.get(p.name)) for p in parameters_for(wheels))
     return [problem for problem in found if problem is not None]
+
+
+def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
+    """Give each wheel what `all_wheels` says, where the wheel has no value of its own.
+
+    `<wheel>` in a text stands for the wheel's name. Values as they are where the wheels have no usable names.
+    """
+    found = dict(values)
+    try:
+        wheels = wheel_names(values.get("wheels"))
+    except ParametersError:
+        return found
+    for row in OF_ALL:
+        said = values.get(row.name)
+        for wheel in wheels if said is not None else ():
+            own = row.name.replace(ALL, wheel)
+            if values.get(own) is None:
+                found[own] = said.replace(WHEEL, wheel) if isinstance(said, str) else said
+    return found
+
+
+def places_of(values: Mapping[str, Any]) -> dict[str, float]:
+    """Places of wheels (m) by vehicle.track and vehicle.wheelbase, by full name of the parameter.
+
+    Of wheels whose names have left, right, front, middle or rear in them, as words; values that are no
+    numbers over 0 are left to `problems`.
+    """
+    track, base = (_length(values.get(f"vehicle.{name}")) for name in ("track", "wheelbase"))
+    behind = 0.5 if values.get("vehicle.base_at") == "rear_axle" else 0.0
+    found = {}
+    for wheel in values["wheels"]:
+        words = wheel.lower().split("_")
+        aside = [way for word, way in (("left", 0.5), ("right", -0.5)) if word in words]
+        ahead = [way for word, way in _AXLES if word in words]
+        if track is not None and len(aside) == 1:
+            found[f"{wheel}.lateral_position"] = track * aside[0]
+        if base is not None and len(ahead) == 1:
+            found[f"{wheel}.longitudinal_position"] = base * (ahead[0] + behind)
+    return found
+
+
+def _length(value: object) -> float | None:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return float(value) if number and 0.0 < value < math.inf else None  # type: ignore[arg-type, operator]
+
+
+def elsewhere(places: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
+    """Say of each of these places of wheels (m) that a track or wheelbase puts the wheel elsewhere."""
+    found = []
+    for name, by_size in places_of(values).items():
+        own = places.get(name)
+        if own is not None and abs(own - by_size) > _TAPE:
+            size = "vehicle.track" if "lateral" in name else "vehicle.wheelbase"
+            found.append(f"{name} is {own:g}, but {size} ({values[size]:g}) says {by_size:g}")
+    return found
 
 
 # --- From values to settings
 
 
-def settings_from(values: Mapping[str, object]) -> NodeSettings:
+def settings_from(
+    values: Mapping[str, object], described: Mapping[str, Value] | None = None
+) -> NodeSettings:
     """Turn parameters into settings; defaults for those that are missing or None.
 
-    Files that parameters name are read; an effects file is run.
+    A wheel's parameter is its own, else that of `all_wheels`, of the robot's description, by track and
+    wheelbase, its default. Files that parameters name are read; an effects file is run.
+
+    Parameters
+    ----------
+    values
+        As they are given, by full name.
+    described
+        What the robot's description says of those that are not given (`robot_description.fill_silent`).
 
     Raises
     ------
     ParametersError
         With a sentence for each parameter that is missing or wrong, and where a file cannot be used.
     """
-    wrong = problems(values)
+    given = {name: value for name, value in for_each_wheel(values).items() if value is not None}
+    described = described or {}
+    wrong = problems({**described, **given}) or [
+        f"parameter {text}: expected the same place, or only one of the two"
+        for text in elsewhere(given, given)
+    ]
     if wrong:
         raise ParametersError("; ".join(wrong))
     names = wheel_names(values["wheels"])
-    v: dict[str, Any] = {p.name: p.default for p in parameters_for(names)}
-    v.update({name: value for name, value in values.items() if value is not None})
+    known = {p.name: p for p in parameters_for(names)}
+    v: dict[str, Any] = {name: p.default for name, p in known.items()}
+    for name, value in {**places_of(given), **described, **given}.items():
+        v[name] = known[name].taken(value) if name in known else value
     try:
         parameters = filled(Parameters, v)
         onboard = _onboard(parameters)
@@ -169,6 +245,21 @@ def settings_from(values: Mapping[str, object]) -> NodeSettings:
     except SmallwheelError as error:
         raise ParametersError(str(error)) from error
     return NodeSettings(**_fields(parameters, Parameters), onboard=onboard)
+
+
+def idle_remaps(settings: Parameters) -> dict[str, str]:
+    """By name of a topic that a remap of would find nothing, since a parameter has another: what to say."""
+    found = {}
+    for name in (
+        "odom_topic",
+        "joint_states_topic",
+        "terrain_classes_topic",
+        "robot_description_topic",
+    ):
+        default, topic = str(PARAMETERS[name].default), getattr(settings, name)
+        if topic.strip("/") != default:
+            found[default] = f"a remap of {default} finds nothing: parameter {name} is {topic!r}"
+    return found
 
 
 def _fields(given: object, of: type) -> dict[str, Any]:

@@ -8,14 +8,21 @@ and what was expected.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
-from smallwheel_ros.common.node_parameter import WHEEL
+from smallwheel_ros.common.node_parameter import WHEEL, Value
 from smallwheel_ros.onboard.declared import PARAMETERS
-from smallwheel_ros.onboard.parameters import ParametersError, problems, wheel_names
+from smallwheel_ros.onboard.parameters import (
+    ParametersError,
+    elsewhere,
+    for_each_wheel,
+    problems,
+    wheel_names,
+)
 from smallwheel_ros.onboard.running_gear import (
     PARALLEL,
-    Heading,
+    VehicleHeading,
     axis_of,
     centre_of,
     contradicting,
@@ -27,7 +34,8 @@ from smallwheel_ros.physics.conditions import PRESSED
 
 DESCRIPTION_TYPE = "std_msgs/msg/String"
 _SIZE, _PLACE = ("diameter", "width"), ("lateral_position", "longitudinal_position")
-_FILLED = (*_SIZE, *_PLACE, "joint_sign")
+_FILLED = (*_SIZE, *_PLACE, "joint_sign", "frame")
+_HEAVIEST = 1e5  # kg, as vehicle.mass
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,7 @@ class Filled:
     what the estimate cannot go by.
     """
 
-    values: dict[str, float | int] = field(default_factory=dict)
+    values: dict[str, Value] = field(default_factory=dict)
     lacking: list[str] = field(default_factory=list)
 
     @property
@@ -56,8 +64,26 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
         wheels = wheel_names(given.get("wheels"))
     except ParametersError:
         return []
+    own = for_each_wheel(given)
     names = [f"{wheel}.{name}" for wheel in wheels for name in _FILLED]
-    return [name for name in names if given.get(name) is None]
+    return [name for name in names if own.get(name) is None]
+
+
+def described_mass(text: str) -> float | None:
+    """Sum of the masses of all links, kg; None where only wheels have one, or none has.
+
+    Raises RobotDescriptionError if the text is no URDF.
+    """
+    urdf = Urdf(text)
+    turned = {joint.child for joint in urdf.joints.values() if joint.kind in TURNING}
+    masses = {}
+    for name, link in urdf.links.items():
+        element = link.find("inertial/mass")
+        with suppress(ValueError):
+            masses[name] = float(element.get("value", "")) if element is not None else 0.0
+    body = sum(mass for name, mass in masses.items() if name not in turned)
+    total = round(sum(masses.values()), 3)
+    return total if body > 0.0 and 0.0 < total < _HEAVIEST else None
 
 
 def needs_description(given: Mapping[str, object]) -> list[str]:
@@ -74,11 +100,12 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
 
     Diameter and width come from the cylinder of the link that the wheel's joint moves, places from
     the chain of joints between it and the base frame (all at zero) and the cylinder's middle, the
-    joint's sign from its axis: 1 where that points along +y of the base frame, -1 along -y. given: as
-    in `silent_parameters`. Raises RobotDescriptionError if the text is no URDF, ParametersError if the
-    wheels have no usable names.
+    joint's sign from its axis: 1 where that points along +y of the base frame, -1 along -y; its
+    frame is that link. given: as in `silent_parameters`. Raises RobotDescriptionError if the text is
+    no URDF, ParametersError if the wheels have no usable names.
     """
     urdf, filled, silent = Urdf(text), Filled(), silent_parameters(given)
+    given = for_each_wheel(given)
     heading = _heading(urdf, given, silent, filled)
     for wheel in wheel_names(given.get("wheels")):
         failed: dict[str, list[str]] = {}  # parameters, by what is wrong
@@ -93,7 +120,7 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
                 failed.setdefault(str(error), []).extend(wanted)
                 continue
             for name, i in wanted.items():
-                parameter = PARAMETERS[name.replace(wheel, WHEEL, 1)].for_wheel(wheel)
+                parameter = PARAMETERS[f"{WHEEL}.{name.partition('.')[2]}"].for_wheel(wheel)
                 problem = parameter.problem(found[i])
                 if problem is None:
                     filled.values[name] = found[i]
@@ -101,16 +128,23 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
                     filled.lacking.append(f"robot description: {problem}")
         for why, lacking in failed.items():
             filled.lacking.append(f"robot description: {', '.join(lacking)}: {why}")
+        if f"{wheel}.frame" in silent:
+            with suppress(RobotDescriptionError):  # which other parameters of the wheel have said
+                filled.values[f"{wheel}.frame"] = _mounting(urdf, wheel, given)[0].child
         steering = "" if given.get(f"{wheel}.contact") == PRESSED else _steering(urdf, wheel, given)
         if steering and any(name.startswith(f"{wheel}.") for name in silent):
             filled.lacking.append(
                 f"wheel {wheel} is steered by joint {steering!r}: steering is not read, its slip"
                 " is that of a wheel that points straight ahead"
             )
+    for text in elsewhere(filled.values, given):
+        filled.lacking.append(f"robot description: {text}: the description's is taken")
     return filled
 
 
-def _heading(urdf: Urdf, given: Mapping[str, object], silent: list[str], filled: Filled) -> Heading:
+def _heading(
+    urdf: Urdf, given: Mapping[str, object], silent: list[str], filled: Filled
+) -> VehicleHeading:
     """Which way the vehicle looks in the base frame, of which a note is made where it is not ahead."""
     wheels, base = {}, BASE
     for wheel in wheel_names(given.get("wheels")):
@@ -121,7 +155,7 @@ def _heading(urdf: Urdf, given: Mapping[str, object], silent: list[str], filled:
             wheels.pop(wheel, None)
     wanted = {f"{wheel}.{name}" for wheel in wheels for name in (*_PLACE, "joint_sign")}
     if not wanted & {*silent}:
-        return Heading(0)
+        return VehicleHeading(0)
     heading = heading_of(urdf, wheels, base)
     if heading.quarters:
         filled.lacking.append(f"robot description: {heading.note}")
@@ -150,7 +184,7 @@ def _mounting(urdf: Urdf, wheel: str, given: Mapping[str, object]) -> tuple[Join
     return joint, base if base in urdf.links else urdf.base(joint.child)
 
 
-def _size(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float, float]:
+def _size(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[float, float]:
     """Diameter and width, m."""
     radius, length, pose = urdf.cylinder(joint.child)
     if abs(float(pose[:3, 2] @ joint.axis)) < PARALLEL:
@@ -161,7 +195,7 @@ def _size(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float,
     return 2.0 * radius, length
 
 
-def _place(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float, float]:
+def _place(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[float, float]:
     """Lateral and longitudinal position, m: of the cylinder's middle where the wheel has one."""
     centre = centre_of(urdf, joint, base)
     if heading.quarters is None:
@@ -170,7 +204,7 @@ def _place(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[float
     return y, x
 
 
-def _sign(urdf: Urdf, joint: Joint, base: str, heading: Heading) -> tuple[int]:
+def _sign(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple[int]:
     """The joint's sign: a turn about the left takes the top of the wheel forward."""
     if joint.kind not in TURNING:
         kinds = " or ".join(TURNING)

@@ -51,7 +51,7 @@ class RunningGear:
     notes: list[str] = field(default_factory=list)
 
 
-class Heading(NamedTuple):
+class VehicleHeading(NamedTuple):
     """Which way a vehicle looks in its base frame.
 
     quarters: turns of 90 degrees by which ahead lies to the left of the frame's x; None where nothing
@@ -162,7 +162,7 @@ def steering_of(urdf: Urdf, joint: Joint, base: str) -> Steering | None:
     return Steering(name, 1 if above[name].axis[2] > 0.0 else -1, arm)
 
 
-def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> Heading:
+def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHeading:
     """Which way the vehicle looks in its base frame, by the axes of its wheels' joints and by names.
 
     wheels: by a wheel's name, its joint. Raises RobotDescriptionError where a wheel's place is not known.
@@ -174,14 +174,14 @@ def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> Heading:
         possible, usual = (1, 3), None
     else:
         possible, usual = (0, 2), 0
-    agreeing = [q for q in possible if _agrees(centres, wheels, Heading(q)) is True]
+    agreeing = [q for q in possible if _agrees(centres, wheels, VehicleHeading(q)) is True]
     if usual in agreeing or len(agreeing) != 1:
         if usual is not None:
-            return Heading(usual)
-        return Heading(None, _not_ahead(base, list(wheels.values())))
+            return VehicleHeading(usual)
+        return VehicleHeading(None, _not_ahead(base, list(wheels.values())))
     (quarters,) = agreeing
     where = {1: "to the left of", 2: "opposite to", 3: "to the right of"}[quarters]
-    return Heading(
+    return VehicleHeading(
         quarters,
         f"{base} is turned: by their names and places the wheels' way ahead is {where} its x axis; places and"
         " signs are those of a base whose x is ahead (REP 103)",
@@ -189,7 +189,7 @@ def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> Heading:
 
 
 def contradicting(
-    urdf: Urdf, wheels: Mapping[str, Joint], base: str, heading: Heading
+    urdf: Urdf, wheels: Mapping[str, Joint], base: str, heading: VehicleHeading
 ) -> list[str]:
     """Return the wheels that are elsewhere than their names say."""
     centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
@@ -200,7 +200,7 @@ def contradicting(
 
 
 def _agrees(
-    centres: Mapping[str, Array], wheels: Mapping[str, Joint], heading: Heading
+    centres: Mapping[str, Array], wheels: Mapping[str, Joint], heading: VehicleHeading
 ) -> bool | None:
     """Whether all names agree with the places, the vehicle looking so; None where no name tells anything."""
     placed = called_by_place({n: _xy(heading.turned(c)) for n, c in centres.items()})

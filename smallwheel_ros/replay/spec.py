@@ -14,12 +14,14 @@ from smallwheel_ros.arguments import Copy
 from smallwheel_ros.bags import BagReader, Key
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.node_parameter import Value
 from smallwheel_ros.common.release import __version__
 from smallwheel_ros.init.from_bag import rover_of_bag
 from smallwheel_ros.init.rover import InitError
 from smallwheel_ros.onboard.parameters import (
     NODE_NAME,
     ParametersError,
+    idle_remaps,
     read_parameters,
     settings_from,
     unknown_parameters,
@@ -127,7 +129,7 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     """The replay with what its bag tells as the parameter file, which is put into its folder.
 
-    Remaps that are given win. Raises BagError, or InitError where the bag does not tell enough, or
+    Raises BagError, or InitError where the bag does not tell enough, or
     another parameter file is in the folder.
     """
     rover = rover_of_bag(like.bag)
@@ -142,9 +144,8 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
         raise InitError(f"{path} is not what the bag tells: give it with --config, or remove it")
     like.folder.mkdir(parents=True, exist_ok=True)
     write_bytes(path, text.encode())
-    remaps = read_remaps(f"{a}:={b}" for a, b in rover.remaps.items())
     said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
-    return replace(like, config=path, remaps={**remaps, **like.remaps}, notes=(said, *rover.notes))
+    return replace(like, config=path, notes=(said, *rover.notes))
 
 
 def check_parameters(spec: ReplaySpec) -> list[str]:
@@ -167,17 +168,18 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     """
     values = read_parameters(spec.config)
     notes: list[str] = []
+    described: Mapping[str, Value] = {}
     unknown = unknown_parameters(values, wheel_names(values.get("wheels")))
     topic = _description_topic(values)
     if topic and silent_parameters(values):
-        found, notes = _described(spec.in_bag(topic), reader, values)
-        values = {**values, **found}
+        described, notes = _described(spec.in_bag(topic), reader, values)
     if spec.rate is not None:
         values = {**values, "mobility.rate": float(spec.rate)}
     try:
-        settings = settings_from(values)
+        settings = settings_from(values, described)
     except ParametersError as error:
         raise ParametersError("; ".join([str(error), *notes])) from None
+    notes += [why for name, why in idle_remaps(settings).items() if resolved(name) in spec.remaps]
     return settings, unknown + notes
 
 
@@ -188,7 +190,7 @@ def _description_topic(values: Mapping[str, object]) -> str:
 
 def _described(
     topic: str, reader: BagReader, values: Mapping[str, object]
-) -> tuple[Mapping[str, float | int], list[str]]:
+) -> tuple[Mapping[str, Value], list[str]]:
     """Return what the bag's first robot description fills, and what is to be said of that."""
     if (topic, DESCRIPTION_TYPE) not in {t[:2] for t in reader.topics if t.message_count}:
         needed = needs_description(values)
@@ -239,8 +241,9 @@ def inputs_of(
     # The robot description is no stream, but may be remapped too.
     names = [*(topic.name for topic in topics), settings.robot_description_topic]
     known = {resolved(name) for name in names if name}
+    idle = {resolved(name) for name in idle_remaps(settings)}
     for name in spec.remaps:
-        if name not in known:
+        if name not in known | idle:
             raise ReplayError(
                 f"remap of {name}: the node has no such input; it has {', '.join(sorted(known))}"
             )

@@ -26,7 +26,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.refused import Refusal
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
-from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, message_class
+from smallwheel_ros.ros.outputs import message_class
 from smallwheel_ros.ros.parameters import (
     INPUT,
     LATCHED,
@@ -145,8 +145,9 @@ class Inputs:
                 subscribe(message_class(topic.type), name, _never, **how)
                 self._raw[name] = self._subscriptions[-1]
             # A classifier's grids come as they are made, a map server's was there before us.
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes)
-            subscribe(OccupancyGrid, TERRAIN_CLASSES, take_classes, LATCHED)
+            if classes := self._settings.terrain_classes_topic:
+                subscribe(OccupancyGrid, classes, take_classes)
+                subscribe(OccupancyGrid, classes, take_classes, LATCHED)
             if TFMessage is not None:
                 # Nav2 below a namespace has its transforms there: its launch files make /tf tf.
                 for name in {self._node.resolve_topic_name(name) for name in ("/tf", "tf")}:

@@ -158,7 +158,6 @@ def _of_wheel(newest: Estimates, i: int, wheel: Wheel, frame: str) -> list[Marke
 
 # --- The cost map
 
-TERRAIN_CLASSES = "terrain_classes"
 # s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
 # where they belong once it comes again: at once where tf tells of it, else after so long.
 _AGAIN_AFTER = 5.0
@@ -170,7 +169,7 @@ class CostPublisher:
 
     received, published: how many grids of terrain classes have come, and how many of costs were sent.
     report: takes what is wrong with a grid that cannot be used. prior: the vehicle's margin on any ground, as
-    it is believed before driving.
+    it is believed before driving. classes_topic: that terrain classes come by.
     """
 
     def __init__(
@@ -180,8 +179,9 @@ class CostPublisher:
         publisher: LifecyclePublisher,
         report: Report,
         prior: Quantity | None = None,
+        classes_topic: str = "terrain_classes",
     ) -> None:
-        self._publisher = publisher
+        self._publisher, self._classes_topic = publisher, classes_topic
         self._report = report
         self._stamp = 0
         self._last: Any = None
@@ -213,11 +213,11 @@ class CostPublisher:
         try:
             self.map.take_classes(grid_from(message))
         except CostMapError as error:
-            self._report(TERRAIN_CLASSES, "malformed_grid", f"not used: {error}")
+            self._report(self._classes_topic, "malformed_grid", f"not used: {error}")
             return
         self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
         if self.map.in_other_frame:
-            self._report(TERRAIN_CLASSES, "other_frame", self.map.problem)
+            self._report(self._classes_topic, "other_frame", self.map.problem)
 
     def on_transforms(self, message: Any) -> None:
         """Take transforms (tf2_msgs/TFMessage): the grid is sent again once its frame has moved."""
@@ -314,7 +314,9 @@ class Outputs:
                 )
             prior = margin_before_driving(vehicle)
             cost = self._publishers["~/cost"]
-            self.cost = CostPublisher(settings.cost, vehicle.wheels, cost, report, prior)
+            self.cost = CostPublisher(
+                settings.cost, vehicle.wheels, cost, report, prior, settings.terrain_classes_topic
+            )
         except Exception:
             self.destroy()
             raise

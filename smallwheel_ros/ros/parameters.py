@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.common.node_parameter import NodeParameter
+from smallwheel_ros.common.node_parameter import NodeParameter, Value
 from smallwheel_ros.onboard.declared import parameters_for
 from smallwheel_ros.onboard.parameters import (
     ParametersError,
@@ -97,8 +97,11 @@ class NodeParameters:
             if given.get(parameter.name) == "null" and parameter.default is None:
                 del given[parameter.name]
             self._declare(parameter, given.get(parameter.name))
-        self._silent = set(silent_parameters(given))
+        known = given.keys() & self._table.keys()
+        self._given = {name for name in known if given[name] is not None}
+        self._described: dict[str, Value] = {}
         self._filling = False
+        node.add_pre_set_parameters_callback(self._taken)
         node.add_on_set_parameters_callback(self._judge)
 
     def values(self) -> dict[str, object]:
@@ -111,14 +114,16 @@ class NodeParameters:
 
     def given(self) -> dict[str, object]:
         """Return the value of each parameter that was given."""
-        return {name: v for name, v in self.values().items() if name not in self._silent}
+        return {name: value for name, value in self.values().items() if name in self._given}
 
-    def fill(self, values: Mapping[str, float | int]) -> str:
+    def fill(self, values: Mapping[str, Value]) -> str:
         """Take values for parameters that were not given; return why that is impossible, or ""."""
+        silent = silent_parameters(self.given())
+        self._described = {name: value for name, value in values.items() if name in silent}
         changes = [
             RosParameter(name, value=value)
-            for name, value in values.items()
-            if name in self._silent and value != self._node.get_parameter(name).value
+            for name, value in self._described.items()
+            if value != self._node.get_parameter_or(name).value
         ]
         if not changes:
             return ""
@@ -142,7 +147,7 @@ class NodeParameters:
         """
         if self.problems:
             raise ParametersError("; ".join(self.problems.values()))
-        return settings_from(self.values())
+        return settings_from(self.given(), self._described)
 
     def _declare(self, parameter: NodeParameter, value: object) -> None:
         name = parameter.name
@@ -152,10 +157,20 @@ class NodeParameters:
         problem = None if value is None else parameter.problem(value)
         if problem is not None:
             self.problems.setdefault(name, problem)
+        value = parameter.taken(value)
         if value is None or name in self.problems:
             value = parameter.default
         descriptor = _descriptor(parameter)
         self._node.declare_parameter(name, value, descriptor, ignore_override=True)
+
+    def _taken(self, changes: Sequence[RosParameter]) -> list[RosParameter]:
+        """Integers where doubles are meant, as doubles."""
+        return [
+            RosParameter(change.name, value=self._table[change.name].taken(change.value))
+            if change.name in self._table and type(change.value) is int
+            else change
+            for change in changes
+        ]
 
     def _judge(self, changes: Sequence[RosParameter]) -> SetParametersResult:
         for change in changes:
@@ -165,7 +180,7 @@ class NodeParameters:
         for change in changes:
             self.problems.pop(change.name, None)
             if not self._filling:
-                self._silent.discard(change.name)
+                self._given.add(change.name)
         return SetParametersResult(successful=True)
 
     def _problem(self, name: str, value: object) -> str | None:

@@ -21,15 +21,15 @@ from smallwheel_ros.common.errors import reason
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.drive.statements import Kind, Statement, alarms
-from smallwheel_ros.onboard.parameters import ParametersError
+from smallwheel_ros.onboard.parameters import ParametersError, idle_remaps
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
-from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs
-from smallwheel_ros.ros.outputs import TERRAIN_CLASSES, Outputs, outputs_of
+from smallwheel_ros.ros.outputs import Outputs, outputs_of
 
 # s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
 # how much it has to do.
@@ -58,13 +58,14 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
     ParametersError
         If a name is not possible, or a topic would carry two types (DDS allows that to no node).
     """
-    classes = node.resolve_topic_name(TERRAIN_CLASSES)
     published = {
         node.resolve_topic_name(name): f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
         for name, (kind, _) in outputs_of(settings).items()
     }
-    types = {**_OF_ROS, **published, classes: "nav_msgs/msg/OccupancyGrid"}
+    types = {**_OF_ROS, **published}
     listened = [(topic.name, topic.type) for topic in topics_of(settings)]
+    if settings.terrain_classes_topic:
+        listened.insert(0, (settings.terrain_classes_topic, "nav_msgs/msg/OccupancyGrid"))
     if settings.robot_description_topic:
         listened.append((settings.robot_description_topic, DESCRIPTION_TYPE))
     for given, kind in listened:
@@ -77,6 +78,11 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
                 f"topic {name} would be {types[name]} and {kind}, expected one type: a node"
                 " can have no topic of two"
             )
+
+
+def _is_remapped(node: LifecycleNode, name: str) -> bool:
+    """Whether a remap of the node gives a topic another name."""
+    return bool(node.resolve_topic_name(name) != node.resolve_topic_name(name, only_expand=True))
 
 
 @dataclass
@@ -110,7 +116,8 @@ class Session:
         self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
         said = self._soil_file.problem, settings.onboard.unknown_positions
-        self.warnings = [*self._pipeline.undeterminable, *filter(None, said)]
+        idle = [why for name, why in idle_remaps(settings).items() if _is_remapped(node, name)]
+        self.warnings = [*idle, *self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
         self._timer: Timer | None = None
         self._jobs: list[_Job] = []
@@ -130,7 +137,7 @@ class Session:
     @property
     def _frame(self) -> str:
         """Frame of the odometry."""
-        return self._inputs.frame(ODOMETRY)
+        return self._inputs.frame(self._settings.odom_topic)
 
     @property
     def velocity_frame(self) -> str:
@@ -148,7 +155,7 @@ class Session:
             return lambda message: self._safely(name, work, message)
 
         inputs.listen(
-            guarded(TERRAIN_CLASSES, cost.on_classes),
+            guarded(self._settings.terrain_classes_topic, cost.on_classes),
             guarded("/tf", cost.on_transforms),
             guarded("/tf_static", cost.on_static_transforms),
         )

@@ -12,9 +12,9 @@ import click
 from smallwheel_ros.bags import STORAGES, Storage, check_new_bag
 from smallwheel_ros.common.console import JSON, tell
 from smallwheel_ros.common.files import check_targets, json_text, write_bytes
-from smallwheel_ros.common.options import Command, settings_options
 from smallwheel_ros.simulate.drive import simulate_drive
 from smallwheel_ros.simulate.drive_bag import write_drive_bag
+from smallwheel_ros.simulate.options import Command, settings_options
 from smallwheel_ros.simulate.rig import check_suffix, simulate_rig, write_table
 from smallwheel_ros.simulate.settings import DriveSettings, RigSettings
 

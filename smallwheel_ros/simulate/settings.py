@@ -15,8 +15,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.common.options import Option, options_of
 from smallwheel_ros.simulate.hidden import EFFECTS, OF_COLUMN, HiddenEffect
+from smallwheel_ros.simulate.options import Option, options_of
 from smallwheel_ros.simulate.truth import TruthSoil
 from smallwheel_ros.simulate.world import ROVERS, Sensors, SimulatedRover
 

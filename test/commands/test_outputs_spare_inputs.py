@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ["report", "d.csv", "--model", "m.yaml", "-o", "m.yaml"],
         [*PREDICT, "--json", "m.yaml"],
         ["effects", "--effects", "own.py", "--json", "own.py"],
-        ["benchmark", ".", "--law", "own.py", "-o", "own.py"],
+        ["compare", ".", "--law", "own.py", "-o", "own.py"],
         ["replay", "bag", "--config", "m.yaml", "-o", "out", "--json", "m.yaml"],
     ],
 )

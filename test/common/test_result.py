@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all results have in common: text, plain values, rows and files; and what errors say.
 
-Tests `console.py`, `errors.py`, `options.py`, `release.py`, `result.py` and `tables.py`.
+Tests `console.py`, `errors.py`, `release.py`, `result.py` and `tables.py`.
 """
 
 from __future__ import annotations

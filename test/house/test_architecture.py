@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/architecture.md shows the way of one message as it is: traced, not told.
+"""docs/architecture.md shows the way of one message as it is, traced, and which files there are.
 
 `PYTHONPATH=. python test/house/test_architecture.py` writes it anew.
 """
@@ -17,6 +17,8 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
+SOURCES = PAGE.parent.parent / "smallwheel_ros"
+FOLDERS = {"<!-- packages -->": SOURCES, "<!-- rooms -->": SOURCES / "pipeline"}
 PACKAGE, PAGE_OF_CODE = "smallwheel_ros/", "pipeline/pipeline.py"
 MOST_CHANGES = 520  # of file in a turn of one wheel
 ROVER: dict[str, object] = {
@@ -97,9 +99,27 @@ def table(append: list[Call], turn: list[Call]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def with_files(text: str) -> str:
+    """The page with the files of each package and room as they are, in the last column of its table."""
+    lines, folder = [], SOURCES
+    for line in text.splitlines():
+        if line in FOLDERS:
+            folder = FOLDERS[line]
+        name = line.split("`")[1] if line.startswith("| `") else ""
+        if name and (folder / name).is_dir():
+            files = sorted(path.stem for path in (folder / name).glob("[!_]*.py"))
+            rooms = [
+                f"{path.parent.name}/" for path in sorted((folder / name).glob("*/__init__.py"))
+            ]
+            first = line.rsplit("|", 2)[0].rstrip()
+            line = f"{first} | {', '.join([*files, *rooms])} |"
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
 def rewritten(text: str) -> str:
-    """The page with the trace as it is now."""
-    before, rest = text.split(BEGIN)
+    """The page with trace and files as they are now."""
+    before, rest = with_files(text).split(BEGIN)
     return before + BEGIN + table(*trace()) + END + rest.split(END)[1]
 
 

@@ -91,6 +91,18 @@ def test_no_file_is_in_a_circle_of_imports() -> None:
     TopologicalSorter(graph).prepare()  # raises CycleError, which names the files
 
 
+def test_what_shows_a_result_is_there() -> None:
+    """Results name it by a string, which no import and no linter sees."""
+    names = [
+        name
+        for path in PACKAGE.rglob("*.py")
+        for name in re.findall(r'\bshown="([\w.]+)"', path.read_text(encoding="utf-8"))
+    ]
+    assert len(names) > 5
+    gone = [n for n in names if not PACKAGE.joinpath(*n.split(".")).with_suffix(".py").is_file()]
+    assert not gone, gone
+
+
 def test_no_two_test_files_have_one_name(repository: Path) -> None:
     """Tests import from each other by name: of two the one that was collected first would be meant."""
     names = [path.stem for path in (repository / "test").glob("**/*.py")]

@@ -71,6 +71,11 @@ def test_a_folder_is_seen_at_a_glance() -> None:
     assert not large, large
 
 
+def test_no_two_files_differ_by_an_s() -> None:
+    names = {path.stem for path in sources()}
+    assert not (pairs := sorted(name for name in names if f"{name}s" in names)), pairs
+
+
 def test_a_class_has_its_name_alone() -> None:
     places = defaultdict(list)
     for path in sources():

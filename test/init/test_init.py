@@ -21,7 +21,12 @@ from click.testing import CliRunner, Result
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
 from smallwheel_ros.init.rover import FILL_IN, usual_names, wheels_named_by
-from smallwheel_ros.onboard.parameters import ParametersError, read_parameters, settings_from
+from smallwheel_ros.onboard.parameters import (
+    ParametersError,
+    for_each_wheel,
+    read_parameters,
+    settings_from,
+)
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 PLACES = {"front_left": (0.35, 0.28), "front_right": (0.35, -0.28),
@@ -89,7 +94,7 @@ def run(*arguments: object, code: int = 0) -> Result:
 
 
 def found(path: Path) -> dict[str, object]:
-    return dict(read_parameters(path))
+    return for_each_wheel(read_parameters(path))
 
 
 def found_in(text: str) -> dict[str, object]:
@@ -129,18 +134,18 @@ def test_replay_goes_by_what_the_bag_tells_and_says_so(bag: Path, tmp_path: Path
 
 def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_path: Path) -> None:
     said = run("init", bag, "-o", tmp_path / "rover.yaml", "--json", tmp_path / "found.json").stdout
-    assert "to be filled in: front_left.diameter, front_left.width" in said
+    assert "to be filled in: all_wheels.diameter, all_wheels.width, vehicle.track" in said
     text = (tmp_path / "rover.yaml").read_text()
-    assert text.count(FILL_IN) == 16 + 1  # and where it is explained
-    assert json.loads((tmp_path / "found.json").read_text())["missing"][0] == "front_left.diameter"
+    assert text.count(FILL_IN) == 4 + 1  # and where it is explained
+    assert json.loads((tmp_path / "found.json").read_text())["missing"][0] == "all_wheels.diameter"
     refused = run("replay", bag, "-o", tmp_path / "out", code=2).stderr
-    assert "does not tell front_left.diameter" in refused
+    assert "does not tell all_wheels.diameter" in refused
     assert f"smallwheel init {bag} -o rover.yaml" in refused
     assert not (tmp_path / "out").exists()
     half = run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out", code=2)
     assert "front_left.diameter is string 'FILL_IN'" in half.stderr
     assert "from 0.005 to 5 m: write the number in its place" in half.stderr
-    sizes = text.replace(f"diameter: {FILL_IN}", "diameter: 0.25").replace(f": {FILL_IN}", ": 0.1")
+    sizes = text.replace(f"diameter: {FILL_IN}", "diameter: 0.25").replace(f": {FILL_IN}", ": 1")
     (tmp_path / "rover.yaml").write_text(sizes)
     run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out")
 
@@ -157,8 +162,11 @@ def test_other_names_of_topics_and_joints_are_found(bag: Path, tmp_path: Path) -
     assert "rear_right_joint turns rear_right, by its name; there is no wheel_rear_right" in said
     assert values["rear_right.diameter"] == 0.25
     assert values["front_left.sinkage_topic"] == ""
-    assert "--remap joint_states:=/drive/joints" in said
-    assert "--remap joint_states:=/drive/joints" in (tmp_path / "rover.yaml").read_text()
+    assert "joint_states_topic: /drive/joints" in said
+    assert values["joint_states_topic"] == "/drive/joints"
+    text = (tmp_path / "rover.yaml").read_text()
+    assert "    all_wheels:\n" in text  # what is equal stands there once
+    assert text.count("diameter: 0.25") == 1
 
 
 def test_a_robot_description_alone(tmp_path: Path) -> None:
@@ -173,7 +181,7 @@ def test_a_robot_description_alone(tmp_path: Path) -> None:
     (tmp_path / "mesh.urdf").write_text(description(body="mesh filename='a.stl'"))
     run("init", tmp_path / "mesh.urdf", "-o", tmp_path / "c.yaml")
     text = (tmp_path / "c.yaml").read_text()
-    assert text.count(f"diameter: {FILL_IN}") == text.count(f"width: {FILL_IN}") == 4
+    assert text.count(f"diameter: {FILL_IN}") == text.count(f"width: {FILL_IN}") == 1
     assert f"lateral_position: {FILL_IN}" not in text
 
 
@@ -184,8 +192,19 @@ def test_so_many_wheels(count: int, tmp_path: Path) -> None:
     values = section["ros__parameters"]
     assert values["wheels"] == usual_names(count)
     assert len({*values["wheels"]}) == count
-    needed = ("diameter", "width", "lateral_position", "longitudinal_position")
-    assert all(values[wheel] == dict.fromkeys(needed, FILL_IN) for wheel in values["wheels"])
+    assert values["all_wheels"] == {"diameter": FILL_IN, "width": FILL_IN}
+    sizes = {
+        2: {"track"},
+        3: {"track", "wheelbase"},
+        4: {"track", "wheelbase"},
+        6: {"track", "wheelbase"},
+    }
+    assert set(values.get("vehicle", {})) == sizes.get(count, set())
+    places = dict.fromkeys(("lateral_position", "longitudinal_position"), FILL_IN)
+    for wheel in values["wheels"]:  # names that say nothing of a place
+        assert values.get(wheel, {}) == (places if count in (5, 20) else {})
+    settings = settings_from(found_in(filled_in((tmp_path / "rover.yaml").read_text())))
+    assert count == 1 or count in (5, 20) or not settings.onboard.unknown_positions
 
 
 @pytest.mark.parametrize(
@@ -294,14 +313,16 @@ def filled_in(text: str) -> str:
 def filled_in_from(text: str, vehicle: Path) -> str:
     """The file with what the parameters of the vehicle say in each place that has to be filled in."""
     true = yaml.safe_load(vehicle.read_text())["/**"]["ros__parameters"]
-    section, lines = "", []
-    for line in text.splitlines():
-        section = line.strip().rstrip(":") if re.fullmatch(r" {4}\w+:", line) else section
-        name = line.split(":")[0].strip()
-        lines.append(
-            line.replace(FILL_IN, str(true[section][name])) if f": {FILL_IN}" in line else line
-        )
-    return "\n".join(lines) + "\n"
+    wheel = true["front_left"]
+    numbers = {name: wheel[name] for name in ("diameter", "width")} | true["vehicle"]
+    numbers |= {
+        "track": 2.0 * wheel["lateral_position"],
+        "wheelbase": 2.0 * wheel["longitudinal_position"],
+    }
+    for name, number in numbers.items():
+        text = text.replace(f" {name}: {FILL_IN}", f" {name}: {number:g}")  # 280, too
+    assert f": {FILL_IN}" not in text
+    return text
 
 
 def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> None:
@@ -310,11 +331,10 @@ def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> N
     said = run("init", bag, "-o", config).stdout
     assert "assumed: /lidar/pose is odom; /wheel/odom is made of the wheels" in said
     assert "joint_sign of front_left, rear_left by the drive" in said
-    assert f"then: smallwheel replay {bag} --config {config} --remap odom:=/lidar/pose" in said
+    assert f"then: smallwheel replay {bag} --config {config} -o out" in said
     text = config.read_text()
     assert text.count(f"mass: {FILL_IN}") == 1
-    assert text.count(f"lateral_position: {FILL_IN}") == 4
-    assert "speed in turns" in text  # what they are for
+    assert text.count(f": {FILL_IN}") == 5
     config.write_text(filled_in(text))
     values = found(config)
     assert values["wheels"] == list(PLACES)
@@ -322,8 +342,7 @@ def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> N
     assert values["front_left.joint_sign"] == -1
     assert "front_right.joint_sign" not in values
     assert values["imu_topic"] == "/imu/data"
-    remap = ("--remap", "odom:=/lidar/pose")
-    run("replay", bag, "--config", config, *remap, "-o", tmp_path / "out")
+    run("replay", bag, "--config", config, "-o", tmp_path / "out")
     rows = pd.read_csv(tmp_path / "out" / "estimates.csv")
     assert rows["slip"].notna().mean() > 0.9
     assert rows["slip"].mean() == pytest.approx(0.1, abs=0.03)
@@ -376,23 +395,28 @@ def test_a_wrong_joint_is_answered_with_those_that_are_there(tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     "name",
-    ["husky_snow", "pathfinder_flat", "warthog_grass", "warthog_grass_pose_only", "warthog_sand1"],
+    [
+        "husky_snow",
+        "husky_wetgrass",
+        "pathfinder_flat",
+        "warthog_grass",
+        "warthog_grass_pose_only",
+        "warthog_gravel",
+        "warthog_ice",
+        "warthog_sand1",
+    ],
 )
-def test_a_real_drive_needs_sizes_places_and_mass(
-    name: str, shared_data: Path, tmp_path: Path
-) -> None:
+def test_a_real_drive_needs_five_numbers(name: str, shared_data: Path, tmp_path: Path) -> None:
     bag, config = shared_data / "real_drives" / name, tmp_path / "rover.yaml"
     if not bag.exists():
         pytest.skip(f"no recorded drive {bag}")
     said = run("init", bag, "-o", config).stdout
     # With made-up sizes rims are off by half, and every joint may well be doubted.
     vehicle = bag.with_name(f"{name.split('_')[0]}.yaml")
+    assert config.read_text().count(f": {FILL_IN}") == 5
     config.write_text(filled_in_from(config.read_text(), vehicle))
-    remap = re.findall(r"--remap (\S+)", said.splitlines()[-1])
-    options = [word for one in remap for word in ("--remap", one)]
-    result = run(
-        "replay", bag, "--config", config, *options, "--copy", "none", "-o", tmp_path / "out"
-    )
+    assert "--remap" not in said
+    result = run("replay", bag, "--config", config, "--copy", "none", "-o", tmp_path / "out")
     assert "never in a message" not in result.stdout
     table = pd.read_csv(tmp_path / "out" / "estimates.csv", usecols=["time", "slip"])
     known = table["slip"].notna()
@@ -420,7 +444,7 @@ def test_a_bag_without_wheels_says_what_it_looked_for(bag: Path, tmp_path: Path)
 
 def with_all_that_is_left_out(text: str) -> str:
     """The file with each such line taken in, and the mass written."""
-    lines = text.replace("# vehicle:", "vehicle:").replace("#   mass: 0.0", "  mass: 24.0")
+    lines = text.replace("# vehicle.mass: 0.0", "vehicle.mass: 24.0")
     return re.sub(r"^    # (\w+: \S+)$", r"    \1", lines, flags=re.MULTILINE)
 
 
@@ -437,10 +461,10 @@ def left_out(text: str) -> dict[str, tuple[str, str]]:
 @pytest.mark.parametrize(
     ("origin", "names"),
     [
-        ("bag", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
-        ("bag with a description", {"imu_topic", "vehicle.mass"}),
+        ("bag", {"vehicle.mass", "robot_description_topic"}),
+        ("bag with a description", {"vehicle.mass"}),
         ("bag without imu", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
-        ("bag with radar", {"velocity_topic", "imu_topic", "vehicle.mass", "robot_description_topic"}),
+        ("bag with radar", {"velocity_topic", "vehicle.mass", "robot_description_topic"}),
         ("urdf", {"imu_topic", "vehicle.mass"}),
         ("wheels", {"imu_topic", "vehicle.mass", "robot_description_topic"}),
     ],
@@ -461,13 +485,11 @@ def test_each_line_that_is_left_out_says_why_and_what_it_brings(
     assert set(found) == names
     for name, (words, line) in found.items():
         assert re.fullmatch(rf"{name} is left out: \S.+\. Brings\b.+\.", words)
-        assert line.startswith(f"{name.rpartition('.')[2]}: ")
-    topic = (
-        "imu_topic: /imu"
-        if origin.startswith("bag") and "without" not in origin
-        else "imu_topic: imu"
-    )
-    assert found["imu_topic"][1] == topic
+        assert line.startswith(f"{name}: ")
+    if "imu_topic" in names:
+        assert found["imu_topic"][1] == "imu_topic: imu"
+    else:  # the bag has it, with gravity along its z axis
+        assert found_in(text)["imu_topic"] == "/imu"
 
     # Nothing of it counts as it is; taken in, the node and replay understand it.
     assert not names & set(found_in(text))
@@ -483,8 +505,104 @@ def test_each_line_that_is_left_out_says_why_and_what_it_brings(
 def test_a_mass_that_nobody_wrote_is_refused(tmp_path: Path) -> None:
     run("init", "--wheels", 2, "-o", tmp_path / "rover.yaml")
     text = (tmp_path / "rover.yaml").read_text().replace(FILL_IN, "0.2")
-    taken = text.replace("# vehicle:", "vehicle:").replace("#   mass: 0.0", "  mass: 0.0")
+    taken = text.replace("# vehicle.mass: 0.0", "vehicle.mass: 0.0")
     with pytest.raises(
         ParametersError, match=r"vehicle\.mass is 0\.0, expected a double from 0\.01"
     ):
         settings_from(found_in(taken))
+
+
+# --- Which imu, which topics, which robot
+
+
+@pytest.mark.parametrize(
+    ("up", "words"),
+    [
+        (1.0 / 9.80665, "gravity in g? expected 9.81 m/s^2"),
+        (0.0, "its accelerations are all 0"),
+        (0.01, "gravity has been taken out"),
+        (float("nan"), "none of its 600 accelerations is a number"),
+    ],
+)
+def test_an_imu_is_left_out_for_its_own_reason(up: float, words: str, tmp_path: Path) -> None:
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1}, up=up)
+    said = run("init", bag, "-o", tmp_path / "rover.yaml").stdout
+    assert "/imu/data is not used: " in said
+    assert words in said
+    assert "gravity is not along its z axis" not in said
+
+
+def joined(bag: Path, target: Path, *copies: Mapping[str, str]) -> Path:
+    """The messages of a bag several times, under other names; without those that have none."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        for name, kind, time, message in reader.messages():
+            for names in copies:
+                if name in names:
+                    writer.write(names[name], kind, time, message)
+    return target
+
+
+def steering_states(bag: Path, target: Path) -> Path:
+    """A copy with the joints of the corners on a topic of their own, as rovers with two drivers have."""
+    with BagReader(bag) as reader, BagWriter(target) as writer:
+        for i, (name, kind, time, message) in enumerate(reader.messages()):
+            if name == "/joint_states":
+                corners = [f"corner_{wheel}" for wheel in SIGNS]
+                rates, none = np.full(4, 0.3 * np.cos(0.1 * i)), np.empty(0)
+                states = message_type(kind)(message.header, corners, none, rates, none)
+                writer.write("/corner_state", kind, time, states)
+                name = "/drive_state"
+            writer.write(name, kind, time, message)
+    return target
+
+
+def test_of_two_topics_of_joint_states_that_of_the_wheels_is_taken(tmp_path: Path) -> None:
+    bag = steering_states(plain_drive(tmp_path / "drive", {"/odom": 0.1}), tmp_path / "two")
+    said = run("init", bag, "-o", tmp_path / "rover.yaml").stdout
+    assert "/drive_state is joint_states, with the joints of the wheels; /corner_state has" in said
+    assert "front_left.joint: left_front_wheel" in said
+    asked = ("--joint-states", "/corner_state", "-o", tmp_path / "a.yaml")
+    assert "(its joints are corner_left_front," in run("init", bag, *asked, code=2).stderr
+    run("init", bag, "--joint-states", "drive_state", "-o", tmp_path / "b.yaml")
+    assert found(tmp_path / "b.yaml") == found(tmp_path / "rover.yaml")
+    refused = run("init", bag, "--joint-states", "/x", "-o", tmp_path / "a.yaml", code=2).stderr
+    assert "no topic /x of joint states, expected one of /corner_state, /drive_state" in refused
+
+
+def test_of_two_robots_one_has_to_be_named(tmp_path: Path) -> None:
+    topics = ("/joint_states", "/odom", "/imu/data")
+    copies = [{topic: f"/{robot}{topic}" for topic in topics} for robot in ("one", "two")]
+    bag = joined(plain_drive(tmp_path / "drive", {"/odom": 0.1}), tmp_path / "both", *copies)
+    config = tmp_path / "rover.yaml"
+    refused = run("init", bag, "-o", config, code=2).stderr
+    assert (
+        "joint states of 2 robots, /one/joint_states, /two/joint_states: --namespace one" in refused
+    )
+    said = run("init", bag, "--namespace", "two", "-o", config).stdout
+    assert "/two/odom is odom" in said
+    assert "/one/" not in config.read_text()
+    refused = run("init", bag, "--namespace", "three", "-o", tmp_path / "a.yaml", code=2).stderr
+    assert "no topic is in the namespace 'three', expected one of one, two" in refused
+
+
+def test_an_odometry_that_looks_back_is_named_and_turns_no_joint(tmp_path: Path) -> None:
+    """The left axes are mirrored in the drive: a description that has the right ones so is against all."""
+    bag = plain_drive(tmp_path / "drive", {"/odom": 0.1})
+    text = description("{}_wheel")
+    for ours, theirs in {"front_left": "left_front", "rear_left": "left_rear",
+                         "front_right": "right_front", "rear_right": "right_rear"}.items():  # fmt: skip
+        text = text.replace(f"'{ours}_wheel'", f"'{theirs}_wheel'")
+    head, *joints = text.split("<joint ")
+    joints = [j.replace("0 1 0", "0 -1 0") if "name='right_" in j else j for j in joints]
+    (tmp_path / "rover.urdf").write_text("<joint ".join([head, *joints]))
+    said = run("init", bag, "--urdf", tmp_path / "rover.urdf", "-o", tmp_path / "r.yaml").stdout
+    assert "the odometry looks back" in said
+    values = found_in(filled_in((tmp_path / "r.yaml").read_text()))
+    assert [values[f"{wheel}.joint_sign"] for wheel in PLACES] == [1, -1, 1, -1]
+
+
+def test_a_description_that_cannot_be_used_does_not_stop_a_bag(bag: Path, tmp_path: Path) -> None:
+    other = rewritten(bag, tmp_path / "drive", {}, "<robot name='nothing'/>")
+    said = run("init", other, "-o", tmp_path / "rover.yaml").stdout
+    assert "the robot description is not used: it has no joint" in said
+    assert found_in(filled_in((tmp_path / "rover.yaml").read_text()))["wheels"] == list(PLACES)

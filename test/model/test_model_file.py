@@ -167,7 +167,7 @@ covariance:
         ("id: slip_sinkage", "id: slip_sinkege", "no effect 'slip_sinkege': did you mean 'slip_s"),
         ("id: slip_sinkage", "id: mine", "your own is given with --effects FILE"),
         ("form: exponential", "form: linaer", "has no form 'linaer': There is: added"),
-        ("form: exponential", "form: lyasko", "it went in 0.3.0; fit again"),
+        ("form: exponential", "form: lyasko", "has no form .lyasko.: There is: "),
         ("value: 1.0", "value: 99", r"effects\[0\]: effect 'slip_sinkage': a is 99.0, expected 0"),
         ("unit: '1'", "unit: m", r"effects\[0\].parameters.a.unit: found 'm', expected '1'"),
         ("    a: {", "    b: {", r"effects\[0\].parameters.b: unknown key"),

@@ -199,7 +199,12 @@ class TestSettings:
         ("changes", "words"),
         [
             ({"front.diameter": 0.0}, "front.diameter is 0.0, expected a double from 0.005 to 5 m"),
-            ({"front.diameter": 1}, "front.diameter is integer 1, .*: write 1.0"),
+            ({"front.diameter": True}, "front.diameter is bool True, expected a double from 0.005"),
+            ({"front.diameter": 9}, "front.diameter is 9, expected a double from 0.005 to 5 m"),
+            ({"vehicle.mass": 10**400}, "vehicle.mass is 1000000.*, expected a double from 0.01"),
+            ({"odom_topic": ""}, "odom_topic is '', expected the name of a topic"),
+            ({"all_wheels.width": 9.0}, "all_wheels.width is 9.0, expected a double from 0.001"),
+            ({"wheels": ["all_wheels"]}, "'all_wheels': there is a group of parameters of that"),
             ({"front.diameter": "0.2"}, "front.diameter is string '0.2', .*without quotes"),
             ({"front.diameter": float("nan")}, "front.diameter is nan"),
             ({"front.diameter": None}, "front.diameter is missing, expected a double"),
@@ -255,11 +260,69 @@ class TestSettings:
             settings_from({**ONE_WHEEL, **changes})
 
     def test_all_problems_are_said_at_once(self) -> None:
-        found = problems({"wheels": ["a", "b"], "a.diameter": 0.0, "a.width": 0.1, "b.width": 1})
+        found = problems({"wheels": ["a", "b"], "a.diameter": 0.0, "a.width": 0.1, "b.width": 9})
         assert len(found) == 3
         assert "a.diameter" in found[0]
         assert "b.diameter" in found[1]
         assert "b.width" in found[2]
+
+    def test_an_integer_where_a_double_is_meant_is_taken(self) -> None:
+        made = settings_from({**ONE_WHEEL, "vehicle.mass": 280, "imu_yaw": 0})
+        assert (repr(made.vehicle.mass), repr(made.imu_yaw)) == ("280.0", "0.0")
+
+    def test_a_wheel_has_its_own_then_what_all_have_then_the_description_then_the_default(
+        self,
+    ) -> None:
+        values = {
+            "wheels": ["a", "b"],
+            "all_wheels.diameter": 0.3,
+            "all_wheels.joint": "drive_<wheel>",
+            "all_wheels.sinkage_topic": "",
+            "b.diameter": 0.2,
+            "a.width": 0.1,
+        }
+        described = {"b.width": 0.12, "b.diameter": 0.9, "a.lateral_position": 0.4}
+        made = settings_from(values, described)
+        assert [wheel.diameter for wheel in made.onboard.wheels] == [0.3, 0.2]
+        assert [wheel.width for wheel in made.onboard.wheels] == [0.1, 0.12]
+        assert [wheel.lateral_position for wheel in made.onboard.wheels] == [0.4, 0.0]
+        assert [made.inputs[name].joint for name in "ab"] == ["drive_a", "drive_b"]
+        assert made.onboard.without_sinkage == {"a", "b"}
+        assert unknown_parameters({**values, "all_wheels.joints": "x"}, ["a", "b"]) == [
+            "parameter all_wheels.joints is unknown and not used: did you mean 'all_wheels.joint'?"
+        ]
+
+    @pytest.mark.parametrize(("base_at", "behind"), [("middle", 0.0), ("rear_axle", 0.3)])
+    def test_track_and_wheelbase_place_wheels_whose_names_say_where(
+        self, base_at: str, behind: float
+    ) -> None:
+        names = ["front_left", "Middle_right", "left", "rear", "bogie_3"]
+        values = {"wheels": names, "all_wheels.diameter": 0.3, "all_wheels.width": 0.1}
+        values |= {"vehicle.track": 0.5, "vehicle.wheelbase": 0.6, "vehicle.base_at": base_at}
+        values["bogie_3.lateral_position"] = 7.0
+        wheels = settings_from(values, {"left.longitudinal_position": 5.0}).onboard.wheels
+        found = [(w.lateral_position, w.longitudinal_position) for w in wheels]
+        ahead = 0.3 + behind
+        assert found == [
+            (0.25, ahead),
+            (-0.25, behind),
+            (0.25, 5.0),
+            (0.0, behind - 0.3),
+            (7.0, 0.0),
+        ]
+
+    def test_places_that_contradict_the_track_are_refused(self) -> None:
+        values = {"wheels": ["left"], "left.diameter": 0.3, "left.width": 0.1, "vehicle.track": 0.5}
+        assert settings_from({**values, "left.lateral_position": 0.26}).onboard.wheels[0]
+        words = (
+            r"left.lateral_position is 0.4, but vehicle.track \(0.5\) says 0.25: expected the same"
+        )
+        with pytest.raises(ParametersError, match=words):
+            settings_from({**values, "left.lateral_position": 0.4})
+        settings = settings_from(
+            values, {"left.lateral_position": 0.4}
+        )  # a description comes first
+        assert settings.onboard.wheels[0].lateral_position == 0.4
 
     def test_unknown_parameters_are_named_with_the_nearest(self) -> None:
         values = {

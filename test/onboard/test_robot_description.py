@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot description fills, and what is said of what it cannot."""
+"""What a robot description fills, and what is said of what it cannot; `urdf.py` reads it."""
 
 from __future__ import annotations
 
@@ -63,8 +63,11 @@ def one_wheel(body: str = f"<collision>{LYING}</collision>", **options: str) -> 
 
 
 def filled(text: str, **given: object) -> Filled:
+    """What is filled besides the frame, which is given."""
     return fill_silent(
-        text, {"wheels": ["front"]} | {k.replace("__", "."): given[k] for k in given}
+        text,
+        {"wheels": ["front"], "front.frame": "rim"}
+        | {k.replace("__", "."): given[k] for k in given},
     )
 
 
@@ -75,6 +78,7 @@ ALL = {
     "front.longitudinal_position": 0.3,
     "front.joint_sign": 1,
 }
+SILENT = {name.replace(".", "__"): value for name, value in ALL.items()}
 
 
 # --- What is filled
@@ -151,6 +155,24 @@ def test_silent_parameters_are_filled(text: str, differs: dict[str, object]) -> 
     found = filled(text)
     assert found.values == pytest.approx(ALL | differs)
     assert found.lacking == []
+
+
+def test_the_frame_is_the_link_that_the_joint_moves() -> None:
+    assert filled(one_wheel(), front__frame=None).values["front.frame"] == "tyre"
+    no_joint = filled(one_wheel(), front__frame=None, front__joint="x", **SILENT)
+    assert no_joint == Filled()  # nothing else was asked for
+
+
+def test_what_all_wheels_have_is_given_and_a_track_that_contradicts_is_said() -> None:
+    found = filled(one_wheel(), **{"all_wheels.diameter": 0.3, "vehicle.track": 0.9})
+    assert "front.diameter" not in found.values
+    assert found.values["front.lateral_position"] == 0.2
+    found = fill_silent(
+        one_wheel().replace("front_joint", "left_joint"),
+        {"wheels": ["left"], "left.frame": "rim", "vehicle.track": 0.9},
+    )
+    (said,) = found.lacking
+    assert "left.lateral_position is 0.2, but vehicle.track (0.9) says 0.45: the desc" in said
 
 
 def test_given_parameters_win_and_are_not_spoken_of() -> None:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which joints of a robot description turn wheels, what steers these, and which way the base looks."""
+"""Which joints of a robot description turn wheels, what steers these, and which way the base looks.
+
+Tests `urdf.py`.
+"""
 
 from __future__ import annotations
 

@@ -174,14 +174,14 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
     def state() -> int:
         return int(peer.call(GetState, "get_state", GetState.Request()).current_state.id)
 
-    bad = {"autostart": "false", "front.width": "1"}
+    bad = {"autostart": "false", "front.width": "true", "imu_yaw": "1"}
     log = tmp_path / "node.log"
     with NodeProcess([one_wheel], log, bad) as node:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
-        # An integer for a double: it stays unconfigured, says why, and can be mended.
+        # A bool for a double: it stays unconfigured, says why, and can be mended.
         assert not change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
-        sentence = "front.width is integer 1, expected a double from 0.001 to 5 m: write 1.0"
+        sentence = "front.width is bool True, expected a double from 0.001 to 5 m"
         name = "mobility_estimator: parameters"
         peer.spin_until(lambda: name in peer.diagnostics, "diagnostics of the parameters")
         assert peer.diagnostics[name].level == b"\x02"
@@ -189,6 +189,10 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
         refused = set_parameter("front.width", -0.1)
         assert not refused.successful
         assert "front.width" in refused.reason
+        assert not set_parameter("imu_yaw", True).successful
+        assert repr(peer.value("imu_yaw")) == "1.0"  # an integer, where a double is meant
+        assert set_parameter("imu_yaw", 2).successful
+        assert repr(peer.value("imu_yaw")) == "2.0"
         assert set_parameter("front.width", 0.12).successful
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
@@ -240,9 +244,9 @@ def test_lifecycle_and_parameters_by_a_manager(peer: Peer, one_wheel: Path, tmp_
     ("text", "words"),
     [
         (
-            ONE_WHEEL.replace("0.25", "0.0").replace("width: 0.1", "width: 1"),
+            ONE_WHEEL.replace("0.25", "0.0").replace("width: 0.1", "width: true"),
             r"cannot be configured: parameter front\.diameter is 0\.0, expected a double from"
-            r" 0\.005 to 5 m; parameter front\.width is integer 1, .*: write 1\.0",
+            r" 0\.005 to 5 m; parameter front\.width is bool True, expected a double",
         ),
         ("/**:\n  ros__parameters:\n    reference_slip: 0.3\n", "parameter wheels is missing"),
         ("/**:\n  ros__parameters: [\n", "mobility_estimator: cannot start: .*rover.yaml"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests `command.py`."""
+"""Tests `command.py` and `options.py`."""
 
 from __future__ import annotations
 

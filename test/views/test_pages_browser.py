@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages in a real browser: they answer to mouse and keyboard, fetch nothing, and can be read.
 
-Tests `benchmark.py`.
+Tests `law_table.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from click.testing import CliRunner
 from lab_truth import plate_rows, write
 
 from smallwheel_ros import cli
-from smallwheel_ros.api.benchmark import benchmark
 from smallwheel_ros.api.compare import compare
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
@@ -97,7 +96,7 @@ def laws(tmp_path_factory: pytest.TempPathFactory) -> str:
         folder / "plates_of_the_first_soil_bin.csv", [[f"{row[0]}{EVIL}", *row[1:]] for row in rows]
     )
     (folder / "LICENSE").write_text(f"CC0 {EVIL}")
-    return benchmark(folder.parent).save(folder / "laws.html").as_uri()
+    return compare(str(folder.parent)).save(folder / "laws.html").as_uri()
 
 
 @pytest.fixture(scope="module")

@@ -81,9 +81,9 @@ def topics_of(settings: NodeSettings) -> list[Topic]:
             for part in parts
         }
         read = _joints(velocities, efforts)
-        found.append(Topic("joint_states", JOINTS, read, tuple(of), of))
+        found.append(Topic(settings.joint_states_topic, JOINTS, read, tuple(of), of))
     if ODOMETRY in streams:
-        found.append(Topic(ODOMETRY, ODOM, _odometry, (ODOMETRY,)))
+        found.append(Topic(settings.odom_topic, ODOM, _odometry, (ODOMETRY,)))
     if VELOCITY in streams:
         found.append(Topic(settings.velocity_topic, TWIST, _velocity, (VELOCITY,)))
     if IMU in streams:
@@ -118,15 +118,27 @@ def _joints(
     velocities: Mapping[str, list[tuple[str, float]]],
     efforts: Mapping[str, list[tuple[str, float]]],
 ) -> Callable[[Fields, list[str]], Rows]:
+    """Load and torque by effort. Of speeds velocity, position, and whether there is a velocity."""
+
+    def column(of: Fields, name: str, joints: list[str], i: int) -> Array | None:
+        values = of.get(name)
+        return None if values is None or values.shape[1] != len(joints) else values[:, i : i + 1]
+
     def read(of: Fields, joints: list[str]) -> Rows:
         found: Rows = {}
-        for name, wanted in (("velocity", velocities), ("effort", efforts)):
-            values = of.get(name)
-            if values is None or values.shape[1] != len(joints):
+        for i, joint in enumerate(joints):
+            effort = column(of, "effort", joints, i)
+            if effort is not None:
+                for stream, factor in efforts.get(joint, ()):
+                    found[stream] = factor * effort
+            velocity, position = (column(of, name, joints, i) for name in ("velocity", "position"))
+            there = position if velocity is None else velocity
+            if there is None:
                 continue  # counted by the replay: the joint states have none
-            for i, joint in enumerate(joints):
-                for stream, factor in wanted.get(joint, ()):
-                    found[stream] = factor * values[:, i : i + 1]
+            none, has = np.full_like(there, np.nan), np.full_like(there, velocity is not None)
+            both = [none if one is None else one for one in (velocity, position)]
+            for stream, factor in velocities.get(joint, ()):
+                found[stream] = np.hstack([*(factor * one for one in both), has])
         return found
 
     return read

@@ -31,9 +31,7 @@ from .identifiability import SoilEstimate, Variety
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
-# 1, of 0.1.0: without the sensors' faults; 2: without the zero of the load cells; 3: without checksum;
-# 4: without the scale of the sinkage sensors.
-_VERSION = 5
+_VERSION = 5  # another means something else, and is refused
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, soil
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline import law
+from smallwheel_ros.pipeline.soil import model as law
 from smallwheel_ros.pipeline.soil.model import LawModel, sinkage_of
 from smallwheel_ros.pipeline.soil.stretches import Stretches
 from smallwheel_ros.pipeline.tables import Array

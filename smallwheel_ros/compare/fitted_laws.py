@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from smallwheel_ros.benchmark.own import LawError, OwnLaw
+from smallwheel_ros.compare.own_law import LawError, OwnLaw
 from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
 from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.points import Points

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from smallwheel_ros.benchmark.laws import INTEGRAL, OURS, Fold, predictions
-from smallwheel_ros.benchmark.own import OwnLaw
-from smallwheel_ros.benchmark.parts import Task
+from smallwheel_ros.compare.fitted_laws import INTEGRAL, OURS, Fold, predictions
+from smallwheel_ros.compare.left_out import Task
+from smallwheel_ros.compare.own_law import OwnLaw
 from smallwheel_ros.fitting.constants import ALARM
 from smallwheel_ros.fitting.problem import Base, Problem
 

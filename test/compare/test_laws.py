@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a law may see of a table, and laws that somebody enters by a file.
 
-Tests `own.py` and `parts.py`.
+Tests `fitted_laws.py`, `left_out.py` and `own_law.py`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import pytest
 from click.testing import CliRunner, Result
 from lab_truth import plate_rows, write
 
-from smallwheel_ros.benchmark.laws import OURS, Fold, predictions
-from smallwheel_ros.benchmark.own import load_laws
-from smallwheel_ros.benchmark.parts import tasks_of
 from smallwheel_ros.cli import main
+from smallwheel_ros.compare.fitted_laws import OURS, Fold, predictions
+from smallwheel_ros.compare.left_out import tasks_of
+from smallwheel_ros.compare.own_law import load_laws
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.measurements.measurements import Measurements
@@ -27,7 +27,7 @@ HEADER = "run,diameter,width,load,slip,sinkage,drawbar_pull\n"
 LAW = """
 from dataclasses import dataclass
 import numpy as np
-from smallwheel_ros.benchmark import Law, parameter
+from smallwheel_ros.compare import Law, parameter
 
 @dataclass(frozen=True)
 class Saturating(Law):
@@ -146,7 +146,7 @@ def folder(tmp_path: Path) -> Path:
 def entered(folder: Path, law: str) -> Result:
     (folder / "law.py").write_text(law)
     arguments = [
-        "benchmark",
+        "compare",
         folder / "sets",
         "--law",
         folder / "law.py",
@@ -261,7 +261,7 @@ def test_the_law_of_the_page_and_one_of_pull(tmp_path: Path, repository: Path) -
 
 
 def test_a_file_that_is_not_there(folder: Path) -> None:
-    result = CliRunner().invoke(main, ["benchmark", str(folder / "sets"), "--law", "none.py"])
+    result = CliRunner().invoke(main, ["compare", str(folder / "sets"), "--law", "none.py"])
     assert result.exit_code == 2
     assert "none.py: no such file of laws" in result.output
 

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from smallwheel_ros.benchmark.data_sets import Benchmark
-from smallwheel_ros.benchmark.laws import INTEGRAL, OURS
-from smallwheel_ros.benchmark.table import Errors, LawTable
+from smallwheel_ros.compare.data_sets import Benchmark
+from smallwheel_ros.compare.fitted_laws import INTEGRAL, OURS
+from smallwheel_ros.compare.law_table import Errors, LawTable
 from smallwheel_ros.measurements.columns import CHANNELS
 from smallwheel_ros.measurements.display import listed, sentence, words
 from smallwheel_ros.views.blocks import (

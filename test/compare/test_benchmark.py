@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of laws: what is held against what, that ours may lose, and what is said of it.
 
-Tests `data_sets.py` and `table.py`.
+Tests `data_sets.py` and `law_table.py`.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from click.testing import CliRunner, Result
 from lab_truth import plate_rows, write
 from scipy.stats import ttest_rel
 
-from smallwheel_ros.api.benchmark import benchmark
-from smallwheel_ros.benchmark.laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, WONG_REECE
-from smallwheel_ros.benchmark.table import Difference, Errors, difference
+from smallwheel_ros.api.compare import compare
 from smallwheel_ros.cli import main
+from smallwheel_ros.compare.fitted_laws import CONSTANT, INTEGRAL, OURS, SIZE_LAWS, WONG_REECE
+from smallwheel_ros.compare.law_table import Difference, Errors, difference
 from smallwheel_ros.measurements.from_file import read_measurements
-from smallwheel_ros.views.benchmark import table_text
+from smallwheel_ros.views.law_table import table_text
 
 SIZES = (0.04, 0.07, 0.12, 0.2)
 
 
 def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(main, ["benchmark", *map(str, arguments)])
+    return CliRunner().invoke(main, ["compare", *map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_each_table_is_told_when_it_is_done(tmp_path: Path) -> None:
         write(tmp_path / name / "plates.csv", rows)
         (tmp_path / name / "LICENSE").write_text("CC0\n")
     heard: list[str] = []
-    whole = benchmark(tmp_path, progress=heard.append, done=lambda table: heard.append("done"))
+    whole = compare(tmp_path, progress=heard.append, done=lambda table: heard.append("done"))
     first, second = (i for i, text in enumerate(heard) if text == "done")
     assert all(text.startswith("a/plates.csv, plate: without run") for text in heard[:first])
     assert all(text.startswith("b/plates.csv") for text in heard[first + 1 : second])
@@ -117,7 +117,7 @@ def test_without_a_usable_set_it_is_one_message(tmp_path: Path, make: str) -> No
         write(folder / "plates.csv", plate_rows(np.random.default_rng(0), rows=4))
     result = run(folder)
     assert result.exit_code == 2
-    assert "expected" in result.output
+    assert ("no such file" if make == "nothing" else "expected") in result.output
     assert "Traceback" not in result.output
 
 
@@ -168,3 +168,16 @@ def test_of_two_parts_nothing_is_told(parts: int, verdict: str) -> None:
     found = difference(law, [1.0] * parts)
     assert isinstance(found, Difference)
     assert Errors("", "sinkage", 1.0, {}, 0, {}, {}, found).verdict == verdict
+
+
+def test_what_goes_with_a_table_alone_is_refused_of_a_folder(tmp_path: Path) -> None:
+    for words in (["--model", "dry_sand"], ["--map", "load=F3"]):
+        result = run(tmp_path, *words)
+        assert result.exit_code == 2, result.output
+        assert "found a folder" in result.output
+    file = tmp_path / "plates.csv"
+    write(file, plate_rows(np.random.default_rng(0), rows=4))
+    (tmp_path / "law.py").write_text("")
+    result = run(file, "--law", tmp_path / "law.py")
+    assert result.exit_code == 2
+    assert "no folder of data sets" in result.output

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from smallwheel_ros.benchmark.laws import NAMES
-from smallwheel_ros.benchmark.own import LawError, load_laws
-from smallwheel_ros.benchmark.parts import tasks_of
-from smallwheel_ros.benchmark.table import Errors, LawTable, Verdict, table_of
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.common.result import Result
+from smallwheel_ros.compare.fitted_laws import NAMES
+from smallwheel_ros.compare.law_table import Errors, LawTable, Verdict, table_of
+from smallwheel_ros.compare.left_out import tasks_of
+from smallwheel_ros.compare.own_law import LawError, load_laws
 from smallwheel_ros.measurements.from_file import read_measurements
 
 _LICENCES = ("LICENSE", "LICENCE", "COPYING")
@@ -28,7 +28,7 @@ class BenchmarkError(SmallwheelError):
 
 
 @dataclass(frozen=True, repr=False)
-class Benchmark(Result, shown="views.benchmark"):
+class Benchmark(Result, shown="views.law_table"):
     """What the laws leave on each set of rows. left_out: files that were not used, with the reason."""
 
     folder: Path
@@ -54,7 +54,7 @@ def held_against(
     done: Callable[[LawTable], object],
     progress: Callable[[str], object],
 ) -> Benchmark:
-    """The laws on every data set of a folder; arguments as of `benchmark.benchmark`.
+    """The laws on every data set of a folder; arguments as of `api.compare`.
 
     Raises BenchmarkError where no data set has a licence and a table, EffectError and LawError where a law of
     the file cannot be used.

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which of several topics of joint states is that of the wheels, and of which robot topics are."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from smallwheel_ros.bags import BagReader
+from smallwheel_ros.init.recorded import JointSpeeds, joint_speeds
+from smallwheel_ros.init.rover import InitError
+from smallwheel_ros.onboard.wheel_names import PLACES, best_match, words_of
+
+USUAL = "/joint_states"
+# Words of joints that turn no wheel.
+_NO_WHEEL = (
+    "steer", "steering", "corner", "arm", "caster", "castor", "pan", "tilt", "camera", "rocker", "bogie",
+)  # fmt: skip
+_SHOWN = 6  # joints of a topic that are named
+
+
+def of_robot(namespace: str, topics: Sequence[str]) -> list[str]:
+    """Topics of one of several robots. Raises InitError where it has none."""
+    begin = f"/{namespace.strip('/')}/"
+    found = [topic for topic in topics if topic.startswith(begin)]
+    if not found:
+        spaces = sorted({topic.split("/")[1] for topic in topics if topic.count("/") > 1})
+        raise InitError(
+            f"no topic is in the namespace {begin.strip('/')!r}, expected one of {', '.join(spaces)}"
+        )
+    return found
+
+
+def joint_states_of(
+    reader: BagReader, topics: Sequence[str], wanted: Collection[str], asked: str | None
+) -> tuple[str | None, JointSpeeds | None, str]:
+    """Choose the topic of the wheels' joint states.
+
+    Parameters
+    ----------
+    reader, topics
+        The bag, and its topics of JointState.
+    wanted
+        Joints that turn wheels by the robot description; those of the topic that has most of them.
+    asked
+        The topic that --joint-states names.
+
+    Returns
+    -------
+    The topic and its joints' speeds, None where it is not clear; and a sentence, empty where it is as usual.
+    Raises InitError where what was asked for is not there, or several robots are in the bag.
+    """
+    if asked is not None:
+        name = f"/{asked.strip('/')}"
+        if name not in topics:
+            raise InitError(
+                f"no topic {name} of joint states, expected one of {', '.join(topics) or 'none'}"
+            )
+        return name, joint_speeds(reader, name), ""
+    if len(topics) < 2:
+        if not topics or topics[0] == USUAL:
+            return _only(reader, topics)
+        words = f"assumed: {topics[0]} is joint_states, the only one like it of its type"
+        return topics[0], joint_speeds(reader, topics[0]), words
+    _one_robot(topics)
+    each = {topic: joint_speeds(reader, topic) for topic in topics}
+    found = _most_likely(each, wanted)
+    others = "; ".join(
+        f"{topic} has {_shown(joints.names)}" for topic, joints in each.items() if topic != found
+    )
+    if found is None:
+        words = f"which topic has the joints of the wheels is not clear ({others}): say --joint-states TOPIC"
+        return None, None, words
+    words = f"{found} is joint_states, with the joints of the wheels; {others} (or say --joint-states TOPIC)"
+    return found, each[found], words
+
+
+def _only(reader: BagReader, topics: Sequence[str]) -> tuple[str | None, JointSpeeds | None, str]:
+    if topics:
+        return topics[0], joint_speeds(reader, topics[0]), ""
+    words = "no topic of type sensor_msgs/msg/JointState: without joint_states there is no slip and no thrust"
+    return None, None, words
+
+
+def _one_robot(topics: Sequence[str]) -> None:
+    """Refuse a bag in which several namespaces have a topic of one name."""
+    spaces: dict[str, list[str]] = {}
+    for topic in topics:
+        _, first, *rest = topic.split("/")
+        if rest:
+            spaces.setdefault("/".join(rest), []).append(first)
+    for name, of in spaces.items():
+        if len(of) > 1:
+            raise InitError(
+                f"the bag has joint states of {len(of)} robots, {', '.join(f'/{one}/{name}' for one in of)}:"
+                f" --namespace {of[0]} says which"
+            )
+
+
+def _most_likely(each: Mapping[str, JointSpeeds], wanted: Collection[str]) -> str | None:
+    """The topic with most joints that are known to turn wheels, else with those that turn like wheels."""
+    known = {topic: len({*joints.names} & {*wanted}) for topic, joints in each.items()}
+    turning = {topic: len(turning_wheels(joints)) for topic, joints in each.items()}
+    for count in (known, turning):
+        best = [topic for topic, number in count.items() if number == max(count.values()) > 0]
+        if len(best) == 1:
+            return best[0]
+        if USUAL in best:
+            return USUAL
+        if best:
+            return best_match("joint_states", "", best)
+    return USUAL if USUAL in each else best_match("joint_states", "", each)
+
+
+def _shown(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} others" if len(names) > _SHOWN else ""
+    return (", ".join(names[:_SHOWN]) or "no joint") + more
+
+
+def free_joints(joints: JointSpeeds) -> list[str]:
+    """Joints that may turn a wheel by their names."""
+    return [joint for joint in joints.names if not words_of(joint) & {*_NO_WHEEL}]
+
+
+def turning_wheels(joints: JointSpeeds) -> list[str]:
+    """Joints that turn and are named like wheels, or by the places of wheels; none where it is not clear."""
+    turning = [name for name in joints.turning() if not words_of(name) & {*_NO_WHEEL}]
+    named = [name for name in turning if "wheel" in name.lower()]
+    placed = [name for name in turning if words_of(name) & {*PLACES}]
+    return named or placed

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed of a joint: the velocity of its messages, or the difference of their positions."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SECOND = 1_000_000_000  # ns
+# A velocity of exactly 0 while the position moves so far (rad) is none: no joint that stands does.
+MOVES = 0.5
+# rad: so far may a joint that stands be turned by a rover that settles; in between nothing is known of it.
+_SETTLES = 0.05
+# ns: a tick of an encoder (0.006 rad with 1,000 of them) is 0.06 rad/s over it.
+_SPAN = SECOND // 10
+_GAP = SECOND  # ns: what comes after so long is no speed of the time in between
+_NEAR = (
+    0.05  # rad beyond half or a whole turn, from which a position does not begin anew at each turn
+)
+
+BY_POSITIONS = "its velocity is missing or always 0: its speed is the difference of its positions"
+
+
+class JointMotion:
+    """A joint whose messages come one after the other.
+
+    by_positions: whether its speed is the difference of its positions. left_out: messages without a velocity
+    that were not used, since the joint has had one: of another publisher.
+    """
+
+    def __init__(self) -> None:
+        self.by_positions = False
+        self.left_out = 0
+        self._told = False  # a velocity has come, be it 0
+        self._moves = False  # and one that is not 0
+        self._since = math.nan  # rad, unwrapped position of the first velocity of 0
+        self._raw, self._place = math.nan, 0.0  # rad, as it came last, and unwrapped
+        self._low, self._high = math.inf, -math.inf
+        self._before: deque[tuple[int, float]] = deque()  # stamps and unwrapped positions
+
+    def take(
+        self, stamps: Integers, velocity: Array, position: Array, has: NDArray[np.bool_]
+    ) -> tuple[Integers, Array, Integers]:
+        """Go on with messages in the order in which they came.
+
+        Parameters
+        ----------
+        stamps
+            ns, shape (messages,).
+        velocity, position
+            rad/s and rad, NaN where a message has none.
+        has
+            Whether a message has a velocity, be it NaN.
+
+        Returns
+        -------
+        Stamps (ns), speeds (rad/s) and, of each, the number of the message that it came with.
+        """
+        found: list[tuple[int, float, int]] = []
+        number = 0
+        while number < stamps.size and not self._moves:
+            one = int(stamps[number]), float(velocity[number]), float(position[number])
+            made = self._one(*one, bool(has[number]))
+            if made is not None:
+                found.append((*made, number))
+            number += 1
+        rest = np.flatnonzero(has[number:]) + number
+        self.left_out += stamps.size - number - rest.size
+        if not found:
+            return stamps[rest], velocity[rest], rest
+        before = list(zip(*found, strict=True))
+        return (
+            np.concatenate([np.array(before[0], dtype=np.int64), stamps[rest]]),
+            np.concatenate([np.array(before[1], dtype=float), velocity[rest]]),
+            np.concatenate([np.array(before[2], dtype=np.int64), rest]),
+        )
+
+    def _one(
+        self, stamp: int, velocity: float, position: float, has: bool
+    ) -> tuple[int, float] | None:
+        """Stamp and speed by a message, None where it tells none."""
+        if has and velocity != 0.0 and not math.isnan(velocity):
+            self._moves, self.by_positions = True, False
+            return stamp, velocity
+        if not has and self._told:
+            self.left_out += 1
+            return None
+        if has and not self._told:
+            self._told, self.by_positions = True, False
+            self._before.clear()
+        speed = self._by_difference(stamp, position) if math.isfinite(position) else None
+        if not has:
+            self.by_positions = self.by_positions or math.isfinite(position)
+            return speed
+        if math.isnan(velocity) or not math.isfinite(position):
+            return stamp, velocity
+        if math.isnan(self._since):
+            self._since = self._place
+        moved = abs(self._place - self._since)
+        self.by_positions = self.by_positions or moved >= MOVES
+        if self.by_positions:
+            return speed
+        return (stamp, velocity) if moved <= _SETTLES else None
+
+    def _by_difference(self, stamp: int, position: float) -> tuple[int, float] | None:
+        """Speed over a tenth of a second at least, at its middle."""
+        before = self._before
+        if before and not 0 < stamp - before[-1][0] <= _GAP:
+            if 0 < before[-1][0] - stamp < _GAP or stamp == before[-1][0]:
+                return None  # late, or twice
+            before.clear()
+        self._low, self._high = min(self._low, position), max(self._high, position)
+        step = 0.0 if math.isnan(self._raw) else position - self._raw
+        if abs(step) > math.pi and self._begins_anew:
+            step -= math.tau * round(step / math.tau)
+        self._raw, self._place = position, self._place + step
+        before.append((stamp, self._place))
+        while len(before) > 1 and stamp - before[1][0] >= _SPAN:
+            before.popleft()
+        since, place = before[0]
+        if stamp - since < _SPAN:
+            return None
+        return (since + stamp) // 2, (self._place - place) * SECOND / (stamp - since)
+
+    @property
+    def _begins_anew(self) -> bool:
+        """Whether positions so far are within one turn: -pi to pi, or 0 to 2 pi."""
+        half = self._low >= -math.pi - _NEAR and self._high <= math.pi + _NEAR
+        return half or (self._low >= -_NEAR and self._high <= math.tau + _NEAR)
