@@ -86,8 +86,9 @@ class Vehicle:
         self._sinkages = [make(WheelSinkage, f"/{space}/{n}/sinkage") for n in self._names]
         self._odometry = make(Odometry, f"/{space}/odom")
         self._joints = make(JointState, f"/{space}/joint_states")
-        topic = f"/{space}/mobility_estimator/mobility"
-        node.create_subscription(MobilityEstimate, topic, self._on_answer, 1000)
+        for name in self._names:
+            topic = f"/{space}/mobility_estimator/{name}/mobility"
+            node.create_subscription(MobilityEstimate, topic, self._on_answer, 1000)
         self._odometry_message, self._joints_message = Odometry(), JointState()
         self._odometry_message.header.frame_id = "odom"
         self._odometry_message.pose.pose.orientation.w = 1.0

@@ -33,7 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pandas as pd
 from tqdm import tqdm
 
-from rates import cost_detours, faults, foreign, learn_worlds
+from rates import cost_detours, faults, foreign, learn_worlds, tables
 from rates import diagnosis as rates_diagnosis
 from rates import drives as rates_drives
 from rates import laws as rates_laws
@@ -223,6 +223,7 @@ def subjects() -> dict[str, Subject]:
         learn_worlds,
         rates_pull,
         rates_laws,
+        tables,
         cost_detours,
     )
     return {subject.name: subject for module in modules for subject in module.SUBJECTS}

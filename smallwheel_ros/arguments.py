@@ -105,6 +105,7 @@ _Effect: TypeAlias = "Effect | type[Effect] | str"
 _Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
 
 Data = Annotated["_Table", Kind(type=Path, unnamed=True)]
+Settings = Annotated["_Table", Kind("TABLE", type=Path)]
 Tests = Annotated[
     "_Table | ShearTests | Sequence[_Table | ShearTests]",
     Kind(type=Path, unnamed=True, several=True),

@@ -54,7 +54,7 @@ class Peer:
         from diagnostic_msgs.msg import DiagnosticArray
         from geometry_msgs.msg import WrenchStamped
         from rclpy.node import Node
-        from smallwheel_ros.msg import MobilityEstimate, WheelSinkage
+        from smallwheel_ros.msg import MobilityEstimate, VehicleMobility, WheelSinkage
 
         rclpy.init(args=[])
         self.rclpy = rclpy
@@ -62,7 +62,9 @@ class Peer:
         self.mobility: list[Any] = []
         self.diagnostics: dict[str, Any] = {}
         self.diagnosed = 0  # times that the node has published its diagnostics
-        self.listen(MobilityEstimate, "mobility", self.mobility.append)
+        self.vehicle: list[Any] = []
+        self.listen(MobilityEstimate, "front/mobility", self.mobility.append)
+        self.listen(VehicleMobility, "vehicle", self.vehicle.append)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
         self.load = self.node.create_publisher(WrenchStamped, "/front/load", 100)
         self.sinkage = self.node.create_publisher(WheelSinkage, "/front/sinkage", 100)

@@ -75,7 +75,8 @@ def fit(
     parts = [part_of(effect) for effect in effects_of(effects, measurements.conditions)]
     base = replace(base, parts=(*base.parts, *parts))
     if tests or not measurements.conditions.rolling.all():
-        return fit_lab(measurements, joined_shear(tests) if tests else None, base, known)
+        lab = fit_lab(measurements, joined_shear(tests) if tests else None, base, known)
+        return replace(lab, notes=(*lab.notes, *_far_off(Problem.of(measurements, base))))
     problem = Problem.of(measurements, base)
     errors, found = problem.held_out(), problem.result()
     said = [a.sentence() for a in agreements(measurements, base) if not a.agrees]
@@ -84,10 +85,10 @@ def fit(
 
 
 def _far_off(problem: "Problem") -> list[str]:
-    """One sentence for each run that `diagnose` would leave out as a slip of the pen."""
+    """That the gauge is stuck, and each run that `diagnose` would leave out as a slip of the pen."""
     import numpy as np
 
-    from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, most_bad
+    from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad, stuck
     from smallwheel_ros.measurements.display import number, words
 
     left, table = problem.judged, problem.points.measurements
@@ -96,7 +97,8 @@ def _far_off(problem: "Problem") -> list[str]:
     while (more := bad_runs(left.fitter, left.fit)) and len(bad) + len(more) <= most:
         bad += more
         left = left.without(np.concatenate([one.rows for one in more]))
-    return [
+    said = [still] if (still := stuck(problem.points)) else []
+    return said + [
         f"run {one.name} ({table.place} {', '.join(map(str, table.line[one.rows][:5]))}) lies far off and is "
         f"in the fit: its {words(one.channel)} is {number(one.deviations, 2)} {one.against}. Look it up in "
         "the protocol, and delete it if it is wrong; `smallwheel diagnose` leaves it out"

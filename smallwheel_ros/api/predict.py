@@ -5,12 +5,16 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING
 
+from smallwheel_ros.api.read import conditions_of
 from smallwheel_ros.arguments import (
     AnyModel,
     Flag,
+    Headers,
     OtherSetting,
     OwnEffects,
     Setting,
+    Settings,
+    Sheets,
     SoilName,
 )
 from smallwheel_ros.common.errors import ArgumentError
@@ -25,10 +29,13 @@ if TYPE_CHECKING:
 def predict(
     model: AnyModel | None = None,
     *,
-    load: Setting,
-    diameter: Setting,
-    width: Setting,
+    load: Setting | None = None,
+    diameter: Setting | None = None,
+    width: Setting | None = None,
     slip: Setting | None = None,
+    data: Settings | None = None,
+    map: Headers | None = None,
+    sheet: Sheets | None = None,
     soil: SoilName | None = None,
     closed_form: Flag = False,
     effects: OwnEffects | None = None,
@@ -36,7 +43,8 @@ def predict(
 ) -> "PredictionTable":
     """Predict sinkage, resistance and drawbar pull of a wheel on a soil.
 
-    Ranges make a table of every combination of the settings.
+    Ranges make a table of every combination of the settings; `data` has the settings row by row.
+    Each quantity comes with two standard deviations: `_std` of the law, `_run_std` of one row of one new run.
 
     Parameters
     ----------
@@ -50,6 +58,13 @@ def predict(
         Wheel width [m].
     slip : as the load
         Slip, -1 to 1, or as 30%; without it there is no thrust.
+    data
+        A table of settings instead: each row is predicted. What it has measured comes out beside, as
+        `measured_sinkage`, `measured_sinkage_std` and so on. diameter and width are then those of all rows.
+    map : by name, as ``{"load": "F3"}``
+        Quantity of a column of `data` whose header does not name it.
+    sheet
+        Sheet of `data`, where it is a workbook.
     soil
         Which soil of a model that has several; without a model, one of the library.
     closed_form
@@ -66,23 +81,44 @@ def predict(
     >>> [f"{1e3 * row['sinkage']:.1f} mm" for row in table.rows()]
     ['6.7 mm', '11.5 mm']
     """
-    from smallwheel_ros.prediction.prediction import predict_table
+    from smallwheel_ros.prediction.prediction import predict_rows, predict_table
 
-    on_soil = _on_one_soil(model, soil, closed_form, effects)
-    given = {"load": load, "diameter": diameter, "width": width}
-    given |= {} if slip is None else {"slip": slip}
+    typed = {"load": load, "diameter": diameter, "width": width, "slip": slip} | others
+    given = {name: value for name, value in typed.items() if value is not None}
+    if data is not None:
+        sizes = {n: given.pop(n) for n in ("diameter", "width") if n in given}
+        if given:
+            raise ArgumentError(
+                f"data and {next(iter(given))}: found both, expected one: a table has its settings"
+            )
+        rows = conditions_of(data, map=map, sheet=sheet, **sizes)
+        one = rows.conditions.soil is None or soil is not None
+        return predict_rows(_on_soil(model, soil, closed_form, effects, one), rows)
+    lacking = [name for name in ("load", "diameter", "width") if name not in given]
+    if lacking:
+        raise ArgumentError(
+            f"{', '.join(lacking)}: found nothing, expected a value (or data, a table of settings)"
+        )
     for name in others:
         check_setting(name)
-    levels = {name: levels_of(name, value) for name, value in (given | others).items()}
+    levels = {name: levels_of(name, value) for name, value in given.items()}
+    on_soil = _on_soil(model, soil, closed_form, effects)
     table = predict_table(on_soil, {name: level.values for name, level in levels.items()})
     said = [level.said for level in levels.values() if level.said]
     return replace(table, notes=(*said, *table.notes))
 
 
-def _on_one_soil(
-    model: AnyModel | None, soil: str | None, closed_form: bool, effects: OwnEffects | None
+def _on_soil(
+    model: AnyModel | None,
+    soil: str | None,
+    closed_form: bool,
+    effects: OwnEffects | None,
+    one: bool = True,
 ) -> "CalibratedModel":
-    """The model on the one soil that is meant. Raises ArgumentError, PredictionError, SoilError."""
+    """The model on the one soil that is meant; on all that it has where the rows say which (one: False).
+
+    Raises ArgumentError, PredictionError, SoilError.
+    """
     from smallwheel_ros.model.model import Model
     from smallwheel_ros.prediction.prediction import on_one_soil
 
@@ -90,7 +126,8 @@ def _on_one_soil(
         raise ArgumentError("closed_form goes with a soil of the library: a model has its geometry")
     if model is not None:
         name = str(model) if isinstance(model, (str, PathLike)) else "the model"
-        return on_one_soil(model_of(model, registry_of(effects)), soil, name)
+        known = model_of(model, registry_of(effects))
+        return on_one_soil(known, soil, name) if one or len(known.soils) == 1 else known
     if soil is None:
         raise ArgumentError("found no soil and no model: give a soil (--soil) or a model (--model)")
     return model_of(Model(soil, "closed_form" if closed_form else "contact_integral"))

@@ -78,6 +78,18 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
     return replace(found, understood=(*said, *found.understood))
 
 
+def conditions_of(data: Any, **how: Any) -> "Measurements":
+    """A table of settings to predict: none of its rows need have measured anything. how: as in `read`."""
+    from smallwheel_ros.measurements.from_file import read_conditions
+    from smallwheel_ros.measurements.measurements import Measurements
+
+    if isinstance(data, Measurements):
+        return data
+    known, said = _in_all_rows(**{name: how.pop(name, None) for name in _SIZES})
+    found = read_conditions(_source(data), **how, **known)
+    return replace(found, understood=(*said, *found.understood))
+
+
 _SIZES = ("diameter", "width", "compliance")
 
 

@@ -80,7 +80,13 @@ def _check_apply(asked: Options) -> None:
 def _diagnosed(result: Any, asked: Options) -> None:
     if asked["model_file"] is not None and len(result.steps) < 2:
         gone = "" if result.steps else f"; {asked['model_file']} was not written"
-        click.echo(f"nothing was named, so nothing was added{gone}", err=True)
+        said = f"nothing was named, so nothing was added{gone}"
+        if result.steps and (count := len(result.model.rivals)):
+            said += (
+                f"; the file has the {count} models that this data cannot tell apart, and `predict` gives "
+                "their mixture"
+            )
+        click.echo(said, err=True)
         asked["model_file"] = asked["model_file"] if result.steps else None
     text = None
     if asked["full"]:

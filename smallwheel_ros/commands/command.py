@@ -59,7 +59,7 @@ def options_of(function: Function, *names: str) -> Decorator:
     wanted = names or tuple(kinds)
 
     def add(body: Function) -> Function:
-        if "data" in wanted:
+        if "data" in wanted and kinds["data"][0].unnamed:
             body = options_of(read, *_OF_TABLE)(body)
         for name in reversed(wanted):
             body = _option(function, name, *kinds[name])(body)
@@ -177,7 +177,7 @@ def taken(function: Function, options: Given) -> Given:
             if twice := next((other for other in others if other in parameters), None):
                 raise CommandError(f"{twice}={others[twice]}: expected NAME=VALUE with a new NAME")
             given |= others
-    if "data" in names:
+    if "data" in names and kinds_of(function)["data"][0].unnamed:
         given["how"] = {name: options.pop(name) for name in _OF_TABLE}
     return given
 

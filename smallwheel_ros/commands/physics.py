@@ -10,7 +10,7 @@ import click
 
 from smallwheel_ros.api.predict import predict as predict_wheel
 from smallwheel_ros.commands.command import command, options_of
-from smallwheel_ros.commands.outputs import JSON, PATH, Options, finish
+from smallwheel_ros.commands.outputs import JSON, PATH, Options, finish, output
 from smallwheel_ros.common.console import tell
 from smallwheel_ros.common.files import check_targets
 
@@ -31,10 +31,12 @@ def _drawn(result: Any, asked: Options) -> None:
 
 predict = command(
     predict_wheel,
+    output("Write the rows as a table (CSV)."),
     JSON,
     click.option("--plot", type=PATH, help="Draw into this file (PNG, SVG, PDF)."),
-    words="For example a table of seven loads.\n\n"
-    "smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand",
+    words="For example a table of seven loads, and the rows of a table of your own.\n\n"
+    "smallwheel predict --load 20:140:20 --diameter 0.2 --width 0.1 --slip 0.2 --soil dry_sand\n\n"
+    "smallwheel predict --data planned.csv --model rig.yaml -o predicted.csv",
     finish=_drawn,
 )
 

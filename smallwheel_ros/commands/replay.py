@@ -133,7 +133,7 @@ def _one(spec: ReplaySpec, json_file: str | None) -> None:
         result = replay_bag(spec, progress=progress, report=save_page)
     written = [spec.folder / name for name in (*files_in(spec.folder).values(), SUMMARY)]
     show(result, json_file, written, f"{result}\n")
-    if result.estimates.knows_nothing:
+    if result.estimates.knows_nothing and not result.has_twists:
         missing = "".join(f"\n  {item}" for item in result.inputs if item.lacking)
         click.echo(
             "nothing could be estimated: no row has slip, margin or a measured sinkage."

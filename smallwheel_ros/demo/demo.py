@@ -166,14 +166,15 @@ def _own_ros(log_folder: Path) -> Iterator[None]:
 def clip_of(recording: PlayedRecording, epoch: int) -> Clip:
     """The answers as tables; epoch: ns at which their time begins."""
     mobility = _mobility_table(recording.mobility, epoch)
-    return Clip(mobility, _soil_table(recording.soil, epoch), recording)
+    return Clip(mobility, _soil_table(recording.soil, epoch), recording, epoch)
 
 
 def _mobility_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
     """One row per estimate; blank where a quantity is not known."""
     table = pd.DataFrame(rows)
     table.insert(0, "time", (table.pop("stamp") - epoch) / 1e9)
-    table.insert(1, "wheel", table.pop("frame_id"))
+    table = table.drop(columns="frame_id")
+    table.insert(1, "wheel", table.pop("wheel"))
     for flag, names in VALID.items():
         known = table.pop(flag)
         told = [c for c in map(str, table) if c.removesuffix("_standard_deviation") in names]
@@ -208,7 +209,7 @@ def summary(full: Clip, answer: dict[str, Any]) -> str:
         "",
         _pull(full, answer),
         "",
-        _stuck(full.mobility, answer),
+        _stuck(full.recording.vehicle, full.epoch, answer),
         _cost(found),
         "",
         f"{found.published} messages played, {len(full.mobility)} estimates,"
@@ -271,21 +272,20 @@ def _pull_errors(table: pd.DataFrame, answer: dict[str, Any]) -> tuple[Array, Ar
     return np.concatenate(off), np.concatenate(deviations)
 
 
-def _stuck(table: pd.DataFrame, answer: dict[str, Any]) -> str:
-    """How long before it is stuck the estimates warn without a pause, at both levels.
+def _stuck(rows: list[dict[str, Any]], epoch: int, answer: dict[str, Any]) -> str:
+    """How long before it is stuck the vehicle's messages warn without a pause, at both levels.
 
-    By the stamps of the estimates: diagnostics come once a second, which is several seconds of a bag that
+    By their stamps: diagnostics come once a second, which is several seconds of a bag that
     is played faster than it was recorded.
     """
     stuck = answer["stuck"]
     if stuck is None:
         return "never stuck"
     rover, words = answer["rover"], []
-    for name, on in (
-        ("risk of a half", table["risk_of_getting_stuck"] >= _RISKY),
-        ("digging in", table["digging_in"]),
-    ):
-        times = table["time"][on & (table["time"] <= stuck["time"])].to_numpy()
+    for name, least in (("may get stuck", 2), ("gets stuck", 3)):
+        stamps = np.array([row["stamp"] for row in rows if row["level"] >= least], dtype=float)
+        times = (stamps - epoch) / 1e9
+        times = times[times <= stuck["time"]]
         if not times.size or stuck["time"] - times[-1] > _PAUSE:
             continue
         begins = float(times[np.flatnonzero(np.diff(times, prepend=-np.inf) > _PAUSE)[-1]])

@@ -33,12 +33,13 @@ _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
 class Clip(NamedTuple):
     """What the node answered to a bag that was played into it.
 
-    mobility: one row per estimate, quantities that are not known blank; soil: one per message.
+    mobility: one row per estimate, what is not known is blank; soil: one per message. epoch: ns at time 0.
     """
 
     mobility: pd.DataFrame
     soil: pd.DataFrame
     recording: PlayedRecording
+    epoch: int
 
 
 def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], path: Path) -> None:

@@ -26,14 +26,15 @@ from smallwheel_ros.fitting.constants import (
     ANSWERS,
     EXPECTED_EFFECTS,
     FEWEST_VALUES,
-    INSTRUMENT,
     SAME_ORDER,
+    STUDENT,
     WAVERS,
 )
 from smallwheel_ros.fitting.parameters import (
     EffectPart,
     ParameterVector,
     Prior,
+    instrument_prior,
     part_of,
     with_values,
 )
@@ -251,12 +252,12 @@ def _prior(p: Parameter, effect: Effect, points: Points, present: float | None) 
         first, last = p.published
         centre, wide = 0.5 * (first + last), 0.5 * (last - first)
     elif effect.kind == "instrument":
-        centre, wide = p.neutral or 0.0, INSTRUMENT * _size(p.unit, points)
+        return instrument_prior(p, _size(p.unit, points))
     elif p.neutral is None:
         centre, wide = p.start, 0.25 * (high - low)
     else:
         centre, wide = p.neutral, 2.0 * abs(p.start - p.neutral) or 0.1 * (high - low)
-    return Prior(centre, wide, low, high, heavy=True)
+    return Prior(centre, wide, low, high, STUDENT)
 
 
 def _size(unit: str, points: Points) -> float:
@@ -288,8 +289,9 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
             for stage, stands_for in stages.items() if terms > 0 else ():
                 if name == "diameter" and stage in ("stiffness", "sinkage", "shown sinkage"):
                     continue  # m does that
-                # k itself takes up a constant of the stiffness.
-                first = 1 if stage == "stiffness" or span.side else 0
+                # k itself takes up a constant of the stiffness; that of a height is a zero, which competes
+                # as such, under the prior of zeros.
+                first = 1 if stage in ("stiffness", "height") or span.side else 0
                 size = _size(STAGES[stage].unit, points)
                 label = f"unknown:{name}{' < 0' if span.side < 0 else ''}@{stage}"
                 part = curve_part(label, stage, span, first, terms + 1 - first, size)

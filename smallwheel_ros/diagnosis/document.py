@@ -23,8 +23,10 @@ from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.constants import ALARM, TIE
 from smallwheel_ros.fitting.fit import Fit
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
+from smallwheel_ros.fitting.measured import tied_settings
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.result import expected_error, off_by, posterior_covariance
+from smallwheel_ros.fitting.posterior import posterior_covariance
+from smallwheel_ros.fitting.result import expected_error, off_by
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import repeatability
@@ -35,6 +37,9 @@ SCHEMA = 1
 _DIGITS = 6
 _ALIKE = 0.9  # cosine from which two effects act alike on this data
 _SHOWN = 0.001  # probability under which a curve without a name is not listed
+
+
+_AS_GOOD = 1.1  # of what a true model leaves: a held-out error is known to a tenth at best
 
 
 def plain(value: Any) -> Any:
@@ -103,7 +108,7 @@ def document_of(
     base, explained = verdict.steps[0].errors, found.ordered[0]
     best = verdict.best if verdict.named else explained
     learnt = found.field.learnt_from(measurements)
-    left = residuals_left(fitter, best)
+    left, floors = residuals_left(fitter, best), expected_error(fitter, best)
     worst = worst_left(left, measurements)
     alone = errors_alone(problem, found, evidence.held_out, verdict.probabilities)
     ranking = _ranking(found, verdict, alone, base, learnt)
@@ -114,10 +119,9 @@ def document_of(
         "missing_effects": list(verdict.named),
         "candidates": list(verdict.rivals),
         "unknown": list(verdict.unknown),
+        "tied": [{"settings": [one.setting, one.other]} for one in tied_settings(problem.points)],
         "closest": list(verdict.closest),
-        "channels": _channels(
-            problem, base, expected_error(fitter, best), _findings(verdict, points)
-        ),
+        "channels": _channels(problem, base, floors, _findings(verdict, points, floors)),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,
             "probability_of_none": found.probabilities[found.none.key],
@@ -157,8 +161,11 @@ def document_of(
     }
 
 
-def _findings(verdict: Verdict, points: Points) -> dict[str, str]:
-    """What the verdict is for each channel, in words. points: of the channels that decided."""
+def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> dict[str, str]:
+    """What the verdict is for each channel, in words. points: of the channels that decided.
+
+    floors: what a true model would leave.
+    """
     first, last_errors = verdict.steps[0].errors, verdict.steps[-1].errors
     before, falls = first.rmse(), compare_cv(first, last_errors).reduction
     conditions, said = points.measurements.conditions, {}
@@ -169,7 +176,9 @@ def _findings(verdict: Verdict, points: Points) -> dict[str, str]:
             said[name] = (
                 f"{shown_value(name, before[name])} -> {shown_value(name, last)} with what is named"
             )
-        elif verdict.word in ("adequate", "missing_effect"):
+        elif verdict.word in ("adequate", "missing_effect") or last <= _AS_GOOD * floors.get(
+            name, 0.0
+        ):
             said[name] = "nothing missing" + (" besides" if verdict.named else "")
         else:
             said[name] = f"not explained, off by {shown_value(name, last)} on held-out runs"

@@ -50,7 +50,8 @@ class HeldOut:
     round, the last first. blind: laws named by evidence alone, since a left-out run could only be
     extrapolated to. worse: channels whose error rises with what is named; forces: those of pull and torque,
     which have no say.
-    rivals_help: whether with one of the rivals an error falls; so it is taken where there are none.
+    rivals_help: whether with one of the rivals an error falls; so it is taken where there are none. besides:
+    effects of the soil that lower the error of a channel which no rival acts on.
     """
 
     steps: tuple[Step, ...]
@@ -61,6 +62,7 @@ class HeldOut:
     worse: tuple[str, ...]
     forces: tuple[str, ...]
     rivals_help: bool
+    besides: tuple[str, ...]
 
 
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
@@ -98,7 +100,10 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
         forces = tuple(name for name in rising if name in problem.points.forces)
     steps = tuple(Step(*step) for step in zip([None, *added], models, errors, strict=True))
     named, left_out = tuple(added), tuple(useless)
-    return HeldOut(steps, named, best, left_out, tuple(blind), worse, forces, bool(helps))
+    besides = (
+        () if names or len(rivals) < 2 else _besides(problem.deciding, found, posterior, rivals)
+    )
+    return HeldOut(steps, named, best, left_out, tuple(blind), worse, forces, bool(helps), besides)
 
 
 def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: CvErrors) -> bool:
@@ -218,6 +223,33 @@ def _any_helps(problem: Problem, found: Search, rivals: Collection[str]) -> bool
     base, *errors = errors_of(problem, choose, len(models))
     falls = [fall for e in errors for fall in compare_cv(base, e).reduction.values()]
     return max(falls, default=0.0) >= USEFUL
+
+
+def _besides(
+    problem: Problem, found: Search, posterior: Posterior, rivals: Collection[str]
+) -> tuple[str, ...]:
+    """Effects of the soil that lower the error of a channel which no rival acts on.
+
+    The probabilities may have left them out for a rival that lets k and n imitate them. A sensor is not
+    blamed without probability.
+    """
+    competitors = [c for c in found.field.competitors if c.effect is not None]
+    acts_on = {c.family: set(c.effect.channels) for c in competitors if c.effect is not None}
+    idle = set(problem.points.channels).difference(*(acts_on.get(name, ()) for name in rivals))
+    families = dict.fromkeys(c.family for c in competitors if c.kind == "soil")
+    others = [f for f in families if f not in rivals and idle & acts_on[f]]
+    others = sorted(others, key=lambda f: -posterior.probabilities.get(f, 0.0))[:_LISTED]
+    models = {}
+    for family in others:
+        made = [found.made(found.none, c) for c in competitors if c.family == family]
+        if known := [m for m in made if m is not None]:
+            models[family] = max(known, key=lambda m: m.weight)
+    if not models:
+        return ()
+    choose = _as_they_are(problem.judged, [found.none, *models.values()])
+    base, *errors = errors_of(problem, choose, len(models) + 1)
+    falls = zip(models, errors, strict=True)
+    return tuple(f for f, error in falls if idle & {*compare_cv(base, error).better})
 
 
 def errors_alone(

@@ -13,8 +13,9 @@ import numpy as np
 from smallwheel_ros.arguments import AnyModel, Ids, Levels, OwnEffects, unheard
 from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.diagnosis import document as written
+from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.diagnosis.competitors import field_of
-from smallwheel_ros.diagnosis.faults import BadRun, bad_runs, fault_told, most_bad
+from smallwheel_ros.diagnosis.faults import fault_told
 from smallwheel_ros.diagnosis.held_out import Step, held_out
 from smallwheel_ros.diagnosis.misfit import misfit_of
 from smallwheel_ros.diagnosis.next_measurement import Limits, proposals
@@ -24,7 +25,7 @@ from smallwheel_ros.diagnosis.text import verdict_sentences
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
-from smallwheel_ros.fitting.constants import FEWEST_RUNS
+from smallwheel_ros.fitting.constants import FEWEST_RUNS, TIE
 from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import base_of
@@ -121,10 +122,28 @@ class Diagnosis(Result, shown="views.diagnosis"):
         """The base with everything that the verdict names, fitted to all runs and channels."""
         return self.fitted(-1) if self.steps else self.problem.result()
 
-    @property
+    @cached_property
     def model(self) -> CalibratedModel:
-        """The model with everything that the verdict names."""
-        return self.fit.model
+        """The model with everything that the verdict names; where that is not all, beside its rivals."""
+        evidence, decision = self.evidence, self.decision
+        if evidence is None or decision is None:
+            return self.fit.model
+        tied = {name for one in self.fit.measured.tied for name in (one.setting, one.other)}
+        unknown = decision.word == "unknown_effect"
+        if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
+            return self.fit.model
+        found, left = evidence.found, evidence.misfit
+        models = found.mixture(decision.named, decision.rivals, tied)
+        # A curve without a name that does better, several soils or wild scatter: no law describes the data.
+        best = max((m.weight for _, m in models), default=-np.inf)
+        unknown |= best < found.ordered[0].weight - TIE
+        unknown |= bool(decision.rivals) and bool(left.mixed or left.scatter)
+
+        def written(fit: FitResult) -> CalibratedModel:
+            return replace(fit, measured=replace(fit.measured, unexplained=unknown)).model
+
+        rivals = [(share, written(self.problem.result(model))) for share, model in models]
+        return written(self.fit).changed(rivals=tuple(rivals) if len(rivals) > 1 else ())
 
     def fitted(self, step: int) -> FitResult:
         """The model of a step fitted to all runs and channels, for people and for model files."""

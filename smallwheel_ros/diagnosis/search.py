@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,6 +30,7 @@ from smallwheel_ros.fitting.constants import (
     EXPECTED_EFFECTS,
     FIRST_REFITS,
     HIDE,
+    MENTIONED,
     MOST_EFFECTS,
     PARENTS,
     REFITS,
@@ -253,6 +254,37 @@ class Search:
         """The base model."""
         return self.models[frozenset()]
 
+    def mixture(
+        self, named: Collection[str], rivals: Collection[str], tied: Collection[str] = ()
+    ) -> list[tuple[float, Candidate]]:
+        """Models of the library with what is named, each with its share of their probability, the best first.
+
+        Those of under `MENTIONED` are left out, but for the best with each rival. tied: settings that were
+        varied together. What follows one of them is as probable beforehand as that nothing does: the data has
+        no say, and it matters wherever they are not together.
+        """
+        even = {c.family for c in self.field.competitors
+                if c.kind == "soil" and {*tied} & {*c.drivers[:1]} - {"load"}}  # fmt: skip
+        wanted = {*named} & {c.family for m in self.models.values() for c in m.competitors}
+        for c in self.field.competitors if tied and not wanted else ():
+            if c.family in even:
+                self.made(self.none, c)
+        models = [m for m in self.ordered if wanted <= m.families
+                  and all(c.kind != "unknown" for c in m.competitors)]  # fmt: skip
+        if not models:
+            return []
+        forms = Counter(c.family for c in self.field.competitors)
+        odds = [sum(-np.log(c.share * forms[c.family]) for c in m.competitors if c.family in even)
+                for m in models]  # fmt: skip
+        weights = np.array([m.weight for m in models]) + odds
+        shares = np.exp(weights - weights.max())
+        shares /= shares.sum()
+        best = {next((m.key for m in models if name in m.families), None) for name in rivals}
+        kept = [(float(p), m) for p, m in zip(shares, models, strict=True)
+                if p >= MENTIONED or m.key in best]  # fmt: skip
+        total = sum(p for p, _ in kept)
+        return [(p / total, m) for p, m in kept]
+
     def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
         """The family alone in its forms that were refitted, the best first, within some nats of it."""
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
@@ -308,7 +340,20 @@ def search(
     for size in range(1, most + 1 if screen.columns else 0):
         if not _extend(found, size):
             break
+        _reduce(found)
     return found
+
+
+def _reduce(found: Search) -> None:
+    """Refit the best models without each of their competitors: what was added last may explain it all.
+
+    At a base that is far off (an exponent that imitates a zero) an effect looks small until another one has
+    let the base go.
+    """
+    best = [m for m in found.ordered if m.weight > found.ordered[0].weight - WINDOW][:PARENTS]
+    for model in best:
+        for competitor in model.competitors if len(model.competitors) > 1 else ():
+            found.made(model, out=competitor)
 
 
 def _testable(screen: Screen, field: Field) -> tuple[Field, Screen]:

@@ -7,12 +7,10 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from smallwheel_ros.measurements.display import (
-    listed,
-    p_text,
-    sentence,
-    words,
-)
+from smallwheel_ros.fitting.constants import REPLICATES
+from smallwheel_ros.measurements.display import listed, p_text, sentence, words
+
+_LEAST_P = 1.0 / (1.0 + REPLICATES)  # no simulation was as bad: p is at most this
 
 SAID = {
     "missing_effect": "The model lacks {named}.",
@@ -31,18 +29,23 @@ _NEXT = {
     "unknown_effect": "Next: record what else differs between the runs, or let `smallwheel learn` look for a "
     "law.",
     "indistinguishable": "Next: make the measurements proposed, which tell them apart.",
+    "tied": "Next: make the measurements proposed, or others off that line.",
     "insufficient_data": "Next: measure more runs, at several loads.",
 }
 
 
 def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
     """The verdict, what speaks for it, and how sure it is."""
+    verdict = document["verdict"]
     lines = [
-        SAID[document["verdict"]].format(
+        SAID[verdict].format(
             named=listed(document["missing_effects"], "and"),
             candidates=listed(document["candidates"], "or"),
         )
     ]
+    tied = [_tied_words(*map(words, one["settings"])) for one in document.get("tied", [])]
+    # That nothing is missing holds on that line alone.
+    lines = [*tied, *lines] if verdict == "adequate" else [*lines, *tied]
     findings = {n: c.get("finding") for n, c in document["channels"].items()}
     lines += [f"{words(n).capitalize()}: {said}." for n, said in findings.items() if said]
     summaries = {r["effect"]: r["summary"] for r in document["ranking"] if r.get("summary")}
@@ -63,7 +66,15 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
         lines.append(sentence(str(document["reason"])))
     p = document["lack_of_fit"]["p_value"]
     if p is not None:
-        lines.append(f"Chance of such errors if nothing were missing: p = {p_text(p)}.")
+        chance = f"= {p_text(p)}" if p > _LEAST_P else f"at most {p_text(_LEAST_P)}"
+        lines.append(f"Chance of such errors if nothing were missing: p {chance}.")
     table = shlex.quote(document.get("table") or "TABLE")
-    lines.append(_NEXT[document["verdict"]].format(table=table))
+    lines.append(_NEXT["tied" if tied and verdict == "adequate" else verdict].format(table=table))
     return lines
+
+
+def _tied_words(one: str, other: str) -> str:
+    return (
+        f"{other.capitalize()} was varied together with {one}: an effect of the one cannot be told from one "
+        "of the other, and off the line on which they were measured nothing is known."
+    )

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smallwheel_ros.diagnosis.bad_runs import BadRun, stuck
 from smallwheel_ros.diagnosis.competitors import TAKEN_OUT
-from smallwheel_ros.diagnosis.faults import BadRun, Witness
+from smallwheel_ros.diagnosis.faults import Witness
 from smallwheel_ros.diagnosis.held_out import HeldOut, Step
 from smallwheel_ros.diagnosis.misfit import Misfit
 from smallwheel_ros.diagnosis.posterior import Posterior, Word
@@ -97,7 +98,7 @@ def decide(evidence: Evidence) -> Verdict:
     """Turn the evidence into a verdict."""
     said, held, told = evidence.posterior, evidence.held_out, evidence.told
     word, named, closest = said.word, held.named, said.closest
-    rivals = tuple(dict.fromkeys([*itertools.chain(*held.useless), *said.rivals]))
+    rivals = tuple(dict.fromkeys([*itertools.chain(*held.useless), *said.rivals, *held.besides]))
     reasons = [*said.ties]
     if said.unknown:
         reasons.append(_unexplained(evidence.found, said.unknown))
@@ -109,6 +110,7 @@ def decide(evidence: Evidence) -> Verdict:
     mixed, stray, flat, scatter = _of_misfit(evidence.misfit)
     if word not in ("adequate", "missing_effect"):
         stray = []
+    flat = [*([still] if (still := stuck(evidence.problem.points)) else []), *flat]
     reasons = [*mixed, *reasons, *stray, *flat, *scatter]
     if mixed or stray or flat or (word == "adequate" and any(scatter.values())):
         word = "unknown_effect"

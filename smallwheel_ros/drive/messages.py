@@ -11,9 +11,11 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
+from smallwheel_ros.pipeline.mobility.answer import Condition
+from smallwheel_ros.pipeline.mobility.vehicle import OK, STUCK, UNKNOWN, VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.pipeline.warning.hazard import WORDS
 from smallwheel_ros.pipeline.warning.margin import GroundMargin
 
 if TYPE_CHECKING:
@@ -34,16 +36,14 @@ VALID = {
     "traction_valid": ("thrust", "drawbar_pull", "probability_drawbar_pull_positive"),
     "margin_valid": ("mobility_margin", "steepest_slope"),
     "energy_valid": ("energy_per_metre",),
-    "risk_valid": ("risk_of_getting_stuck",),
 }
 # Columns of `Estimates` that have another name in the message.
 _COLUMNS = {
     "sinkage_predicted": "sinkage",
     "mobility_margin": "margin",
     "energy_per_metre": "energy",
-    "risk_of_getting_stuck": "risk",
 }
-_WITHOUT_DEVIATION = ("probability_drawbar_pull_positive", "risk_of_getting_stuck")
+_WITHOUT_DEVIATION = ("probability_drawbar_pull_positive",)
 
 
 class Status(IntEnum):
@@ -60,16 +60,19 @@ class Status(IntEnum):
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
     """A column for each field of MobilityEstimate.msg but its header; row i of them is message i.
 
-    The header's stamp is the instant's (ns), its frame_id the wheel's name. What is not known is 0, and its
+    The header's stamp is the instant's (ns), its frame_id the wheel's frame. What is not known is 0, and its
     flag false.
     """
+    names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
         "status": estimates.status,
         "status_text": status_texts(estimates, pipeline),
-        "digging_in": estimates.digging_in,
+        "wheel": [names[number] for number in estimates.wheel.tolist()],
+        "slip_angle": np.zeros(len(estimates)),  # of wheels that are not steered
+        "steering_angle": np.zeros(len(estimates)),
     }
-    for flag, names in VALID.items():
-        columns = {name: getattr(estimates, _COLUMNS.get(name, name)) for name in names}
+    for flag, quantities in VALID.items():
+        columns = {name: getattr(estimates, _COLUMNS.get(name, name)) for name in quantities}
         known = np.isfinite(np.stack(list(columns.values()))).all(axis=0)
         found[flag] = known
         for name, values in columns.items():
@@ -152,7 +155,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     known = soil.identifiable
     return {
         "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
-        "status_text": "; ".join(soil.status),
+        "status_text": "; ".join((*soil.status, *soil.remarks)),
         "k": float(soil.k),
         "n": float(soil.n),
         "m": float(soil.m),
@@ -173,22 +176,57 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     }
 
 
-def vehicle_margin(newest: Estimates) -> Quantity | None:
-    """Margin of a whole vehicle from the newest row of each wheel: pull of all over load of all.
+# Flags of VehicleMobility.msg, and the columns of `VehicleEstimates` that they are about.
+VEHICLE_VALID = {
+    "speed_valid": ("speed", "course"),
+    "slip_valid": ("slip", "slip_left", "slip_right"),
+    "margin_valid": ("margin", "steepest_slope"),
+    "slope_valid": ("slope_ahead", "slope_across"),
+    "risk_valid": ("demand", "risk_of_getting_stuck"),
+    "energy_valid": ("energy_per_metre",),
+}
+_VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepest_slope")
+LEVEL_WORDS = {
+    UNKNOWN: "slip is not known: no speed of the wheels, or over ground",
+    OK: "no sign of getting stuck",
+    STUCK: "the rims run, and the vehicle does not move: it is stuck",
+}
 
-    Where a load is not known, wheels count alike. None where no wheel has a margin.
+
+def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
+    """A column for each field of VehicleMobility.msg but its header; row i of them is message i.
+
+    What is not known is 0, and its flag false.
     """
-    known = np.isfinite(newest.margin) & (newest.stamp >= newest.stamp.max(initial=0) - STALE)
-    if not known.any():
-        return None
-    load = newest.load[known]
-    load = load if np.isfinite(load).all() else np.ones(load.size)
-    # All wheels stand on one estimated soil, so their errors are taken to go together.
-    value, deviation = (
-        float(load @ column[known]) / float(load.sum())
-        for column in (newest.margin, newest.margin_std)
-    )
-    return Quantity(value, deviation)
+    slope = np.arctan(rows.margin), rows.margin_std / (1.0 + rows.margin**2)
+    values = {
+        **vars(rows),
+        "steepest_slope": slope[0],
+        "risk_of_getting_stuck": rows.risk,
+        "energy_per_metre": rows.energy,
+    }
+    spreads = {name: getattr(rows, f"{name}_std", slope[1]) for name in _VEHICLE_SPREAD}
+    found: dict[str, Any] = {"level": rows.level, "text": _level_texts(rows)}
+    for flag, names in VEHICLE_VALID.items():
+        known = np.isfinite(np.stack([values[name] for name in names])).all(axis=0)
+        found[flag] = known
+        for name in names:
+            found[name] = np.where(known, values[name], 0.0)
+            if name in spreads:
+                spread = np.nan_to_num(spreads[name], posinf=0.0)
+                found[f"{name}_standard_deviation"] = np.where(known, spread, 0.0)
+    known = found["margin_valid"]
+    found["margin_source"] = np.where(known, rows.margin_source, 0)
+    found["margin_information"] = np.where(known, np.nan_to_num(rows.information), 0.0)
+    return found | {"soil": rows.soil, "at_border": rows.at_border}
+
+
+def _level_texts(rows: VehicleEstimates) -> list[str]:
+    words = LEVEL_WORDS | {OK + level: text for level, text in WORDS.items()}
+    return [
+        words[level].format(slip=slip)
+        for level, slip in zip(rows.level.tolist(), rows.slip_warned.tolist(), strict=True)
+    ]
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:

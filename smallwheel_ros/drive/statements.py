@@ -6,10 +6,9 @@ from __future__ import annotations
 import re
 from typing import Literal, NamedTuple
 
+from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates
-
-from .messages import vehicle_margin
 
 Entry = Literal["filter", "sensors", "alarms", "vehicle"]
 Kind = Literal["filter", "sensor", "digging_in", "stuck", "missing_effect", "holds_nothing"]

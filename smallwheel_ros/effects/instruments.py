@@ -15,6 +15,12 @@ import numpy as np
 from smallwheel_ros.effects.base import Array, Effect, parameter
 from smallwheel_ros.physics.conditions import Conditions
 
+# The zero of a shown sinkage: Student's t about 0 with this deviation (m) and these degrees of freedom. It
+# is taken to 1 or 2 mm on loose soil; where it was taken with the wheel set down, or on its own rut, it is
+# off by what the wheel had sunk by then, up to a centimetre, which the tails of t leave room for.
+SINKAGE_ZERO_STD = 0.003
+SINKAGE_ZERO_FREEDOM = 3.0
+
 # Of a load cell's reading that is load, whatever its offset: a zero error as large as the reading is a
 # broken cell, and a wheel without a load has no sinkage to fit.
 _LEAST_SHARE = 0.05

@@ -42,9 +42,6 @@ FORCE_SLIP = 0.3
 # strength of an instrument effect, of the reading - a calibration that was not made anew is off by
 #   a few per cent
 INSTRUMENT = 0.05
-# zero of the sinkage, where pull and torque favour it by m - what a small wheel sinks under its own
-#   weight, on which the zero may have been taken
-SHOWN_SINKAGE = 0.008
 # repeatability before any repeats, of the level - counts as one repeat; a few repeats outweigh it
 ROW_NOISE = 0.02
 

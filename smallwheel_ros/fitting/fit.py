@@ -28,7 +28,7 @@ from threadpoolctl import ThreadpoolController
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.fitting.noise import Repeats
-from smallwheel_ros.fitting.parameters import ParameterVector
+from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, ParameterVector
 from smallwheel_ros.fitting.points import FittingError, Points
 from smallwheel_ros.fitting.variance import Covariance, Scatter, VarianceModel
 from smallwheel_ros.measurements.columns import FORCES
@@ -37,6 +37,7 @@ from smallwheel_ros.physics.conditions import Conditions
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
 _THREADS = ThreadpoolController()
@@ -229,7 +230,8 @@ class Fitter:
     level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
     compared. law: what predicts points, the model if not another. working: values are weighed without the
     errors that many of them share, to which a fit would leave what its numbers can describe (`variance`);
-    what those do to the parameters is in the posterior (`result.posterior_covariance`).
+    what those do to the parameters is in the posterior (`posterior.posterior_covariance`). apart: pull and
+    torque have a say in the strength alone (`blocks`).
     """
 
     points: Points
@@ -237,6 +239,7 @@ class Fitter:
     repeats: Repeats
     law: Callable[[Points], Predictor] = Predictor.of
     working: bool = False
+    apart: bool = False
 
     @cached_property
     def predictor(self) -> Predictor:
@@ -251,15 +254,90 @@ class Fitter:
 
     @cached_property
     def true_variance(self) -> VarianceModel:
-        """The variance as it is believed to be."""
-        return replace(self, working=False).variance if self.working else self.variance
+        """The variance as it is believed to be: what a law is off by, this table tells too."""
+        if not self.working:
+            return self.variance
+        r = self.repeats
+        return VarianceModel(self.points, self.level, r.variance, r.stated, law_known=False)
+
+    def blocks(self, fit: Fit) -> list[tuple[Mask, Mask]]:
+        """Which parameters are fitted to which values, one after the other until all rest.
+
+        Pull and torque would bend k, n and m by what their own law is off by: these, and what acts on them,
+        come from sinkage and resistance alone, and strength from pull and torque given these (the cut of
+        modular Bayesian models, Plummer 2015).
+        """
+        points = self.points
+        forces = np.isin(points.channel, [points.channels.index(name) for name in points.forces])
+        if not self.apart or forces.all() or not forces.any():
+            return [(np.ones(fit.theta.size, dtype=bool), np.ones(forces.size, dtype=bool))]
+        strength = ~np.any(fit.slopes[~forces], axis=0)
+        of_soils = fit.vector.of_soils
+        strength[: len(of_soils)] |= [p.field not in SOIL_PARAMETERS for p in of_soils]
+        return [(~strength, ~forces), (strength, forces)]
+
+    def weights(self, fit: Fit) -> Array:
+        """G: what each value counts for each parameter, shape (values, parameters).
+
+        A fit rests where G' (y - f) = P (theta - centre).
+        """
+        found, v = np.zeros_like(fit.slopes), self.covariance(fit)
+        for mine, seen in self.blocks(fit):
+            found[np.ix_(seen, mine)] = v.of(seen).solve(fit.slopes[np.ix_(seen, mine)])
+        return found
+
+    @cached_property
+    def _apart(self) -> tuple[Fitter, Mask] | None:
+        """A fitter of all but pull and torque, and the mask of its values, where they are kept apart."""
+        points = self.points
+        kept = [name for name in points.channels if name not in points.forces]
+        if not self.apart or not kept or len(kept) == len(points.channels):
+            return None
+        mask = np.isin(points.channel, [points.channels.index(name) for name in kept])
+        part = self.of_values(mask)
+        return replace(part, points=part.points.only(kept), apart=False), mask
+
+    def _components(self, model: VarianceModel, fit: Fit, alone: VarianceModel | None) -> Scatter:
+        """The components that suit the errors of a fit best.
+
+        alone: of the values but pull and torque, whose law is not to be heard in how firm the soil of a run
+        was: what these values have components for, they know best alone.
+        """
+        away, start = fit.away(self.points.value), model.suited(fit.scatter)
+        if alone is None or self._apart is None:
+            return model.fit(away, fit.taken_up, fit.stiffness, start)
+        mine = self._apart[1]
+        first = alone.fit(away[mine], fit.taken_up[mine], fit.stiffness[mine], alone.suited(start))
+        return model.fit(
+            away, fit.taken_up, fit.stiffness, start.with_those_of(first), held=first.names
+        )
 
     def true_scatter(self, fit: Fit) -> Scatter:
         """The components of the variance as it is believed to be, that suit the errors of a fit best."""
         if not self.working:
             return fit.scatter
-        away = fit.away(self.points.value)
-        return self.true_variance.fit(away, fit.taken_up, fit.stiffness, fit.scatter)
+        alone = None if self._apart is None else self._apart[0].true_variance
+        return self._components(self.true_variance, fit, alone)
+
+    def scatter_covariance(self, fit: Fit, scatter: Scatter) -> Array:
+        """How well the components are known: covariance of their ln, shape (components,) * 2.
+
+        scatter: `true_scatter`.
+        """
+        model, given = (
+            self.true_variance,
+            (fit.away(self.points.value), fit.taken_up, fit.stiffness),
+        )
+        if self._apart is None:
+            return model.uncertainty(*given, scatter)
+        part, mine = self._apart
+        alone = part.true_variance
+        found = model.uncertainty(*given, scatter, held=alone.names)
+        places = [scatter.names.index(name) for name in alone.names]
+        away, taken_up, stiffness = (one[mine] for one in given)
+        own = alone.uncertainty(away, taken_up, stiffness, alone.suited(scatter))
+        found[np.ix_(places, places)] = own
+        return found
 
     def under(self, law: Callable[[Points], Predictor]) -> Fitter:
         """The same points and noise, predicted by another law."""
@@ -295,9 +373,8 @@ class Fitter:
         for _ in range(max(turns, 1)):
             now = self._climb(now)
             if turns > 0:
-                away = now.away(self.points.value)
-                found = self.variance.fit(away, now.taken_up, now.stiffness, now.scatter)
-                now = replace(now, scatter=found)
+                alone = None if self._apart is None else self._apart[0].variance
+                now = replace(now, scatter=self._components(self.variance, now, alone))
             now = self._with_evidence(now)
             if abs(now.evidence - last) < _RESTS:
                 break
@@ -305,23 +382,29 @@ class Fitter:
         return now
 
     def _climb(self, now: Fit) -> Fit:
-        """Gauss-Newton steps with Levenberg's damping, inside the bounds."""
-        observed, vector, v = self.points.value, now.vector, self.covariance(now)
+        """Gauss-Newton steps with Levenberg's damping, inside the bounds, in each of the `blocks`."""
+        for mine, seen in self.blocks(now):
+            now = self._climb_of(now, mine, seen)
+        return now
+
+    def _climb_of(self, now: Fit, mine: Mask, seen: Mask) -> Fit:
+        """The same of some of the parameters, on some of the values."""
+        observed, vector, v = self.points.value[seen], now.vector, self.covariance(now).of(seen)
         low, high = vector.bounds
 
         def objective(fit: Fit) -> float:
-            white = v.whiten(observed - fit.predicted)
+            white = v.whiten(observed - fit.predicted[seen])
             return float(-0.5 * white @ white) + vector.log_prior(fit.theta)
 
         value, damping = objective(now), 1e-3
         for _ in range(_STEPS):
-            white = v.whiten(np.column_stack([now.slopes, observed - now.predicted]))
+            white = v.whiten(np.column_stack([now.slopes[seen], observed - now.predicted[seen]]))
             precision = vector.precision(now.theta)
             normal = white[:, :-1].T @ white[:, :-1] + precision
             pull = white[:, :-1].T @ white[:, -1] - precision @ (now.theta - vector.centre)
             # What a bound holds does not move, and does not hold back the others.
             held = ((now.theta <= low) & (pull < 0)) | ((now.theta >= high) & (pull > 0))
-            free = np.flatnonzero(~held)
+            free = np.flatnonzero(mine & ~held)
             for _ in range(6):
                 damped = normal[np.ix_(free, free)]
                 damped = damped + damping * np.diag(np.diag(damped))

@@ -106,9 +106,15 @@ class ErrorComparison:
         return tuple(name for name, z in self.z_score.items() if z < -1.0)
 
     @property
+    def better(self) -> tuple[str, ...]:
+        """Channels whose error falls by `USEFUL`, and by more than its standard error."""
+        falls = self.reduction
+        return tuple(n for n, z in self.z_score.items() if z > 1.0 and falls[n] >= USEFUL)
+
+    @property
     def helps(self) -> bool:
-        """Whether an error falls by `USEFUL`, and by more than its standard error."""
-        return any(z > 1.0 and self.reduction[name] >= USEFUL for name, z in self.z_score.items())
+        """Whether an error does."""
+        return bool(self.better)
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:

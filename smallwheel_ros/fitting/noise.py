@@ -15,7 +15,7 @@ Where the table states deviations, these are taken times one factor, which repea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from smallwheel_ros.fitting.constants import CLEAN, FORCE_LUGS, FORCE_WHEEL, OUTLIER, ROW_NOISE
-from smallwheel_ros.fitting.points import Index, Points
+from smallwheel_ros.fitting.points import Index, Points, runs_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -37,6 +37,9 @@ _SHARES = np.linspace(0.0, 1.0, 21)  # of the variance that grows with the level
 MOST_OUTLIERS = 0.10  # of the points; where more than one have some, the noise is heavy
 NORMAL = 1.4826  # median absolute deviation to standard deviation, Gaussian
 _FEWEST = 3  # rows of a point from which its middle is told from an outlier
+_AROUND = 3  # rows on each side of one along a curve: two spikes in a row are told from it
+_MOST_SPIKES = 0.2  # of the rows of a curve
+_OF_SPAN = 0.01  # of what a curve spans: no gauge resolves less
 
 
 def _columns(conditions: Conditions) -> Array:
@@ -79,6 +82,20 @@ class NoiseLine:
         target = np.log(value)[:, None] * weight
         found = np.linalg.lstsq(line * weight, target, rcond=1e-8)[0][:, 0]
         return cls(tuple(soils.tolist()), found[: len(soils)], used, found[len(soils) :])
+
+    def power_of_load(
+        self, value: Array, row: Index, conditions: Conditions
+    ) -> tuple[float, float]:
+        """The power of the load with which the values rise, and its deviation; (inf, 0) where not known."""
+        if 0 not in self.used:
+            return np.inf, 0.0
+        columns = _columns(conditions)[row][:, self.used]
+        left = np.log(value) - np.log(self.at(conditions)[row])
+        spare = value.size - len(self.own) - self.used.size
+        design = np.column_stack([np.ones(value.size), columns])
+        variance = np.linalg.pinv(design.T @ design) * float(left @ left) / max(spare, 1)
+        place = int(np.flatnonzero(self.used == 0)[0])
+        return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
 
     def at(self, conditions: Conditions) -> Array:
         """The value there, shape (rows,); in a soil that it never met, that of the middle of its own."""
@@ -224,17 +241,32 @@ def _two_terms(squares: Array, freedom: Array, level: Array) -> RowNoise:
 def furthest_off(groups: list[Array]) -> list[tuple[int, int]]:
     """Group and place of each value that lies grossly off the others of its group, a few at most.
 
-    Deviations from the group's median over their robust deviation, relative to the group's size. Only the
+    Deviations from the group's median over what a value of its size deviates by, absolute^2 +
+    (relative * size)^2 as of `RowNoise`: values near zero (a pull) have a deviation of their own. Only the
     worst of a group, since it pulls the others.
     """
     middles = np.array([np.median(values) for values in groups])
+    off = [np.abs(values - middle) for values, middle in zip(groups, middles, strict=True)]
     size = np.maximum(np.abs(middles), 1e-12)
-    size = np.maximum(size, 0.1 * np.median(size))
-    shares = [np.abs(v - m) / s for v, m, s in zip(groups, middles, size, strict=True)]
-    known = np.concatenate([np.delete(share, np.argmin(share)) for share in shares])
-    limit = outlier_limit(known.size) * max(NORMAL * float(np.median(known)), 1e-6)
+    # The value in the middle is off by nothing, and says nothing.
+    counted = [np.delete(one, np.argmin(one)) for one in off]
+    usual = _usual_deviation(counted, size)
+    shares = [one / deviation for one, deviation in zip(off, usual, strict=True)]
+    limit = outlier_limit(sum(one.size for one in counted))
     found = [(g, int(np.argmax(s))) for g, s in enumerate(shares) if float(s.max()) > limit]
     return found if len(found) <= max(1.0, MOST_OUTLIERS * len(groups)) else []
+
+
+def _usual_deviation(off: list[Array], size: Array) -> Array:
+    """What values of each group deviate by, robustly, shape (groups,).
+
+    The absolute part is that of the smaller half of the groups, the relative part that of the larger.
+    """
+    middle = np.median(size)
+    small = np.concatenate([one for one, s in zip(off, size, strict=True) if s <= middle])
+    large = np.concatenate([one / s for one, s in zip(off, size, strict=True) if s >= middle])
+    absolute, relative = NORMAL * float(np.median(small)), NORMAL * float(np.median(large))
+    return np.asarray(np.maximum(np.hypot(absolute, relative * size), 1e-6 * middle))
 
 
 def outlier_limit(count: int) -> float:
@@ -247,8 +279,8 @@ def outlier_limit(count: int) -> float:
 
 
 def outlier_rows(points: Points) -> Index:
-    """Rows that lie grossly off the others of their point."""
-    found: list[int] = []
+    """Rows that lie grossly off the others of their point, or off their neighbours along a curve."""
+    found = [row for rows in _curves(points) for row in spikes(rows)]
     for name in points.channels:
         measured = points.measurements.channels[name]
         mask = points.of_channel(name) & (points.count >= _FEWEST) & ~points.swept
@@ -257,3 +289,34 @@ def outlier_rows(points: Points) -> Index:
             far = furthest_off([measured[rows] for rows in members])
             found += [int(members[g][i]) for g, i in far]
     return np.unique(np.array(found, dtype=np.intp))
+
+
+def _curves(points: Points) -> Iterator[tuple[Index, Array]]:
+    """Rows of each swept run and what was read there, load or channel by channel, in order."""
+    table, codes = points.measurements, runs_of(points.measurements)[1]
+    for run in np.unique(points.run[points.swept]):
+        for values in (table.conditions.load, *(table.channels[n] for n in points.channels)):
+            rows = np.flatnonzero((codes == run) & np.isfinite(values))
+            yield rows, values[rows]
+
+
+def spikes(curve: tuple[Index, Array]) -> Index:
+    """Rows that jump off the rows around them, by `OUTLIER` times what is usual along that curve.
+
+    Off the running median. Usual is the largest of what rows are off it, of the steps around a row, and of a
+    hundredth of what the curve spans. Where more than `_MOST_SPIKES` of the rows are off they are no spikes.
+    """
+    rows, values = curve
+    if rows.size < 4 * _AROUND:
+        return rows[:0]
+    first = np.clip(np.arange(rows.size) - _AROUND, 0, rows.size - 2 * _AROUND - 1)
+    around = values[first[:, None] + np.arange(2 * _AROUND + 1)]
+    off = np.abs(values - np.median(around, axis=1))
+    step = np.median(np.abs(np.diff(around, axis=1)), axis=1)
+    span = float(np.quantile(values, 0.8) - np.quantile(values, 0.2))
+    usual = np.maximum(step, max(NORMAL * float(np.median(off)), _OF_SPAN * span))
+    # Near either end the median is that of rows some steps away.
+    away = np.abs(np.arange(rows.size) - first - _AROUND)
+    far = off > OUTLIER * usual + away * step
+    few = np.count_nonzero(far) <= _MOST_SPIKES * rows.size
+    return rows[far] if few else rows[:0]

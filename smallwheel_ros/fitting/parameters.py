@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, stdtr
 
-from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.fitting.constants import STUDENT
+from smallwheel_ros.effects.base import Effect, Parameter
+from smallwheel_ros.effects.instruments import SINKAGE_ZERO_FREEDOM, SINKAGE_ZERO_STD
+from smallwheel_ros.fitting.constants import INSTRUMENT, STUDENT
 from smallwheel_ros.model.model import Geometry, Model
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, k_from_reference
 from smallwheel_ros.physics.traction import ThrustForm
@@ -34,36 +35,47 @@ _STEP = 1e-4  # of the prior's deviation: finite differences
 class Prior:
     """What is known of one number before the data.
 
-    heavy: Student's t with `STUDENT` degrees of freedom, truncated at the bounds; else Gaussian.
+    freedom: degrees of freedom of Student's t, truncated at the bounds; where they are infinite a Gaussian.
     """
 
     centre: float
     deviation: float
     low: float
     high: float
-    heavy: bool = False
+    freedom: float = np.inf
 
     @cached_property
     def _log_norm(self) -> float:
-        if not self.heavy:
+        if np.isinf(self.freedom):
             return float(np.log(self.deviation) + 0.5 * np.log(2.0 * np.pi))
         low, high = ((b - self.centre) / self.deviation for b in (self.low, self.high))
-        inside = max(float(stdtr(STUDENT, high) - stdtr(STUDENT, low)), 1e-9)
-        constant = gammaln((STUDENT + 1) / 2) - gammaln(STUDENT / 2)
-        return float(np.log(inside * self.deviation) + 0.5 * np.log(STUDENT * np.pi) - constant)
+        inside = max(float(stdtr(self.freedom, high) - stdtr(self.freedom, low)), 1e-9)
+        constant = gammaln((self.freedom + 1) / 2) - gammaln(self.freedom / 2)
+        scale = np.log(inside * self.deviation) + 0.5 * np.log(self.freedom * np.pi)
+        return float(scale - constant)
 
     def log_density(self, value: float) -> float:
         """Logarithm of the prior's density."""
         u = (value - self.centre) / self.deviation
-        if self.heavy:
-            return float(-(STUDENT + 1) / 2 * np.log1p(u * u / STUDENT)) - self._log_norm
-        return -0.5 * u * u - self._log_norm
+        if np.isinf(self.freedom):
+            return -0.5 * u * u - self._log_norm
+        tail = -(self.freedom + 1) / 2 * np.log1p(u * u / self.freedom)
+        return float(tail) - self._log_norm
 
     def precision(self, value: float) -> float:
         """Weight of the Gaussian that touches the prior there (for Student's t: its majoriser)."""
         u = (value - self.centre) / self.deviation
-        weight = (STUDENT + 1) / (STUDENT + u * u) if self.heavy else 1.0
+        weight = 1.0 if np.isinf(self.freedom) else (self.freedom + 1) / (self.freedom + u * u)
         return weight / self.deviation**2
+
+
+def instrument_prior(p: Parameter, size: float) -> Prior:
+    """What is known of a number of an instrument that shows too much. size: of a reading, in its unit."""
+    if p.unit == "m":
+        wide, freedom = SINKAGE_ZERO_STD, SINKAGE_ZERO_FREEDOM
+    else:
+        wide, freedom = INSTRUMENT * size, STUDENT
+    return Prior(p.neutral or 0.0, wide, *p.bounds, freedom)
 
 
 # Middle of what the soils of the library and of Wong (2008) show: n 0.1 to 1.6, |m| up to 0.5.

@@ -31,6 +31,7 @@ from smallwheel_ros.fitting.parameters import (
     soil_numbers,
 )
 from smallwheel_ros.fitting.points import FittingError, Points, points_of
+from smallwheel_ros.fitting.posterior import pull_may_bend
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.measurements import Measurements
@@ -290,21 +291,35 @@ class Problem:
         """The free parameters of the base."""
         return self.base.vector(self.points)
 
-    @cached_property
+    @property
     def fitter(self) -> Fitter:
         """Fits models to the points, all under the same levels. Raises FittingError for a single value."""
+        return self._fitted[0]
+
+    @property
+    def fit(self) -> Fit:
+        """The base, fitted until it rests."""
+        return self._fitted[1]
+
+    @cached_property
+    def _fitted(self) -> tuple[Fitter, Fit]:
         points = self.points
         if len(points) < 2:
             raise FittingError("one measurement cannot be fitted: measure at least a few loads")
         level = levels_of(points)
         working = points.share_errors and not self.judging
-        return Fitter(points, level, repeats_of(points, level), working=working)
+        # A fault of the shown sinkage that pull and torque told is fitted to them, too.
+        apart = bool(points.forces) and len(points.forces) < len(points.channels)
+        apart = working and apart and not self.base.told
+        fitter = Fitter(points, level, repeats_of(points, level), working=working, apart=apart)
+        fit = self._rested(fitter, opening(points, self.vector))
+        if apart and pull_may_bend(fitter, fit):
+            fitter = replace(fitter, apart=False)
+            fit = self._rested(fitter, fit.theta)
+        return fitter, fit
 
-    @cached_property
-    def fit(self) -> Fit:
-        """The base, fitted until it rests."""
-        start = self.fitter.at(self.vector, opening(self.points, self.vector))
-        return settled(self.fitter.fit(start, turns=1), self.fitter.fit)
+    def _rested(self, fitter: Fitter, theta: Array) -> Fit:
+        return settled(fitter.fit(fitter.at(self.vector, theta), turns=1), fitter.fit)
 
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
         """A fitter of a fold's training points, and the base fitted to them from where it was."""

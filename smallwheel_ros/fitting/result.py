@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD
-from smallwheel_ros.fitting.fit import Fit, Fitter, inverse, one_thread
+from smallwheel_ros.fitting.fit import Fit, Fitter, one_thread
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
+from smallwheel_ros.fitting.measured import measured_of
 from smallwheel_ros.fitting.named import (
     FittedParameter,
     Status,
@@ -29,9 +30,12 @@ from smallwheel_ros.fitting.parameters import (
     WHEEL_PARAMETERS,
 )
 from smallwheel_ros.fitting.points import Points
-from smallwheel_ros.fitting.variance import Scatter, settings_repeated
+from smallwheel_ros.fitting.posterior import posterior_covariance
+from smallwheel_ros.fitting.remedies import remedy_of
+from smallwheel_ros.fitting.variance import Scatter, curves_repeated, settings_repeated
 from smallwheel_ros.measurements.display import listed, percent, shown_value, words
 from smallwheel_ros.measurements.measurements import Measurements
+from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 
@@ -47,17 +51,6 @@ _FAR_OFF = 2.0  # of what the law is usually off by, from which it is wrong wher
 _ALIKE = 0.98  # correlation from which two numbers are reported as tied
 
 _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
-_REMEDIES = {
-    "log_reference_pressure": "measure sinkage at a few loads",
-    "n": "measure over a wider range of loads (4 to 1), or measure resistance too",
-    "m": "measure with a second wheel diameter (1.5 to 1)",
-    "friction_angle": "measure drawbar pull at slip over 0.5",
-    "log_shear_displacement": "measure drawbar pull at slips from 0.05 to 0.3",
-    "cohesion": "measure drawbar pull at high slip under a light and a heavy load",
-    "rolling_share": "measure drawbar pull or torque at slips from -0.1 to 0.1",
-    "pressure_peak": "measure drawbar pull and torque at slips over 0.4",
-    "rim_friction": "measure the same wheel with lugs, or braked, beside the bare rim driven",
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -85,6 +78,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
     evidence: float
     notes: tuple[str, ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
+    measured: Measured = field(default_factory=Measured)
 
     @cached_property
     def model(self) -> CalibratedModel:
@@ -107,7 +101,8 @@ class FitResult(WithParameters, Result, shown="views.fit"):
             if name.rsplit(".", 1)[1] not in _STRENGTH or self.covariance[i, i] > 0.0
         ]
         names = tuple(self.names[i] for i in keep)
-        return CalibratedModel(self.bare, names, self.covariance[np.ix_(keep, keep)], provenance)
+        covariance = self.covariance[np.ix_(keep, keep)]
+        return CalibratedModel(self.bare, names, covariance, provenance, self.measured)
 
     def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
         """The model with one more effect, to be fitted or predicted with."""
@@ -182,40 +177,6 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return predict(self.bare, conditions)
 
 
-def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
-    """Covariance of theta with the components' own uncertainty in it. scatter: `Fitter.true_scatter`.
-
-    C(phi) = (J' V(phi)^-1 J + P)^-1 is averaged over ln phi ~ N(found, its covariance) by the 2 q
-    points found +- sqrt(q) times the columns of its root (the cubature rule, Arasaratnam and Haykin
-    2009): few runs do not know their scatter well, and the deviations say so. A parameter at its
-    bound has zero rows and columns. Where the fit worked with another covariance V_0 than the true V
-    (`Fitter`), C = (J' V_0^-1 J + P)^-1 (J' V_0^-1 V V_0^-1 J + P) (J' V_0^-1 J + P)^-1.
-    """
-    model, stiff = fitter.true_variance, fit.stiffness
-    free = np.flatnonzero(~fit.at_bound)
-    slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
-    away = fit.away(fitter.points.value)
-    root = np.linalg.cholesky(model.uncertainty(away, fit.taken_up, stiff, scatter))
-    size = len(root)
-    total = np.zeros((free.size, free.size))
-    working = fitter.covariance(fit) if fitter.working else None
-    for column in np.sqrt(size) * np.hstack([root, -root]).T:
-        true = model.covariance(
-            replace(scatter, log_deviation=scatter.log_deviation + column), stiff
-        )
-        weighted = (working or true).solve(slopes)
-        one = inverse(slopes.T @ weighted + precision)
-        if working is not None:
-            one = one @ (weighted.T @ true.matrix @ weighted + precision) @ one
-            # Nothing is less known after the data than before, whatever the weights were.
-            least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(one)))
-            one = one * np.outer(least, least)
-        total += one / (2 * size)
-    full = np.zeros((fit.theta.size, fit.theta.size))
-    full[np.ix_(free, free)] = total
-    return full
-
-
 def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     """Held-out error that the true model would leave on a row of a new run, by channel, m or N.
 
@@ -265,11 +226,13 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
     # Strength that nothing reads is no part of the result.
     used = [j for j, p in enumerate(fit.vector.free)
             if p.field not in _STRENGTH or np.any(fit.slopes[:, j])]  # fmt: skip
-    parameters = [_parameter(fit, covariance, j) for j in used]
+    parameters = [_parameter(fit, covariance, j, points, scatter) for j in used]
     names = tuple(fit.vector.free[j].name for j in used)
     bounds = SOIL_PARAMETERS["m"][1].low, SOIL_PARAMETERS["m"][1].high
     parameters += [
-        FittedParameter(soil.name, "m", soil.m, None, "1", bounds, "held", _REMEDIES["m"])
+        FittedParameter(
+            soil.name, "m", soil.m, None, "1", bounds, "held", remedy_of("m", points, scatter)
+        )
         for soil in fit.vector.soils
         if f"{soil.name}.m" not in names
     ]
@@ -289,11 +252,14 @@ def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult
         in_sample(points, model),
         outliers,
         fit.evidence,
+        measured=measured_of(fitter, fit, scatter),
     )
     return replace(found, notes=tuple(_notes(found, points, unusual(fitter, scatter))))
 
 
-def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
+def _parameter(
+    fit: Fit, covariance: Array, j: int, points: Points, scatter: Scatter
+) -> FittedParameter:
     free, of_soil = fit.vector.free[j], j < fit.vector.base_size
     # Before any data at all, also where this fit began from a known soil.
     before = (SOIL_PARAMETERS | _STRENGTH)[free.field][1] if of_soil else free.prior
@@ -302,6 +268,8 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
     if fit.at_bound[j]:
         status = "at its bound"
     remedy = f"vary what '{free.owner}' depends on over a wider range, with the rest held"
+    if of_soil:
+        remedy = remedy_of(free.field, points, scatter)
     return FittedParameter(
         free.owner,
         free.field,
@@ -310,7 +278,7 @@ def _parameter(fit: Fit, covariance: Array, j: int) -> FittedParameter:
         free.unit,
         (free.prior.low, free.prior.high),
         status,
-        "" if status == "determined" else _REMEDIES[free.field] if of_soil else remedy,
+        "" if status == "determined" else remedy,
     )
 
 
@@ -348,7 +316,7 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
         off, far = off_by(found.errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {off}"] if far else []
     notes += found.bare.cautions(points.conditions)
-    if not settings_repeated(points):
+    if not (settings_repeated(points) or curves_repeated(points)):
         notes.append(
             "no setting was repeated in another run: lack of fit of the law and scatter from run to "
             "run cannot be told apart"

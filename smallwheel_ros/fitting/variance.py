@@ -38,7 +38,7 @@ Zeger 1986): rows as shallow as the error of the zero then weigh little.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +66,10 @@ class Covariance:
         self.root = np.linalg.cholesky(matrix)
         self.log_root = float(np.log(np.diag(self.root)).sum())
 
+    def of(self, kept: NDArray[np.bool_]) -> Covariance:
+        """The covariance of some of the values; itself where all are kept."""
+        return self if kept.all() else Covariance(self.matrix[np.ix_(kept, kept)])
+
     def whiten(self, columns: Array) -> Array:
         """L^-1 columns: their scalar products are those under S^-1, shape as given, (values, ...)."""
         return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False))
@@ -83,6 +87,12 @@ class Scatter:
     log_deviation: Array
     log_length: float
 
+    def with_those_of(self, other: Scatter) -> Scatter:
+        """The same with the components that another has in their place."""
+        known = dict(zip(other.names, other.log_deviation, strict=True))
+        values = [known.get(n, v) for n, v in zip(self.names, self.log_deviation, strict=True)]
+        return Scatter(self.names, np.array(values), other.log_length)
+
     @property
     def deviations(self) -> dict[str, float]:
         """Deviation by name."""
@@ -92,12 +102,21 @@ class Scatter:
 class VarianceModel:
     """The components of one set of points.
 
-    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`. start: the
-    components at their priors' medians.
+    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`. law_known: the
+    errors of the law of pull and torque are those that are given; else they have two factors on these, which
+    the table tells ("law:" within a wheel, "wheel:" between wheels). start: the components at their priors'
+    medians.
     """
 
     def __init__(
-        self, points: Points, level: Array, pure: Array, stated: Array, *, working: bool = False
+        self,
+        points: Points,
+        level: Array,
+        pure: Array,
+        stated: Array,
+        *,
+        working: bool = False,
+        law_known: bool = True,
     ) -> None:
         self.points, self.level = points, level
         self.swept, self.working = bool(points.swept.any()), working
@@ -114,6 +133,8 @@ class VarianceModel:
                 found[f"fit:{name}"] = constants.LACK_OF_FIT, mine * _same(points.setting) * sizes
             if stated[here].any():
                 found[f"declared:{name}"] = 1.0, np.diag(here * stated)
+        if points.forces and not (working or law_known):
+            found |= {name: (1.0, sizes * one) for name, one in _force_law(points).items()}
         both = np.outer(points.swept, points.swept)
         if self.swept:
             curve = both * _same(points.channel)
@@ -127,10 +148,15 @@ class VarianceModel:
         if working:
             self._unit *= np.where(both, np.eye(len(points)), 1.0)
             return
-        if points.forces:
-            self._given += sizes * _force_law(points)
+        if points.forces and law_known:
+            self._given += sizes * sum(_force_law(points).values())
         if self.swept:
             self._given += constants.CURVE_SHAPE**2 * sizes * curve * _depth_law(points, level)
+
+    def of_law(self, log_deviation: Array) -> Array:
+        """The share of V that is the error of the law of pull and torque, shape (values,) * 2."""
+        mine = [i for i, name in enumerate(self.names) if name.startswith(("law:", "wheel:"))]
+        return np.asarray(np.tensordot(np.exp(2.0 * log_deviation[mine]), self._unit[mine], 1))
 
     def suited(self, scatter: Scatter) -> Scatter:
         """The components that these points have, where a scatter of other points knows them.
@@ -172,17 +198,33 @@ class VarianceModel:
         away = (log_deviation - self.log_median) / constants.SPREAD
         return -0.5 * float(away @ away)
 
-    def fit(self, error: Array, spread: Array, stiffness: Array, start: Scatter) -> Scatter:
-        """The components that suit the errors best. spread: U, what parameters can take up."""
-        tried = []
-        for length in _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]:
+    def fit(
+        self,
+        error: Array,
+        spread: Array,
+        stiffness: Array,
+        start: Scatter,
+        held: Collection[str] = (),
+    ) -> Scatter:
+        """The components that suit the errors best. spread: U, what parameters can take up.
+
+        held: names of those that stay as they are at the start.
+        """
+        tried, lengths = [], _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]
+        if "along" in held:
+            lengths = np.array([start.log_length])
+        for length in lengths:
             kernels = self.kernels(stiffness, float(length))
-            value, ln = self._climb(error, spread, kernels, start.log_deviation)
+            free = self._free(held)
+            value, ln = self._climb(error, spread, kernels, start.log_deviation, free)
             tried.append((value, Scatter(self.names, ln, float(length))))
         return max(tried, key=lambda one: one[0])[1]
 
+    def _free(self, held: Collection[str]) -> Index:
+        return np.array([i for i, name in enumerate(self.names) if name not in held], dtype=np.intp)
+
     def _climb(
-        self, error: Array, spread: Array, kernels: Array, start: Array
+        self, error: Array, spread: Array, kernels: Array, start: Array, free: Index
     ) -> tuple[float, Array]:
         def objective(ln: Array) -> tuple[float, Covariance | None]:
             try:
@@ -200,8 +242,9 @@ class VarianceModel:
             rise, information = self._information(s, error, ln, kernels)
             gradient = rise - 0.5 * sizes * np.tensordot(kernels, inverse, 2)
             gradient -= (ln - self.log_median) / constants.SPREAD**2
-            step = np.linalg.solve(information, gradient)
-            step, share = np.clip(step, -1.5, 1.5), 1.0
+            step, share = np.zeros_like(ln), 1.0
+            towards = np.linalg.solve(information[np.ix_(free, free)], gradient[free])
+            step[free] = np.clip(towards, -1.5, 1.5)
             while (tried := objective(ln + share * step))[0] <= value:
                 share *= 0.4
                 if share <= 0.03:
@@ -224,16 +267,29 @@ class VarianceModel:
         prior = np.eye(len(self.names)) / constants.SPREAD**2
         return 0.5 * pulled @ moved, np.asarray(0.5 * white.T @ white + prior)
 
-    def uncertainty(self, error: Array, spread: Array, stiffness: Array, scatter: Scatter) -> Array:
-        """Covariance of ln phi (average information and prior), shape (components,) * 2."""
+    def uncertainty(
+        self,
+        error: Array,
+        spread: Array,
+        stiffness: Array,
+        scatter: Scatter,
+        held: Collection[str] = (),
+    ) -> Array:
+        """Covariance of ln phi by average information and prior, (components,) * 2; 0 of what is held."""
         ln, kernels = scatter.log_deviation, self.kernels(stiffness, scatter.log_length)
-        s = self.total(ln, kernels, spread)
-        return np.asarray(np.linalg.inv(self._information(s, error, ln, kernels)[1]))
+        s, free = self.total(ln, kernels, spread), self._free(held)
+        information = self._information(s, error, ln, kernels)[1]
+        found = np.zeros_like(information)
+        found[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
+        return found
 
 
-def _force_law(points: Points) -> Array:
-    """What the law of pull and torque is off by, of the levels: covariance, shape (values,) * 2."""
-    found = np.zeros((len(points), len(points)))
+def _force_law(points: Points) -> dict[str, Array]:
+    """What the law of pull and torque is off by, of the levels: covariances, shape (values,) * 2.
+
+    By channel, "law:" within a wheel, from slip to slip, and "wheel:", from wheel to wheel.
+    """
+    found = {}
     near = np.exp(-_apart(points.column("slip")) / constants.FORCE_SLIP)
     own = wheel_discrepancy(points.conditions)[points.row]
     names = [n for n in ("diameter", "width", "grouser_height") if n in points.conditions]
@@ -241,7 +297,8 @@ def _force_law(points: Points) -> Array:
     for name in points.forces:
         here = points.of_channel(name)
         mine = np.outer(here, here) * wheel
-        found += mine * (constants.FORCE_LAW**2 * near + np.outer(own, own))
+        found[f"law:{name}"] = mine * constants.FORCE_LAW**2 * near
+        found[f"wheel:{name}"] = mine * np.outer(own, own)
     return found
 
 
@@ -259,6 +316,22 @@ def settings_repeated(points: Points) -> bool:
         return False
     pairs = np.unique(np.column_stack([points.setting, points.run]), axis=0)
     return bool(np.bincount(pairs[:, 0]).max(initial=0) > 1)
+
+
+def curves_repeated(points: Points) -> bool:
+    """Whether several curves were taken with one body in one soil, but for what was changed along them."""
+    if not points.swept.all():
+        return False
+    kept = [c for n, c in points.settings.items() if n != points.order
+            and all(np.ptp(c[points.run == run]) < 1e-9 for run in np.unique(points.run))]  # fmt: skip
+    soil = points.conditions.soil
+    named = (
+        [] if soil is None else [np.unique(soil[points.row], return_inverse=True)[1].reshape(-1)]
+    )
+    if not kept and not named:
+        return bool(points.run_count > 1)
+    body = _codes([*kept, *(np.asarray(one, dtype=float) for one in named)])
+    return any(np.unique(points.run[body == one]).size > 1 for one in np.unique(body))
 
 
 def _same(codes: Index) -> Array:

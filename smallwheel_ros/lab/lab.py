@@ -218,4 +218,4 @@ def _keep_strength(model: CalibratedModel, known: CalibratedModel | None) -> Cal
             continue
         at = [known.names.index(name) for name in kept]
         names, covariance = (*names, *own), block_diag(covariance, known.covariance[np.ix_(at, at)])
-    return CalibratedModel(model.model, names, covariance, model.provenance)
+    return model.changed(names=names, covariance=covariance)

@@ -25,8 +25,8 @@ from smallwheel_ros.fitting.held_out import leave_out
 from smallwheel_ros.fitting.named import FittedParameter, Status
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, FreeParameter, ParameterVector, Prior
 from smallwheel_ros.fitting.points import FittingError, Points
+from smallwheel_ros.fitting.posterior import posterior_covariance
 from smallwheel_ros.fitting.problem import settled
-from smallwheel_ros.fitting.result import posterior_covariance
 from smallwheel_ros.measurements.display import listed, number
 from smallwheel_ros.measurements.settings import cluster
 from smallwheel_ros.physics.plates import LAWS, PlateLaw

@@ -239,7 +239,10 @@ def with_strength(
         model.model.effects,
         model.model.thrust_form,
     )
-    return CalibratedModel(made, tuple(kept_names), covariance, provenance)
+    return model.changed(
+        model=made, names=tuple(kept_names), covariance=covariance, provenance=provenance,
+        measured=replace(model.measured, forces={}), rivals=(),
+    )  # fmt: skip
 
 
 def shear_text(fit: ShearFit, strength: LabStrength) -> str:

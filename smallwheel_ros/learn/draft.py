@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.effects.drafted import VERSION
 from smallwheel_ros.fitting.fit import Fitter
-from smallwheel_ros.fitting.result import posterior_covariance
+from smallwheel_ros.fitting.posterior import posterior_covariance
 from smallwheel_ros.learn.grammar import SIZES, Driver, Term, identifier
 from smallwheel_ros.learn.law import SOUGHT, LearntLaw
 from smallwheel_ros.learn.search import LawCandidate

@@ -75,6 +75,13 @@ def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurem
     return found
 
 
+def read_conditions(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
+    """Read a table of settings as `read_tests` does; nothing need be measured, and every row is kept."""
+    found = read_tests(source, shear=False, every_row=True, **how)
+    assert isinstance(found, Measurements)
+    return found
+
+
 def read_tests(
     source: str | Path | pd.DataFrame,
     *,
@@ -86,7 +93,7 @@ def read_tests(
 
     source: a CSV, xlsx, xls, ods or Parquet file, or a pandas data frame. map, sheet, and in `how`
     diameter, width, contact, compliance: as of `read.read`, sizes in SI units. shear (in `how`): whether a
-    table of shear tests is one to read.
+    table of shear tests is one to read; every_row: it is of settings, of which all are wanted.
     Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
     what was expected, what to do.
     """
@@ -164,6 +171,7 @@ def _read_grid(
     contact: str | None = None,
     compliance: float | None = None,
     shear: bool = True,
+    every_row: bool = False,
 ) -> Measurements | ShearTests:
     columns = read_columns(grid, mapping)
     of_wheels = columns.there("load") and columns.there("sinkage")
@@ -177,7 +185,7 @@ def _read_grid(
             take_size(columns, name, size)
     take_contact(columns, contact)
     take_plates(columns, compliance)
-    _check_there(columns)
+    _check_there(columns, measured=not every_row)
     _check_blanks(columns)
     _check_heights(columns)
     if grid.shares:
@@ -185,7 +193,7 @@ def _read_grid(
     columns.raise_any()
     if (columns.contact != ROLLING).all():
         name_curves(columns)
-    if (columns.contact != ROLLING).any():
+    if (columns.contact != ROLLING).any() and not every_row:
         keep_rows_on_soil(columns, _runs(columns))
     return _measurements(columns)
 
@@ -253,8 +261,11 @@ def _measurements(columns: TableColumns) -> Measurements:
     )
 
 
-def _check_there(columns: TableColumns) -> None:
-    """Add a problem for each column that there must be; a table of plates needs no width."""
+def _check_there(columns: TableColumns, measured: bool) -> None:
+    """Add a problem for each column that there must be; a table of plates needs no width.
+
+    measured: whether something must have been measured.
+    """
     needed = ["load", "diameter", *(["width"] if np.any(columns.contact != PLATE) else [])]
     nearly = {meant(heading) for heading in columns.headings.values() if heading.rank == UNKNOWN}
     lacking = [
@@ -264,12 +275,12 @@ def _check_there(columns: TableColumns) -> None:
         for name in needed
         if not columns.there(name) and name not in nearly
     ]
-    if not any(name in columns.headings or name in nearly for name in CHANNELS):
+    if measured and not any(name in columns.headings or name in nearly for name in CHANNELS):
         wanted = ", ".join(CHANNELS)
         lacking.append(f"nothing was measured: expected at least one column of {wanted}")
     if lacking:
         columns.lacking(lacking)
-    if not columns.found and not any(name in columns.numbers for name in CHANNELS):
+    if measured and not columns.found and not any(n in columns.numbers for n in CHANNELS):
         columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
 
 
@@ -389,8 +400,9 @@ def _suspicions(data: Measurements) -> Iterator[str]:
                     f"wheel: is the unit right? A header names it, like '{name} [{unit}]'",
                 )
             )
-    blank = np.all([np.isnan(values) for values in z.values()], axis=0)
-    odd.append((blank, "nothing was measured {}"))
+    if z:
+        blank = np.all([np.isnan(values) for values in z.values()], axis=0)
+        odd.append((blank, "nothing was measured {}"))
     odd.append((data.sunk_to_axle, "sinkage is over half the diameter {}, where the wheel is dragged "
                 "across its plane: deeper than any model of a rolling wheel holds"))  # fmt: skip
     depth = z.get("sinkage", np.full(len(data), np.nan))

@@ -17,6 +17,11 @@ from smallwheel_ros.physics.conditions import CONTACTS, PLATE, ROLLING, Array
 from smallwheel_ros.physics.plates import equivalent_diameter, plate_area
 
 _STIFFEST, _SOFTEST = 1e-10, 1e-2  # m/N: a press's steel frame, and a soft spring
+_LIGHT = 0.01  # of a curve's largest load: less may be noise
+_MOVED = 0.02  # of a curve's depth, travelled without load: before that it may be a power of depth
+_ON_SOIL = 0.05  # of a curve's largest load: from there its power of depth is taken
+_ABSENT = 5.0  # times the noise: a load that this power of depth has there, and was not
+_MOST_ZEROS = 12
 _UNLOADED = 0.9  # of the largest load before it: less is a load that was taken off
 _REBOUND = 0.002  # of the depth: less is noise of the sinkage
 # Rank correlation of depth with the row's number from which rows are in the order of time: rebound is a
@@ -155,11 +160,25 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
         what = "rows of plates or pressed wheels are left out: load or sinkage is not over 0 there"
         columns.understood.append(columns.count(early, what))
     off = np.zeros(pushed.size, dtype=bool)
+    zeros: dict[str, float] = {}
     for name in dict.fromkeys(run[pushed].tolist()):
         rows = np.flatnonzero((run == name) & pushed & ~early)
+        travel = _free_travel(load[rows], sinkage[rows])
+        if travel:
+            zeros[str(name)] = zero = float(sinkage[rows[travel - 1]])
+            early[rows[:travel]], rows = True, rows[travel:]
+            sinkage[rows] -= zero
+            early[rows[sinkage[rows] <= 0.0]] = True
+            rows = rows[sinkage[rows] > 0.0]
         if rows.size >= _FEWEST:
             off[rows] = _unloaded(load[rows], sinkage[rows])
             _say_odd_load(columns, name, load[rows[~off[rows]]], sinkage[rows[~off[rows]]])
+    if zeros:
+        shown = ", ".join(f"{n} {1e3 * z:.3g}" for n, z in [*zeros.items()][:_MOST_ZEROS])
+        columns.understood.append(
+            f"{len(zeros)} curves begin before the body touches: rows up to there are left out, and their "
+            f"sinkage counts from there (mm: {shown}{', ...' if len(zeros) > _MOST_ZEROS else ''})"
+        )
     if off.any():
         what = "rows of curves are left out: the load was taken off or put on again there"
         columns.understood.append(columns.count(off, what))
@@ -167,6 +186,34 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
         columns.add("no row of load and sinkage over 0 is left")
         columns.raise_any()
     columns.keep(~(early | off))
+
+
+def _free_travel(load: Array, sinkage: Array) -> int:
+    """How many rows of a curve, in order, come before the body touches: it moves, and the load does not rise.
+
+    Soil carries by a power of depth: what it would have carried by that of the rest of the curve is far over
+    the noise.
+    """
+    light = load < _LIGHT * float(np.max(load, initial=0.0))
+    count = int(np.argmin(light)) if not light.all() else 0
+    if count < _FEWEST or not np.isfinite(sinkage).all():
+        return 0
+    noise = 2.0 * float(np.max(load[:_FEWEST]))
+    above = np.flatnonzero(load > noise)
+    loaded = above[
+        np.all([load[np.minimum(above + i, load.size - 1)] > noise for i in range(3)], axis=0)
+    ]
+    count = int(loaded[0]) if loaded.size else 0
+    moved = float(sinkage[count - 1] - sinkage[0]) if count >= _FEWEST else 0.0
+    third = max(count // 3, 1)
+    rises = np.median(load[count - third : count]) > noise
+    far = moved > _MOVED * float(np.max(sinkage)) and sinkage[count - 1] > 3.0 * sinkage[0]
+    on = (load > _ON_SOIL * float(np.max(load))) & (sinkage > 0.0)
+    if count < _FEWEST or not far or rises or np.count_nonzero(on) < _FEWEST:
+        return 0
+    slope, level = np.polyfit(np.log(sinkage[on]), np.log(load[on]), 1)
+    carried = np.exp(level + slope * np.log(sinkage[count - 1]))
+    return count if carried > _ABSENT * noise else 0
 
 
 def _unloaded(load: Array, sinkage: Array) -> Mask:

@@ -57,7 +57,7 @@ _MOST_MEANS = 100  # rows that are looked at
 _FEW = 0.25  # share of rows at most that have an odd name
 
 
-# Columns of texts; of each row's name in the first, whether it has digits, and is a code of 1 or 2 letters.
+# Columns of texts; of each row's name in the first, whether it has digits, else is a code of 1 or 2 letters.
 RowNames = tuple[list[int], list[tuple[bool, bool]]]
 
 
@@ -270,7 +270,8 @@ def _means(
                 break
         else:
             below = row - 1 in found or left_out.get(row - 1) == _SUMMARY
-            if below and row not in left_out:
+            # A deviation has a name like that of the mean; a measurement has not.
+            if below and row not in left_out and kinds[row] == kinds[row - 1]:
                 found[row] = "stands below a mean"
         if row in found or row in left_out:
             measured[row], begins = False, row + 1
@@ -303,7 +304,8 @@ def row_names(
     kind = {}
     for name in {*names}:
         text = shown(name).strip()
-        kind[name] = any(map(str.isdigit, text)), 0 < len(text.encode()) < 3
+        numbered = any(map(str.isdigit, text))  # R9 and R10 are of one kind
+        kind[name] = numbered, not numbered and 0 < len(text.encode()) < 3
     return texts, [kind[name] for name in names]
 
 

@@ -20,6 +20,7 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.result import Result
 from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.effects.registry import Registry, as_effect, known_physics
+from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.stages import LoadedRows, Stages, guarded
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import AXLE_RATIO, contact_sinkage
@@ -146,12 +147,16 @@ class CalibratedModel(Model):
     names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
     where drawbar pull was measured the soil's strength too (`model_file.SOIL_PARAMETERS`), and
     `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
-    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people.
+    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people. measured: what was
+    measured, as far as a prediction needs it. rivals: models that the data could not tell apart, each with
+    its probability; a prediction is then their mixture.
     """
 
     names: tuple[str, ...]
     covariance: Array
     provenance: Mapping[str, Any]
+    measured: Measured
+    rivals: tuple[tuple[float, CalibratedModel], ...]
 
     def __init__(
         self,
@@ -159,13 +164,27 @@ class CalibratedModel(Model):
         names: tuple[str, ...] = (),
         covariance: Array | None = None,
         provenance: Mapping[str, Any] | None = None,
+        measured: Measured | None = None,
+        rivals: Sequence[tuple[float, CalibratedModel]] = (),
     ) -> None:
         super().__init__(model.soils, model.geometry, model.effects, model.thrust_form)
-        object.__setattr__(self, "names", names)
-        object.__setattr__(
-            self, "covariance", np.zeros((0, 0)) if covariance is None else covariance
-        )
-        object.__setattr__(self, "provenance", provenance or {})
+        known = {
+            "names": names,
+            "covariance": np.zeros((0, 0)) if covariance is None else covariance,
+            "provenance": provenance or {},
+            "measured": measured or Measured(),
+            "rivals": tuple(rivals),
+        }
+        for name, value in known.items():
+            object.__setattr__(self, name, value)
+
+    def changed(self, **parts: Any) -> CalibratedModel:
+        """The same but for some of the arguments that make it."""
+        known: dict[str, Any] = {
+            name: getattr(self, name)
+            for name in ("model", "names", "covariance", "provenance", "measured", "rivals")
+        }
+        return CalibratedModel(**known | parts)
 
     @property
     def model(self) -> Model:
@@ -174,7 +193,7 @@ class CalibratedModel(Model):
 
     def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
         """The model with one more effect, of whose numbers nothing is known yet."""
-        return CalibratedModel(self.model + effect, self.names, self.covariance, self.provenance)
+        return self.changed(model=self.model + effect, rivals=())
 
     def standard_deviation(self, name: str) -> float | None:
         """Standard deviation of a parameter, None where it is not known."""

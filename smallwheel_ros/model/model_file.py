@@ -9,6 +9,7 @@ one never runs code, so an effect that is not installed must be given beforehand
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -22,6 +23,7 @@ from smallwheel_ros.common.result import Writer
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.model.derived import derived_numbers
+from smallwheel_ros.model.measured import ForceLaw, Measured, RunScatter, Tied
 from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
 from smallwheel_ros.physics.traction import ThrustForm
@@ -29,9 +31,8 @@ from smallwheel_ros.physics.traction import ThrustForm
 Array = NDArray[np.float64]
 
 VERSION = 1
-_TOP = (
-    "smallwheel_model", "geometry", "thrust_form", "soils", "effects", "covariance", "provenance",
-)  # fmt: skip
+_MODEL = ("geometry", "thrust_form", "soils", "effects", "covariance", "measured", "provenance")
+_TOP = ("smallwheel_model", *_MODEL, "rivals")
 # What a covariance names of a soil: the numbers of `fitting.parameters.soil_numbers`.
 SOIL_PARAMETERS = (
     "log_reference_pressure", "n", "m", "cohesion", "friction_angle", "log_shear_displacement",
@@ -98,23 +99,34 @@ def rows(model: Model) -> list[dict[str, Any]]:
 def document(model: Model) -> dict[str, Any]:
     """The model as plain values."""
     calibrated = as_calibrated(model)
+    plain = {"smallwheel_model": VERSION, **_plain(calibrated)}
+    if calibrated.rivals:
+        plain["rivals"] = [
+            {"probability": float(share), **_plain(rival)} for share, rival in calibrated.rivals
+        ]
+    return plain
+
+
+def _plain(model: CalibratedModel) -> dict[str, Any]:
+    """One model as plain values."""
     plain: dict[str, Any] = {
-        "smallwheel_model": VERSION,
         "geometry": model.geometry,
         "thrust_form": model.thrust_form,
         "soils": [
             {"name": s.name, **{n: float(getattr(s, n)) for n in SOIL_NUMBERS}, "source": s.source}
             for s in model.soils
         ],
-        "effects": [_effect_entry(e, calibrated) for e in model.effects],
+        "effects": [_effect_entry(e, model) for e in model.effects],
     }
-    if calibrated.names:
+    if model.names:
         plain["covariance"] = {
-            "names": list(calibrated.names),
-            "matrix": [[float(v) for v in row] for row in calibrated.covariance],
+            "names": list(model.names),
+            "matrix": [[float(v) for v in row] for row in model.covariance],
         }
-    if calibrated.provenance:
-        plain["provenance"] = dict(calibrated.provenance)
+    if model.measured != Measured():
+        plain["measured"] = model.measured.plain()
+    if model.provenance:
+        plain["provenance"] = dict(model.provenance)
     return plain
 
 
@@ -186,9 +198,14 @@ class _Entry:
             return float(value)
         raise self.unlike("a finite number")
 
-    def choice(self, choices: Sequence[str]) -> Any:
+    def text(self) -> str:
+        if not isinstance(self.value, str):
+            raise self.unlike("a text")
+        return self.value
+
+    def choice(self, choices: Sequence[str | bool]) -> Any:
         if self.value not in choices:
-            raise self.unlike("one of " + ", ".join(choices))
+            raise self.unlike("one of " + ", ".join(map(str, choices)))
         return self.value
 
 
@@ -305,19 +322,69 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     if parsed["smallwheel_model"] != VERSION:
         raise top.get("smallwheel_model").unlike(f"version {VERSION}")
     top.mapping(*_TOP)
+    rivals = []
+    for entry in _Entry(file, "rivals", parsed.get("rivals") or []).listing():
+        entry.mapping("probability", *_MODEL)
+        share = entry.get("probability")
+        if not 0.0 < share.number() <= 1.0:
+            raise share.unlike("a probability, over 0 and up to 1")
+        rivals.append((share.number(), _model(entry, registry)))
+    return _model(top, registry).changed(rivals=tuple(rivals))
+
+
+def _model(top: _Entry, registry: Registry) -> CalibratedModel:
+    """One model of a file, with what it says of its uncertainty."""
+    file = top.file
     entries = top.get("soils").listing()
     if not entries:
         raise top.get("soils").unlike("at least one soil")
     soils = [_soil(entry) for entry in entries]
     _check_once(entries, "soil", [one.name for one in soils])
-    entries = _Entry(file, "effects", parsed.get("effects") or []).listing()
+    entries = _Entry(file, top.get("effects").key, top.value.get("effects") or []).listing()
     acting = [_effect(entry, registry) for entry in entries]
     _check_once(entries, "effect", [one.id for one in acting])
     geometry = top.get("geometry", "contact_integral").choice(get_args(Geometry))
     thrust_form = top.get("thrust_form", "stress_integral").choice(get_args(ThrustForm))
     names, covariance = _covariance(top.get("covariance"), parameter_names(soils, acting))
-    provenance = parsed.get("provenance") or {}
+    provenance = top.value.get("provenance") or {}
     if not isinstance(provenance, dict):
         raise top.get("provenance").unlike("a mapping of keys and values")
     model = Model(soils, geometry, acting, thrust_form)
-    return CalibratedModel(model, names, covariance, provenance)
+    return CalibratedModel(model, names, covariance, provenance, _measured(top.get("measured")))
+
+
+def _measured(entry: _Entry) -> Measured:
+    """What was measured; nothing where the file does not say, as of one written before 0.4."""
+    if entry.value is None:
+        return Measured()
+    entry.mapping(*(one.name for one in fields(Measured)))
+
+    def each(name: str) -> dict[str, _Entry]:
+        part = _Entry(entry.file, f"{entry.key}.{name}", entry.value.get(name) or {})
+        return {key: part.get(key) for key in (part.mapping(*part.value) if part.value else ())}
+
+    def listed(name: str) -> list[_Entry]:
+        return _Entry(entry.file, f"{entry.key}.{name}", entry.value.get(name) or []).listing()
+
+    def numbers(one: _Entry, count: int) -> list[float]:
+        found = [value.number() for value in one.listing()]
+        if len(found) != count:
+            raise one.unlike(f"{count} numbers")
+        return found
+
+    def group(one: _Entry, kind: type[Any]) -> Any:
+        names = [f.name for f in fields(kind)]
+        one.mapping(*names)
+        return kind(*(one.get(n).text() if f.type == "str" else one.get(n).number()
+                      for n, f in zip(names, fields(kind), strict=True)))  # fmt: skip
+
+    ranges = {name: tuple(numbers(one, 2)) for name, one in each("ranges").items()}
+    return Measured(
+        ranges,  # type: ignore[arg-type]  # pairs
+        tuple(tuple(numbers(one, 3)) for one in listed("wheels")),  # type: ignore[misc]  # of three
+        entry.get("stiffness", 0.0).number(),
+        {name: group(one, RunScatter) for name, one in each("runs").items()},
+        {name: group(one, ForceLaw) for name, one in each("forces").items()},
+        tuple(group(one, Tied) for one in listed("tied")),
+        entry.get("unexplained", False).choice((False, True)),
+    )

@@ -15,6 +15,8 @@ from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
+from smallwheel_ros.model.mixture import mixed, rivals_text
+from smallwheel_ros.model.model import CalibratedModel
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.declared import (
     GROUPS,
@@ -27,7 +29,7 @@ from smallwheel_ros.onboard.declared import (
 )
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
-from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
 from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
 
@@ -268,9 +270,9 @@ def _fields(given: object, of: type) -> dict[str, Any]:
 
 def _onboard(given: Parameters) -> OnboardSettings:
     """What the estimate rests on besides the measurements."""
-    start, effects = _start(given)
     of = given.inputs
     wheels = tuple(_wheel(name, own) for name, own in of.items())
+    start, effects, note = _start(given, wheels)
     rolling = [wheel.name for wheel in wheels if wheel.contact == ROLLING]
     static = _static_loads(given)
     by_topic = bool(given.velocity_topic)
@@ -292,6 +294,7 @@ def _onboard(given: Parameters) -> OnboardSettings:
         static_loads=static,
         velocity="topic" if by_topic else "none" if given.odometry_from_wheels else "odometry",
         soil_told=bool(given.soil.name or given.model_file),
+        model_note=note,
     )
 
 
@@ -316,8 +319,8 @@ def _estimator(given: Parameters, static: Mapping[str, Quantity]) -> EstimatorSe
     return EstimatorSettings(told.sinkage_std, told.sinkage_zero_std, scatter, loads_measured=False)
 
 
-def _start(given: Parameters) -> tuple[Soil, tuple[Effect, ...]]:
-    """The soil that the estimate starts from, and effects: of the model file, or of the library."""
+def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[Soil, tuple[Effect, ...], str]:
+    """The soil that the estimate starts from and effects, of the model file or of the library; and a note."""
     name, file = given.soil.name, given.model_file
     if not file:
         if given.effects_file:
@@ -325,11 +328,12 @@ def _start(given: Parameters) -> tuple[Soil, tuple[Effect, ...]]:
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
         try:
-            return soil(name or "dry_sand"), ()
+            return soil(name or "dry_sand"), (), ""
         except SoilError as error:
             raise ParametersError(f"parameter soil.name: {error}") from None
     effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
-    model = read_model(Path(file).expanduser(), effects).model
+    calibrated = read_model(Path(file).expanduser(), effects)
+    model, note = mixed(calibrated), _model_note(file, calibrated, wheels)
     if model.geometry != "contact_integral":
         raise ParametersError(
             f"{file}: geometry is {model.geometry}, expected contact_integral: the estimate"
@@ -337,13 +341,38 @@ def _start(given: Parameters) -> tuple[Soil, tuple[Effect, ...]]:
         )
     found = {kind.name: kind for kind in model.soils}
     if name is None and len(found) == 1:
-        return model.soils[0], tuple(model.effects)
+        return model.soils[0], tuple(model.effects), note
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
             f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
         )
-    return found[name], tuple(model.effects)
+    return found[name], tuple(model.effects), note
+
+
+def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel]) -> str:
+    """Rivals of which the estimate runs with the mean, and wheels that the model was not measured with."""
+    said = []
+    if calibrated.rivals:
+        said.append(
+            f"{file}: its data could not tell these models apart: {rivals_text(calibrated)}; the estimate "
+            "runs with their mean"
+        )
+    sizes = Conditions.of(
+        [1.0] * len(wheels), [w.diameter for w in wheels], [w.width for w in wheels]
+    )
+    for name in ("diameter", "width"):
+        beyond = calibrated.measured.beyond(name, sizes)
+        if beyond.any():
+            low, high = calibrated.measured.ranges[name]
+            which = ", ".join(
+                w.name for w, is_beyond in zip(wheels, beyond, strict=True) if is_beyond
+            )
+            said.append(
+                f"{file}: measured was a {name} of {low:g} to {high:g} m, and that of {which} is beyond: its "
+                "numbers are extrapolated"
+            )
+    return "; ".join(said)
 
 
 def _static_loads(given: Parameters) -> dict[str, Quantity]:

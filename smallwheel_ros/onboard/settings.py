@@ -54,6 +54,9 @@ class OnboardSettings(DriveParameters):
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
     soil_told
         Whether the user has said which soil it is; else it is any.
+    model_note
+        What to know of the model file, in words: rivals of which it runs with the mean, and wheels that were
+        not measured; empty: nothing.
     """
 
     wheels: tuple[Wheel, ...]
@@ -68,6 +71,7 @@ class OnboardSettings(DriveParameters):
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = "odometry"
     soil_told: bool = True
+    model_note: str = ""
 
     @property
     def mass(self) -> float:
@@ -137,3 +141,7 @@ class NodeSettings(Parameters):
     """The parameters, and what the estimate rests on besides the measurements."""
 
     onboard: OnboardSettings
+
+    def frame_of(self, wheel: str) -> str:
+        """Frame of a wheel's messages."""
+        return self.inputs[wheel].frame or wheel

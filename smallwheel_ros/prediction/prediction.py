@@ -1,28 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One wheel, or a grid of settings, on one soil, with deviations: behind `smallwheel predict`."""
+"""One wheel, or a grid of settings, on one soil, with deviations: what `smallwheel predict` gives."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.result import Result
-from smallwheel_ros.effects.base import EffectError
-from smallwheel_ros.fitting.constants import FORCE_LAW
-from smallwheel_ros.fitting.noise import of_load, wheel_discrepancy
-from smallwheel_ros.fitting.parameters import WHEEL_PARAMETERS, soil_from, soil_numbers
-from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, unit_of
-from smallwheel_ros.measurements.display import listed, words
-from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, Prediction, predict
+from smallwheel_ros.measurements.columns import COLUMNS, OTHER, SETTINGS, Texts, unit_of
+from smallwheel_ros.measurements.display import setting_words, words
+from smallwheel_ros.measurements.measurements import Measurements
+from smallwheel_ros.measurements.settings import varies
+from smallwheel_ros.model.measured import Measured
+from smallwheel_ros.model.mixture import rivals_text
+from smallwheel_ros.model.model import CalibratedModel, Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
+from smallwheel_ros.prediction.uncertainty import (
+    QUANTITIES,
+    UncertainPrediction,
+    predict_of,
+    with_usual_strength,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +35,6 @@ Array = NDArray[np.float64]
 # SI units of the settings; any other column is in SI whatever its unit.
 UNITS = {name: unit_of(name) for name in ("load", "diameter", "width", *SETTINGS)}
 _MOST = 200_000
-_STEP = 1e-4  # of a standard deviation: far from rounding, close enough to be a slope
 SUNK = "immobilised: sunk to the axle"
 
 
@@ -40,7 +42,7 @@ class PredictionError(SmallwheelError):
     """Settings that cannot be predicted."""
 
 
-# What a prediction gives, in the order in which it is shown: title, factor on SI units.
+# How each of `QUANTITIES` is shown: title, factor on SI units.
 SHOWN = {
     "sinkage": ("sinkage [mm]", 1e3),
     "compaction_resistance": ("compaction resistance [N]", 1.0),
@@ -50,33 +52,22 @@ SHOWN = {
     "drawbar_pull": ("drawbar pull [N]", 1.0),
     "torque": ("torque [N m]", 1.0),
 }
-QUANTITIES = tuple(SHOWN)
-
-
-@dataclass(frozen=True)
-class UncertainPrediction:
-    """A prediction and, by quantity, its standard deviation; arrays of shape (rows,), SI units.
-
-    standard_deviation is empty where the model file has no covariance. It holds what follows
-    from the parameters: not the scatter of a single measurement, nor what the model lacks; of pull and torque
-    `prediction` adds what their law is off by.
-    """
-
-    prediction: Prediction
-    standard_deviation: Mapping[str, Array]
 
 
 @dataclass(frozen=True, repr=False)
 class PredictionTable(Result, shown="views.prediction"):
-    """Settings by name and what the model says of each combination; arrays of shape (rows,), SI.
+    """Settings by name and what the model says of each row; arrays of shape (rows,), SI.
 
-    notes: what the numbers rest on that was not measured.
+    notes: what the numbers rest on that was not measured. names: texts of the rows of a table, its run and
+    soil. measured: what such a table has measured, by `measured_sinkage`, `measured_sinkage_std` and so on.
     """
 
     settings: Mapping[str, Array]
     varied: tuple[str, ...]
     result: UncertainPrediction
     notes: tuple[str, ...] = ()
+    names: Mapping[str, Texts] = field(default_factory=dict)
+    measured: Mapping[str, Array] = field(default_factory=dict)
 
     def headline(self) -> str:
         """The quantities of one setting, or how many settings there are."""
@@ -103,12 +94,14 @@ class PredictionTable(Result, shown="views.prediction"):
         return self._drawn(ax, quantity)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One mapping a row; None where the wheel is sunk."""
+        """One mapping a row; None where the wheel is sunk, and where a table has a blank."""
         prediction = self.result.prediction
         rows = []
         for i in range(prediction.sinkage.size):
             sunk = bool(prediction.immobilised[i])
-            row: dict[str, Any] = {name: float(v[i]) for name, v in self.settings.items()}
+            row: dict[str, Any] = {name: str(v[i]) for name, v in self.names.items()}
+            numbers = {**self.settings, **self.measured}
+            row |= {n: float(v[i]) if np.isfinite(v[i]) else None for n, v in numbers.items()}
             for quantity in QUANTITIES:
                 values = getattr(prediction, quantity)
                 if values is None:
@@ -117,6 +110,9 @@ class PredictionTable(Result, shown="views.prediction"):
                 deviation = self.result.standard_deviation.get(quantity)
                 if deviation is not None:
                     row[f"{quantity}_std"] = None if sunk else float(deviation[i])
+                one_run = self.result.run_deviation.get(quantity)
+                if one_run is not None:
+                    row[f"{quantity}_run_std"] = None if sunk else float(one_run[i])
             row["status"] = SUNK if sunk else "ok"
             rows.append(row)
         return rows
@@ -129,7 +125,9 @@ def cell(row: Mapping[str, Any], quantity: str) -> str:
         return "-"
     shown = value * factor
     text = f"{shown:#.4g}".rstrip(".") if abs(shown) < 1e5 else f"{shown:.4g}"
-    return text if std is None else f"{text} +- {std * factor:.2g}"
+    text = text if std is None else f"{text} +- {std * factor:.2g}"
+    one_run = row.get(f"{quantity}_run_std")
+    return text if one_run is None else f"{text} ({one_run * factor:.2g})"
 
 
 def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
@@ -146,144 +144,12 @@ def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> C
     kept = model.soils[names.index(name)] if name is not None else model.soils[0]
     others = tuple(f"{other}." for other in names if other != kept.name)
     rows = [i for i, known in enumerate(calibrated.names) if not known.startswith(others)]
-    return CalibratedModel(
-        replace(model, soils=(kept,)),
-        tuple(calibrated.names[i] for i in rows),
-        calibrated.covariance[np.ix_(rows, rows)],
-        calibrated.provenance,
+    return calibrated.changed(
+        model=replace(model, soils=(kept,)),
+        names=tuple(calibrated.names[i] for i in rows),
+        covariance=calibrated.covariance[np.ix_(rows, rows)],
+        rivals=[(share, on_one_soil(rival, name, source)) for share, rival in calibrated.rivals],
     )
-
-
-# Of the parameters of a wheel on a soil, in words.
-_WHEEL_WORDS = {
-    "rolling_share": "share of rolling in the shear",
-    "rim_friction": "bare rim's friction over the soil's",
-    "pressure_peak": "peak of the pressure at slip 1, of the arc",
-}
-
-
-def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[float, str]]:
-    """What pull and torque rest on that the model's covariance does not have.
-
-    By parameter, named as in a covariance: its deviation there, and words with value and deviation.
-    """
-    usual = usual_strength(soil)
-    c, phi, kappa = usual.cohesion, usual.friction_angle, usual.shear_displacement
-    relative = kappa.standard_deviation / kappa.value
-    # Deviation in a covariance; words, value in SI, factor on both and unit for people.
-    known = {
-        "cohesion": (c.standard_deviation, "cohesion", c.value, 1.0, " Pa"),
-        "friction_angle": (
-            phi.standard_deviation, "friction angle", phi.value, 180.0 / math.pi, " deg",
-        ),
-        "log_shear_displacement": (relative, "shear displacement", 1.0, 1e3 * kappa.value, " mm"),
-    }  # fmt: skip
-    for name, (_, prior) in WHEEL_PARAMETERS.items():
-        known[name] = (prior.deviation, _WHEEL_WORDS[name], getattr(soil, name), 1.0, "")
-    return {
-        name: (
-            deviation,
-            f"{words} ({factor * value:.4g} +- {float(f'{factor * deviation:.2g}'):g}{unit})",
-        )
-        for name, (deviation, words, value, factor, unit) in known.items()
-        if f"{soil.name}.{name}" not in names
-    }
-
-
-def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
-    """The model with a covariance of the strength too, and a note of what of it was not measured.
-
-    A fit without pull and torque leaves the strength where it was: pull would look as if that were known
-    exactly. What the covariance lacks gets the deviations among soils of one kind (`usual_strength`), as
-    in the estimator, and among rigs (`WHEEL_PARAMETERS`).
-    """
-    names, covariance, notes = calibrated.names, calibrated.covariance, []
-    for soil in calibrated.model.soils:
-        assumed = _assumed_strength(soil, calibrated.names)
-        if not assumed:
-            continue
-        unmeasured = listed([text for _, text in assumed.values()])
-        notes.append(
-            f"no measurement determines {unmeasured}: thrust, pull and torque "
-            "rest on usual values, with the deviations among soils of one kind and among rigs"
-        )
-        names += tuple(f"{soil.name}.{name}" for name in assumed)
-        covariance = block_diag(covariance, np.diag([d**2 for d, _ in assumed.values()]))
-    return CalibratedModel(calibrated.model, names, covariance, calibrated.provenance), tuple(notes)
-
-
-def with_parameter(model: Model, name: str, change: float) -> Model:
-    """The model with one parameter, named as in a model file, changed by an amount.
-
-    Raises ModelError where the model has no such parameter.
-    """
-    owner, _, parameter = name.rpartition(".")
-    for i, soil in enumerate(model.soils):
-        if soil.name == owner:
-            numbers = soil_numbers(soil)
-            if parameter not in numbers:
-                raise ModelError(f"the covariance names '{name}': no parameter of a soil")
-            changed = soil_from(soil, {parameter: numbers[parameter] + change})
-            return replace(model, soils=(*model.soils[:i], changed, *model.soils[i + 1 :]))
-    for i, effect in enumerate(model.effects):
-        values = dict(effect.values())
-        if effect.id == owner and parameter in values:
-            other = replace(effect, **{parameter: values[parameter] + change})
-            return replace(model, effects=(*model.effects[:i], other, *model.effects[i + 1 :]))
-    raise ModelError(f"the covariance names '{name}', which is no parameter of the model")
-
-
-def predict_with_uncertainty(
-    calibrated: CalibratedModel, conditions: Conditions
-) -> UncertainPrediction:
-    """Predict, with standard deviations to first order: J C J', J by differences.
-
-    Where a parameter stands at the edge of its domain the difference is one-sided.
-    """
-    prediction = predict(calibrated.model, conditions)
-    if not calibrated.names:
-        return UncertainPrediction(prediction, {})
-    wanted = [q for q in QUANTITIES if getattr(prediction, q) is not None]
-    # The square root of the covariance turns the propagation into a sum of squares over directions.
-    values, vectors = np.linalg.eigh(calibrated.covariance)
-    spread = np.sqrt(np.maximum(np.diag(calibrated.covariance), 0.0))
-    slopes = {q: np.zeros((len(calibrated.names), len(conditions))) for q in wanted}
-    for i, name in enumerate(calibrated.names):
-        step = _STEP * spread[i]
-        if step == 0.0:
-            continue
-        ends: list[Prediction] = []
-        width = 0.0
-        for sign in (1.0, -1.0):
-            try:
-                changed = with_parameter(calibrated.model, name, sign * step)
-            except (SoilError, EffectError):
-                ends.append(prediction)
-                continue
-            ends.append(predict(changed, conditions))
-            width += step
-        for q in wanted if width else ():
-            slopes[q][i] = (getattr(ends[0], q) - getattr(ends[1], q)) / width
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    deviations = {q: np.sqrt(np.sum((root.T @ slopes[q]) ** 2, axis=0)) for q in wanted}
-    return UncertainPrediction(prediction, deviations)
-
-
-def _with_law_error(
-    result: UncertainPrediction, conditions: Conditions, sinkage_known: bool
-) -> UncertainPrediction:
-    """The deviations with what the law of pull and torque is itself off by, of a wheel not measured before.
-
-    sinkage_known: whether the model says how well its law of sinkage is known; else only forces of the
-    balance have a deviation, at the sinkage as it is predicted.
-    """
-    share = np.hypot(FORCE_LAW, wheel_discrepancy(conditions))
-    found = dict(result.standard_deviation)
-    for name in ("thrust", "drawbar_pull", "torque"):
-        found[name] = np.hypot(found[name], share * of_load(conditions, name))
-    if not sinkage_known:
-        found = {name: found[name] for name in ("thrust", "drawbar_pull", "torque")}
-    return replace(result, standard_deviation=found)
 
 
 def _refuse_absurd(name: str, values: Array) -> None:
@@ -327,15 +193,53 @@ def _without_number(
     return np.asarray(~finite.all(axis=0))
 
 
+_UNEXPLAINED = (
+    "no law of the library described the data that this was fitted to: what runs differ by is part of the "
+    "deviation"
+)
+
+
+def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
+    """Which settings are beyond those measured, or off those that were varied together."""
+    found, beyond, outside = [], [], np.zeros(len(conditions), dtype=bool)
+    for name, ends in measured.ranges.items():
+        rows = measured.beyond(name, conditions)
+        outside |= rows
+        if rows.any():
+            beyond.append(f"{words(name)} {setting_words(name, ends)}")
+    if beyond:
+        some = "" if outside.all() else f" in {int(outside.sum())} of {outside.size} rows"
+        found.append(f"extrapolated{some}: measured was {', '.join(beyond)}; the deviations hold "
+                     "if the law holds there, too")  # fmt: skip
+    for one in measured.tied:
+        if one.other in conditions and one.setting in conditions:
+            off = one.off(conditions)
+            if off.any():
+                some = "" if off.all() else f" in {int(off.sum())} of {off.size} rows"
+                found.append(
+                    f"{words(one.other)} and {words(one.setting)} were varied together: off that line{some} "
+                    "nothing was measured, and the number rests on laws that this data could not test"
+                )
+    return found
+
+
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with deviations in which the law's own error is, and what was not measured, in words."""
-    if "slip" not in conditions:
-        return predict_with_uncertainty(calibrated, conditions), ()
-    known, notes = with_usual_strength(calibrated)
-    result = predict_with_uncertainty(known, conditions)
-    return _with_law_error(result, conditions, bool(calibrated.names)), notes
+    """A prediction with its deviations, and in words what it rests on that was not measured."""
+    notes = []
+    if calibrated.rivals:
+        notes.append(
+            f"the data could not tell these models apart: {rivals_text(calibrated)}. The number is their "
+            "mean by probability, and its deviation includes what they differ by"
+        )
+    for one in [rival for _, rival in calibrated.rivals] or [calibrated]:
+        if one.measured.unexplained:
+            notes.append(_UNEXPLAINED)
+        notes += _beyond_measured(one.measured, conditions)
+        if "slip" in conditions:
+            notes += with_usual_strength(one)[1]
+    return predict_of(calibrated, conditions), tuple(dict.fromkeys(notes))
 
 
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:
@@ -363,3 +267,32 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
         _refuse_no_number(calibrated.model, conditions, columns, result)
     varied = tuple(name for name, v in settings.items() if v.size > 1)
     return PredictionTable(columns, varied, result, notes + calibrated.model.cautions(conditions))
+
+
+def predict_rows(calibrated: CalibratedModel, table: Measurements) -> PredictionTable:
+    """Predict each row of a table, in its order.
+
+    Raises PredictionError for more than 200,000 rows, and as `predict_table` does.
+    """
+    if len(table) > _MOST:
+        raise PredictionError(
+            f"{table.source or 'data'}: {len(table)} rows, at most {_MOST}: predict it in parts"
+        )
+    given = table.conditions
+    conditions = given if len(calibrated.soils) > 1 else replace(given, soil=None)
+    columns = {n: given[n] for n in ("load", "diameter", "width", *given.covariates)}
+    with np.errstate(all="ignore"):  # what is no number is refused below, by name
+        result, notes = predict_conditions(calibrated, conditions)
+        _refuse_no_number(calibrated.model, conditions, columns, result)
+    names = {"run": table.run} if table.runs_given else {}
+    names |= {} if given.soil is None else {"soil": given.soil}
+    measured = {f"measured_{name}": values for name, values in table.channels.items()}
+    measured |= {f"measured_{name}_std": values for name, values in table.declared_std.items()}
+    return PredictionTable(
+        columns,
+        tuple(name for name, values in columns.items() if varies(values)),
+        result,
+        (*table.understood, *table.warnings, *notes, *calibrated.model.cautions(conditions)),
+        names,
+        measured,
+    )

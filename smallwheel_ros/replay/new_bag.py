@@ -18,6 +18,7 @@ from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
 from smallwheel_ros.pipeline.twist.twist import Twists, messages
 
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
+VEHICLE = "smallwheel_ros/msg/VehicleMobility"
 SOIL = "smallwheel_ros/msg/SoilEstimate"
 _TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 _GRID, _TF = "nav_msgs/msg/OccupancyGrid", "tf2_msgs/msg/TFMessage"
@@ -28,13 +29,21 @@ _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a 
 class NewBag(BagWriter):
     """Is stored as the old bag is, so that whoever reads that one reads this one too.
 
-    has_twists: whether twists were written.
+    frames: of each wheel's messages. has_twists: whether twists were written.
     prefix: of the topics of the estimates: the node's name, or /replay before it where the bag has the
     node's own estimates already. left_out: topics and types that are not copied, since their type cannot
     be understood. damaged: messages that are not copied, since they cannot be converted.
     """
 
-    def __init__(self, path: Path, reader: BagReader, copied: set[Key]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        reader: BagReader,
+        copied: set[Key],
+        frames: Mapping[str, str],
+        base_frame: str,
+    ) -> None:
+        self._frames, self._base_frame = frames, base_frame
         super().__init__(path, storage=reader.storage)
         own = f"/{NODE_NAME}"
         taken = any(topic.name.startswith(f"{own}/") for topic in reader.topics)
@@ -50,7 +59,9 @@ class NewBag(BagWriter):
 
     def __enter__(self) -> NewBag:
         super().__enter__()
-        self.add(f"{self.prefix}/mobility", MOBILITY)
+        for wheel in self._frames:
+            self.add(f"{self.prefix}/{wheel}/mobility", MOBILITY)
+        self.add(f"{self.prefix}/vehicle", VEHICLE)
         self.add(f"{self.prefix}/soil", SOIL, keeps_last=True)
         self.add(f"{self.prefix}/cost", _GRID, keeps_last=True)
         return self
@@ -74,7 +85,6 @@ class NewBag(BagWriter):
         soils: Sequence[Mapping[str, Any]],
         times: Integers,
         frame: str,
-        wheels: Sequence[str],
     ) -> None:
         """Write the fields of both messages, row by row.
 
@@ -84,16 +94,24 @@ class NewBag(BagWriter):
         names, stamps = list(columns), rows.stamp.tolist()
         values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
         poses = np.column_stack([rows.x, rows.y, rows.heading]).tolist()
-        topic, own = f"{self.prefix}/mobility", rows.wheel.tolist()
         for i, row in enumerate(zip(*values, strict=True)):
             stamp, time = stamps[i], int(times[i])
             fields = dict(zip(names, row, strict=True))
-            message = Message(header=header(stamp, wheels[own[i]]), **fields)
-            self.write(topic, MOBILITY, time, message)
+            wheel = fields["wheel"]
+            message = Message(header=header(stamp, self._frames[wheel]), **fields)
+            self.write(f"{self.prefix}/{wheel}/mobility", MOBILITY, time, message)
             self._soil_waits = time, stamp, frame, soils[i]
             if self.is_due("soil", stamp, _SOIL_PERIOD):
                 self.write_soil()
             self._write_pose(stamp, poses[i], time, frame)
+
+    def write_vehicle(self, stamps: Integers, columns: Mapping[str, Any], times: Integers) -> None:
+        """Write the fields of VehicleMobility, row by row. times: of recording."""
+        values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
+        for stamp, time, *row in zip(stamps.tolist(), times.tolist(), *values, strict=True):
+            fields = dict(zip(columns, row, strict=True))
+            message = Message(header=header(stamp, self._base_frame), **fields)
+            self.write(f"{self.prefix}/vehicle", VEHICLE, time, message)
 
     def write_soil(self) -> None:
         """Write the last soil, if it still waits."""
@@ -116,7 +134,7 @@ class NewBag(BagWriter):
                 for part in (linear, angular)
             )
             twist = Message(twist=Message(linear=ahead, angular=turn), covariance=covariance[i])
-            message = Message(header=header(stamp, "base_link"), twist=twist)
+            message = Message(header=header(stamp, self._base_frame), twist=twist)
             self.write(topic, _TWIST, int(times[i]), message)
 
     def is_due(self, what: str, time: int, period: int) -> bool:
@@ -143,7 +161,7 @@ class NewBag(BagWriter):
         self.write(f"{self.prefix}/cost", _GRID, time, message)
 
     def _write_pose(self, stamp: int, pose: Sequence[float], time: int, frame: str) -> None:
-        """Write where base_link is in the frame of the odometry, unless the bag's own /tf is copied."""
+        """Write where base_frame is in the frame of the odometry, unless the bag's own /tf is copied."""
         if self._has_tf or not frame or not math.isfinite(sum(pose)):
             return
         if not self.is_due("pose", stamp, _POSE_PERIOD):
@@ -152,5 +170,5 @@ class NewBag(BagWriter):
         turn = Message(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         moved = Message(translation=Message(x=x, y=y, z=0.0), rotation=turn)
         stamped = header(stamp, frame)
-        link = Message(header=stamped, child_frame_id="base_link", transform=moved)
+        link = Message(header=stamped, child_frame_id=self._base_frame, transform=moved)
         self.write("/tf", _TF, time, Message(transforms=[link]))

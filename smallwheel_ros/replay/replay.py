@@ -17,13 +17,19 @@ from smallwheel_ros.costmap.cost_map import COST_PERIOD, CostMap
 from smallwheel_ros.costmap.grid import write_map
 from smallwheel_ros.drive.events import DriveEvents
 from smallwheel_ros.drive.ground_map import GroundMapper
-from smallwheel_ros.drive.messages import margin_before_driving, mobility_columns, soil_fields
+from smallwheel_ros.drive.messages import (
+    margin_before_driving,
+    mobility_columns,
+    soil_fields,
+    vehicle_columns,
+)
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
+from smallwheel_ros.replay.diagnosis import diagnosed
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.result import (
@@ -33,6 +39,7 @@ from smallwheel_ros.replay.result import (
     MEASUREMENTS,
     SUMMARY,
     TWISTS,
+    VEHICLE_TABLE,
     Replayed,
     draft,
 )
@@ -43,7 +50,13 @@ from smallwheel_ros.replay.spec import (
     inputs_of,
     read_settings,
 )
-from smallwheel_ros.replay.tables import EstimatesTable, SteadyStretches, TwistsTable, deviations
+from smallwheel_ros.replay.tables import (
+    EstimatesTable,
+    SteadyStretches,
+    TwistsTable,
+    VehicleTable,
+    deviations,
+)
 
 Progress = Callable[[int, int], object]
 Report = Callable[[Replayed, Path], object]  # writes a page of what is in the folder of that path
@@ -73,15 +86,18 @@ def replay(
     with BagReader(spec.bag) as reader, stop.listening():
         drive = _Drive(spec, reader)
         with draft(spec) as folder:
-            bag = NewBag(folder / BAG, reader, drive.copied)
+            bag = drive.new_bag(folder / BAG)
             wheels = drive.wheels
             with EstimatesTable(folder / ESTIMATES, drive.start, wheels) as table, bag:
                 result = drive.run(table, bag, stop, progress)
             drive.twists.write(folder / TWISTS)
+            drive.vehicle.write(folder / VEHICLE_TABLE)
             measured = result.stretches.table()
             result.measurements = len(measured)
             if result.measurements:
                 measured.to_csv(folder / MEASUREMENTS, index=False)
+                if result.state != "interrupted":
+                    result.diagnosis = diagnosed(measured, MEASUREMENTS)
             if result.state != "interrupted" and (saved := drive.save_soil()):
                 result.notes.append(saved)
             drive.write_map(folder / FILES["cost_map"])
@@ -103,10 +119,9 @@ class _Drive:
             self._notes.append(
                 "soil.file is the node's, and not read: give --soil-file to go on from it"
             )
-        if self._settings.onboard.unknown_positions:
-            self._notes.append(self._settings.onboard.unknown_positions)
-        self.start = reader.start_time  # log time
         onboard = self._settings.onboard
+        self._notes += filter(None, [onboard.unknown_positions, onboard.model_note])
+        self.start = reader.start_time  # log time
         self.wheels = [wheel.name for wheel in onboard.wheels]
         self._pipeline = Pipeline(onboard)
         cost_map = CostMap(self._settings.cost, onboard.wheels, margin_before_driving(onboard))
@@ -116,7 +131,7 @@ class _Drive:
         self._happened = DriveEvents(self._pipeline, self.start)
         pull_std = onboard.noise.drawbar_pull if onboard.with_drawbar_pull else None
         self._stretches = SteadyStretches(onboard.wheels, pull_std)
-        self.twists = TwistsTable(self.start)
+        self.twists, self.vehicle = TwistsTable(self.start), VehicleTable(self.start)
         self._soils: list[tuple[SoilEstimate, dict[str, Any]]] = []  # with its fields
         self._fields: tuple[str, ...] = ()
         self._last_stamp = 0
@@ -151,6 +166,11 @@ class _Drive:
         used = used | ({described} & present)
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._names = frozenset(name for name, _ in used | self.copied)
+
+    def new_bag(self, path: Path) -> NewBag:
+        """The bag that estimates go into."""
+        frames = {wheel: self._settings.frame_of(wheel) for wheel in self.wheels}
+        return NewBag(path, self._reader, self.copied, frames, self._settings.base_frame)
 
     def run(self, table: EstimatesTable, bag: NewBag, stop: Stop, progress: Progress) -> Replayed:
         """Read the bag to its end, its damage, or a signal."""
@@ -208,6 +228,10 @@ class _Drive:
         if turn.twists is not None and len(turn.twists):
             self.twists.add(turn.twists)
             self._bag.write_twists(turn.twists, self._settings.twist, log_times(turn.twists.stamp))
+        if len(turn.vehicle):
+            of_vehicle, stamps = vehicle_columns(turn.vehicle), turn.vehicle.stamp
+            self.vehicle.add(stamps, of_vehicle)
+            self._bag.write_vehicle(stamps, of_vehicle, log_times(stamps))
         rows = turn.estimates
         if not len(rows):
             return
@@ -223,9 +247,7 @@ class _Drive:
             for i, k in enumerate(soil_of.tolist())
         ]
         recorded = log_times(rows.stamp)
-        self._bag.write_estimates(
-            rows, columns, of_rows, recorded, self._recording.frame, self.wheels
-        )
+        self._bag.write_estimates(rows, columns, of_rows, recorded, self._recording.frame)
         self._lay(rows, recorded)
 
     def _lay(self, rows: Estimates, recorded: Integers) -> None:

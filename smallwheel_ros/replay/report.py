@@ -165,6 +165,8 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     )
     if soil["status"] and sunk:
         lines.append(f"Not known: {'; '.join(soil['status'])}.")
+    lines += _sentences(soil["remarks"] if sunk else [])
+    lines += summary["diagnosis"]["text"] if summary["diagnosis"] else []
     lines += _mobility(summary, sunk)
     digging = sum(event["kind"] == "digging_in" for event in events)
     headline = f"The soil changed {_times(soil['changes'])}"

@@ -24,6 +24,7 @@ from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.replay.diagnosis import DriveDiagnosis
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
 from smallwheel_ros.replay.tables import COUNTS, EstimatesTable, SteadyStretches, deviations
 
@@ -33,13 +34,15 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 SUMMARY, ESTIMATES, MEASUREMENTS, BAG = "replay.json", "estimates", "measurements.csv", "bag"
-TWISTS = "twists"
+TWISTS, VEHICLE_TABLE = "twists", "vehicle"
 FILES = {
     "estimates_csv": f"{ESTIMATES}.csv",
     "estimates_parquet": f"{ESTIMATES}.parquet",
     "measurements": MEASUREMENTS,
     "twists_csv": f"{TWISTS}.csv",
     "twists_parquet": f"{TWISTS}.parquet",
+    "vehicle_csv": f"{VEHICLE_TABLE}.csv",
+    "vehicle_parquet": f"{VEHICLE_TABLE}.parquet",
     "bag": BAG,
     "report": "report.html",
     "cost_map": "cost_map.yaml",
@@ -136,8 +139,8 @@ class Replayed(Result, shown="replay.report"):
     wrong with the bag, or where the replay stopped; empty when complete. start, end: ns. messages_read,
     message_count: of the topics that were read, and how many the bag says there are. prefix: of the
     topics of the estimates in the new bag. left_out: topics and types that are not in the new bag, since
-    the type is not known. place: what keeps a folder that is only for this result; it goes when the
-    result does.
+    the type is not known. diagnosis: of the steady stretches, None where there are none. place: what keeps a
+    folder that is only for this result; it goes when the result does.
     """
 
     spec: ReplaySpec
@@ -155,6 +158,7 @@ class Replayed(Result, shown="replay.report"):
     ended: str = ""
     messages_read: int = 0
     measurements: int = 0
+    diagnosis: DriveDiagnosis | None = None
     prefix: str = ""
     has_twists: bool = False
     left_out: list[Key] = field(default_factory=list)
@@ -254,6 +258,7 @@ class Replayed(Result, shown="replay.report"):
                 "results_without_load_slip_or_sinkage": self.stretches.unusable,
                 "results_at_changes_of_soil": self.stretches.at_changes,
             },
+            "diagnosis": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "not_copied": [f"{name} ({kind})" for name, kind in self.left_out],
             "notes": self.notes,
             "topics_of_estimates": [
@@ -286,5 +291,6 @@ class Replayed(Result, shown="replay.report"):
             "reference_sinkage": soil.reference_sinkage,
             "reference_diameter": soil.reference_diameter,
             "status": list(soil.status),
+            "remarks": list(soil.remarks),
             "changes": self.happened.soil_changes,
         }

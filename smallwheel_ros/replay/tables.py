@@ -26,7 +26,7 @@ import pandas as pd
 
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
-from smallwheel_ros.drive.messages import VALID, Status
+from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID, Status
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
@@ -39,6 +39,8 @@ _FIRST = ("stamp", "time", "wheel", "x", "y", "speed", "travel", "status", "stat
 _BLOCK = 20_000  # rows that are kept before they are written, or reduced to stretches
 COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
 MARGIN = "mobility_margin"
+# Of the vehicle at the wheel's stamp; vehicle.csv has all that is known of it.
+_OF_VEHICLE = ("digging_in", "risk_of_getting_stuck")
 _MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation", "risk_of_getting_stuck")
 _STATUS = np.array([status.name for status in Status], dtype=object)
 _FEWEST_READINGS = 3
@@ -60,7 +62,9 @@ def columns() -> tuple[str, ...]:
     mobility = [name for name in plain_fields(MOBILITY) if name not in VALID]
     soil = [f"soil_{name}" for name in plain_fields(SOIL)]
     deviations = [f"soil_{name}_standard_deviation" for name in "knm"]
-    return tuple(dict.fromkeys([*_FIRST, *mobility, *soil, *deviations, "soil_changes"]))
+    return tuple(
+        dict.fromkeys([*_FIRST, *mobility, *_OF_VEHICLE, *soil, *deviations, "soil_changes"])
+    )
 
 
 def deviations(soil: SoilEstimate) -> dict[str, float]:
@@ -138,6 +142,8 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
                 "speed": speed,
                 "travel": rows.distance,
                 "status": _STATUS[rows.status],
+                "digging_in": rows.digging_in,
+                "risk_of_getting_stuck": rows.risk,
                 "rejected": rows.rejected,
                 "soil_at": soil_of + len(self._soils),
             }
@@ -238,13 +244,41 @@ class TwistsTable:
         found = {one.name: getattr(rows, one.name) for one in fields(rows)}
         table = pd.DataFrame(found)
         table.insert(1, "time", (table["stamp"] - self._start) / SECOND)
-        try:
-            table.to_csv(f"{stem}.csv", index=False)
-            table.to_parquet(f"{stem}.parquet", index=False)
-        except ImportError:
-            pass
-        except OSError as error:
-            raise ReplayError(f"{stem}.csv: cannot be written: {reason(error)}") from error
+        _write_table(table, stem)
+
+
+class VehicleTable:
+    """Rows of VehicleMobility, written like those of the twist; what is not known is blank, without flags."""
+
+    def __init__(self, start: int) -> None:
+        self._start = start
+        self._blocks: list[pd.DataFrame] = []
+
+    def add(self, stamps: Integers, columns: Mapping[str, Any]) -> None:
+        """Take rows: their stamps (ns), and the fields of their messages."""
+        block = pd.DataFrame({"stamp": stamps, "time": (stamps - self._start) / SECOND, **columns})
+        for flag, names in VEHICLE_VALID.items():
+            about = [*names, *(f"{name}_standard_deviation" for name in names)]
+            about += ["margin_source", "margin_information"] if flag == "margin_valid" else []
+            for name in block.columns.intersection(about):
+                block[name] = block[name].astype(float).where(block[flag])
+        self._blocks.append(block.drop(columns=list(VEHICLE_VALID)))
+
+    def write(self, stem: Path) -> None:
+        """Write them, if there are any. Raises ReplayError."""
+        if self._blocks:
+            _write_table(pd.concat(self._blocks, ignore_index=True), stem)
+
+
+def _write_table(table: pd.DataFrame, stem: Path) -> None:
+    """Write NAME.csv and, where pyarrow is installed, NAME.parquet. Raises ReplayError."""
+    try:
+        table.to_csv(f"{stem}.csv", index=False)
+        table.to_parquet(f"{stem}.parquet", index=False)
+    except ImportError:
+        pass
+    except OSError as error:
+        raise ReplayError(f"{stem}.csv: cannot be written: {reason(error)}") from error
 
 
 # --- Steady stretches

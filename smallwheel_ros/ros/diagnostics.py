@@ -12,8 +12,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.drive.messages import Status, status_texts, vehicle_margin
+from smallwheel_ros.drive.messages import Status, status_texts
 from smallwheel_ros.drive.statements import statements
+from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.strength.words import StrengthEstimate
 from smallwheel_ros.pipeline.tables import Estimates
@@ -77,7 +78,7 @@ def _soil(pipeline: Pipeline) -> DiagnosticStatus:
     values["soil changes"] = str(soil.soil_changes)
     values["travel [m]"] = f"{soil.distance:.2f}"
     words = soil.status if soil.accepted else (*soil.status, *pipeline.undeterminable)
-    text = "; ".join(words) or "k, n and m are determined"
+    text = "; ".join((*words, *soil.remarks)) or "k, n and m are determined"
     return status("soil", OK, text, values)
 
 

@@ -221,7 +221,8 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             self.get_logger().warning(doubled)
         self._doubled = doubled
         for entry in found:
-            entry.name = f"{self.get_fully_qualified_name().lstrip('/')}: {entry.name}"
+            own = self.get_fully_qualified_name().lstrip("/")
+            entry.name, entry.hardware_id = f"{own}: {entry.name}", own
         array = DiagnosticArray(status=found)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)

@@ -8,7 +8,7 @@ import math
 import time
 from array import array
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,13 +31,15 @@ from smallwheel_ros.drive.messages import (
     margin_before_driving,
     mobility_columns,
     soil_fields,
+    vehicle_columns,
 )
-from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.inputs import angles_of
 from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
@@ -45,12 +47,13 @@ from smallwheel_ros.pipeline.twist.twist import Twists, messages
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {
-    "~/mobility": (MobilityEstimate, ESTIMATE),
+    "~/vehicle": (VehicleMobility, ESTIMATE),
     "~/soil": (SoilEstimate, LATCHED),
     "~/markers": (MarkerArray, ESTIMATE),
     "~/cost": (OccupancyGrid, LATCHED),
 }
 TWIST = {"~/twist": (TwistWithCovarianceStamped, ESTIMATE)}  # where twist.publish is set
+BEFORE = "~/mobility"  # carried the messages of all wheels in releases up to 0.3
 _SOIL_PERIOD = SECOND // 10  # by stamps: no more than ten times a second
 # Takes topic, reason and words of something that went wrong.
 Report = Callable[[str, str, str], None]
@@ -303,6 +306,7 @@ class Outputs:
         self._publishers: dict[str, LifecyclePublisher] = {}
         self._deaf: dict[tuple[str, bytes], int] = {}  # in so many looks in a row
         self.newest = none_of(Estimates)
+        self._told_what_went = False
         self._soil_sent: int | None = None
         # Stamp, soil and rejected readings of the newest soil that is not published yet.
         self._soil_waits: tuple[int, Soil, int] | None = None
@@ -363,6 +367,7 @@ class Outputs:
             self.start_over()
         if turn.twists is not None:
             self._publish_twists(turn.twists, self._settings.twist)
+        self._publish_vehicle(turn.vehicle)
         found = turn.estimates
         if not len(found):
             return
@@ -379,16 +384,32 @@ class Outputs:
         self.cost.add(found, frame)
 
     def _publish_estimates(self, found: Estimates) -> None:
-        wheels = self._settings.onboard.wheels
         columns = mobility_columns(found, self._pipeline)
-        names = list(columns)
-        values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-        for stamp, wheel, row in zip(
-            found.stamp.tolist(), found.wheel.tolist(), values, strict=True
-        ):
-            header = _header(stamp, wheels[wheel].name)
-            message = MobilityEstimate(header=header, **dict(zip(names, row, strict=True)))
-            self._publishers["~/mobility"].publish(message)
+        for stamp, row in zip(found.stamp.tolist(), _fields_of(columns), strict=True):
+            wheel = row["wheel"]
+            header = _header(stamp, self._settings.frame_of(wheel))
+            message = MobilityEstimate(header=header, **row)
+            self._publishers[mobility_topic(wheel)].publish(message)
+
+    def _publish_vehicle(self, rows: VehicleEstimates) -> None:
+        for stamp, row in zip(rows.stamp.tolist(), _fields_of(vehicle_columns(rows)), strict=True):
+            message = VehicleMobility(header=_header(stamp, self._settings.base_frame), **row)
+            self._publishers["~/vehicle"].publish(message)
+
+    def report_waiting_for_what_went(self) -> None:
+        """Tell whoever still waits for the topic of all wheels, once, which there are now."""
+        if self._told_what_went or not self._node.count_subscribers(BEFORE):
+            return
+        self._told_what_went = True
+        wheels = [mobility_topic(wheel.name) for wheel in self._settings.onboard.wheels]
+        of_each, vehicle = (
+            [self._node.resolve_topic_name(name) for name in names]
+            for names in (wheels, ["~/vehicle"])
+        )
+        self._node.get_logger().warning(
+            f"a subscriber waits on {self._node.resolve_topic_name(BEFORE)}, which is gone: each wheel has a"
+            f" topic of its own ({', '.join(of_each)}), the vehicle {vehicle[0]}"
+        )
 
     def _count_lonely(self, found: Estimates) -> None:
         """Count the rows for which there was no load."""
@@ -445,7 +466,19 @@ class Outputs:
 
 def outputs_of(settings: NodeSettings) -> dict[str, tuple[Any, QoSProfile]]:
     """Types and QoS of what is published, by name."""
-    return OUTPUTS | (TWIST if settings.twist.publish else {})
+    wheels = {mobility_topic(name): (MobilityEstimate, ESTIMATE) for name in settings.inputs}
+    return wheels | OUTPUTS | (TWIST if settings.twist.publish else {})
+
+
+def mobility_topic(wheel: str) -> str:
+    """Topic of a wheel's estimates."""
+    return f"~/{wheel}/mobility"
+
+
+def _fields_of(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Fields of each message."""
+    values = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+    return (dict(zip(columns, row, strict=True)) for row in values)
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:

@@ -28,12 +28,13 @@ from rosgraph_msgs.msg import Clock
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.grid import Grid, grid_from
-from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
+from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.parameters import NODE_NAME
 from smallwheel_ros.ros.outputs import message_class, nanoseconds_of, time_message
 from smallwheel_ros.ros.parameters import LATCHED
 
 _SINKAGE = "smallwheel_ros/msg/WheelSinkage"
+_MOBILITY = "smallwheel_ros/msg/MobilityEstimate"
 _PATIENCE = (
     120.0  # s without an answer: Python and ROS may take half of it to start on a busy machine
 )
@@ -53,11 +54,14 @@ class PlayError(SmallwheelError):
 class PlayedRecording:
     """What the node published: rows of fields with `stamp` (ns) and `frame_id`, and messages.
 
+    mobility: of all wheels, by stamps in the end. vehicle: of the vehicle.
+
     warnings: stamp of the newest estimate, and text, of each alarm in the diagnostics. cost: the newest
     grid. sent: by its stamp, when each sinkage was played (s). latencies: s from that to its answer.
     """
 
     mobility: list[dict[str, Any]] = field(default_factory=list)
+    vehicle: list[dict[str, Any]] = field(default_factory=list)
     soil: list[dict[str, Any]] = field(default_factory=list)
     warnings: list[tuple[int, str]] = field(default_factory=list)
     cost: Grid | None = None
@@ -80,6 +84,10 @@ class PlayedRecording:
         sent = self.sent.pop(self.mobility[-1]["stamp"], None)
         if sent is not None:
             self.latencies.append(time.monotonic() - sent)
+
+    def on_vehicle(self, message: Any) -> None:
+        """Keep what is said of the vehicle."""
+        self.vehicle.append(_row(message))
 
     def on_soil(self, message: Any) -> None:
         """Keep a soil."""
@@ -154,7 +162,7 @@ class _Player:
         """Play everything; wait for the node before it, for its answers meanwhile and after it."""
         found, node = self.found, self._node
         for kind, topic, callback, quality in (
-            (MobilityEstimate, "mobility", found.on_mobility, _RELIABLE),
+            (VehicleMobility, "vehicle", found.on_vehicle, _RELIABLE),
             (SoilEstimate, "soil", found.on_soil, LATCHED),
             (OccupancyGrid, "cost", found.on_cost, LATCHED),
         ):
@@ -163,11 +171,26 @@ class _Player:
         self._wait(lambda: self.heard(*self._wheels), "it does not listen to the wheels' sinkages")
         self._wait(lambda: bool(found.soil), "it published no soil")
         self._wait(lambda: found.diagnosed > 0)
+        self._wait(lambda: bool(self._of_wheels()), "it has no topic of a wheel")
+        for topic in self._of_wheels():
+            node.create_subscription(MobilityEstimate, topic, found.on_mobility, _RELIABLE)
         self.play(rate, self._hold_back)
         self._wait(lambda: found.unanswered <= 0)
         until = found.diagnosed + 2  # the first may be under way already
         self._wait(lambda: found.diagnosed >= until)
+        found.mobility.sort(key=lambda row: (row["stamp"], row["wheel"]))  # wheels have own topics
         return found
+
+    def _of_wheels(self) -> list[str]:
+        """The node's topics of wheels."""
+        own = (
+            self._node.get_publisher_names_and_types_by_node(NODE_NAME, "/") if self._known else []
+        )
+        return sorted(name for name, types in own if _MOBILITY in types)
+
+    @property
+    def _known(self) -> bool:
+        return NODE_NAME in self._node.get_node_names()
 
     def _hold_back(self, now: int) -> None:
         """Wait while the node is behind; of what it has nothing to say to, once. now: log time, ns."""

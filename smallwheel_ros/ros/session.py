@@ -115,7 +115,8 @@ class Session:
         self._pipeline = Pipeline(settings.onboard)
         self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
-        said = self._soil_file.problem, settings.onboard.unknown_positions
+        onboard = settings.onboard
+        said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note
         idle = [why for name, why in idle_remaps(settings).items() if _is_remapped(node, name)]
         self.warnings = [*idle, *self._pipeline.undeterminable, *filter(None, said)]
         self._inputs = Inputs(node, settings, self._pipeline)
@@ -239,7 +240,7 @@ class Session:
                 self._flushed, self._behind = quiet, False
                 before = begin
                 for turn in self._pipeline.turns(last=quiet, span=_SPAN):
-                    self._safely("~/mobility", self._outputs.publish, turn, self._frame)
+                    self._safely("~/vehicle", self._outputs.publish, turn, self._frame)
                     now = time.monotonic()
                     self._behind = now - begin + (now - before) > within
                     if self._behind:
@@ -250,7 +251,7 @@ class Session:
                 raise
             # What it is in the middle of is not to be trusted.
             text = f"a turn failed, soil and cost map start over:\n{traceback.format_exc()}"
-            self._report("~/mobility", "internal_error", text)
+            self._report("~/vehicle", "internal_error", text)
             self._start_over()
         self._inputs.log(self._pipeline.take_problems())
         self._longest = max(self._longest, time.monotonic() - begin)
@@ -276,6 +277,7 @@ class Session:
         """Return the entries of an active node; log which alarms begin and end."""
         newest = self._outputs.newest
         self._outputs.report_deaf_subscribers()
+        self._outputs.report_waiting_for_what_went()
         longest, self._longest = self._longest, 0.0
         inputs = self._inputs.status(longest)
         found = [inputs, *entries(self._pipeline, newest, self._outputs.cost)]

@@ -226,10 +226,10 @@ def _ranking(rows: Sequence[Row], named: Sequence[str]) -> Table:
     columns = [
         Column("effect", "effect", effect_words), Column("kind", "kind"),
         Column("verdict", "status", lambda status: str(_STATUS.get(status, status))),
-        probability("probability", "probability"), p_value("p", "p_value"),
+        probability("probability", "probability"),
         share_of("error removed", "reduction"), Column("", "reason", _doubts),
     ]  # fmt: skip
-    caption = "p and error removed: of the effect alone, added to the base model"
+    caption = "Probability: beside all others. Error removed: by the effect alone, added to the base model"
     return Table(columns, rows, caption, strong=lambda row: row["effect"] in named)
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects to set and unset in the page of a diagnosis: every choice in it was fitted beforehand.
 
-In the page are the base model, the steps to the verdict and, with `every`, each effect alone and each effect
-beside those that the verdict names: what one click from the base or from the verdict leads to.
+In the page are the base model, the steps to the verdict, each rival beside what is named and, with `every`,
+each effect alone and each effect beside those that the verdict names: what one click from the base or from
+the verdict leads to.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def models_block(
 ) -> Models | None:
     """The block in which effects are set and unset; None where nothing could be held out.
 
-    every: not only the steps to the verdict. progress: told how many of how many fits are done.
+    every: not only the steps to the verdict and its rivals. progress: told how many of how many fits.
     """
     if found.search is None or not found.steps:
         return None
@@ -89,16 +90,16 @@ def models_block(
 def _views(
     found: Diagnosis, forms: Mapping[str, list[Competitor]], every: bool, progress: Told
 ) -> list[View]:
-    """The base, the steps to the verdict and, with `every`, what is one effect away from either."""
+    """The base, the steps to the verdict, its rivals and, with `every`, all that is one effect away."""
     steps: dict[Names, int] = {}
     names: Names = ()
     for i, step in enumerate(found.steps):
         names += () if step.added is None else (step.added,)
         steps.setdefault(names, i)
     views = [View(n, found.fitted(i), found.steps[i].errors) for n, i in steps.items()]
-    if not every:
-        return views
-    more = [(*start, one) for start in {(): 0, names: 0} for one in forms if one not in start]
+    more = [(*names, one) for one in found.candidates if one in forms and one not in names]
+    if every:
+        more += [(*start, one) for start in {(): 0, names: 0} for one in forms if one not in start]
     wanted = [choice for choice in dict.fromkeys(more) if set(choice) not in map(set, steps)]
     grown: dict[Names, Grown] = {(): Grown.of(found.problem.judged)}
     for i, choice in enumerate(wanted):

@@ -107,22 +107,28 @@ def residual_panel(
 def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Panel:
     """Measured over predicted, a series for each model, with the line of a perfect one.
 
-    measured: SI, shape (rows,). What is predicted beyond the axes is drawn at their edge.
+    measured: SI, shape (rows,). What is predicted beyond the axes is not drawn, and counted in the title.
     """
     how = shown_channel(channel)
     layers, ends = (
         [Layer("band", low=0.0, high=0.0, diagonal=True)],
         _range(how.scale * measured, 0.15),
     )
+    beyond = 0
     for one in models:
         residual = one.errors.error.get(channel)
         if residual is None:
             continue
         at = thinned(np.flatnonzero(np.isfinite(residual)))
         y = how.scale * measured[at]
-        x = np.clip(y - how.scale * residual[at], *ends)
-        layers.append(Layer("points", x, y, colour=one.colour, name=one.name))
-    return Panel(f"predicted {how.label}", f"measured {how.label}", words(channel), layers,
+        x = y - how.scale * residual[at]
+        shown = (x >= ends[0]) & (x <= ends[1])
+        beyond += int(np.count_nonzero(~shown))
+        layers.append(Layer("points", x[shown], y[shown], colour=one.colour, name=one.name))
+    title = words(channel)
+    if beyond:
+        title += f" ({beyond} point{'s' if beyond > 1 else ''} beyond the axes)"
+    return Panel(f"predicted {how.label}", f"measured {how.label}", title, layers,
                  x_range=ends, y_range=ends)  # fmt: skip
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _PANELS = ("sinkage", "resistance", "drawbar_pull")
 _MOST_CURVES = 8
+_MOST_ROWS = 200
+_DEVIATIONS = "+- is the standard deviation of the law, in brackets that of one row of one new run"
 _DASHES = ("-", "--", "-.", ":")  # curves may lie on each other
 
 
@@ -35,16 +37,22 @@ def text(table: PredictionTable) -> str:
     shown = [q for q in SHOWN if q in rows[0]]
     units = {name: unit_of(name) for name in table.settings}
     named = [f"{name} [{u}]" if u not in ("", "1") else name for name, u in units.items()]
-    header = [*named, *(SHOWN[q][0] for q in shown), "status"]
+    header = [*table.names, *named, *(SHOWN[q][0] for q in shown), "status"]
     body = [
         [
-            *(f"{row[name]:g}" for name in table.settings),
+            *(row[name] for name in table.names),
+            *("-" if row[name] is None else f"{row[name]:g}" for name in table.settings),
             *(cell(row, q) for q in shown),
             "sunk to the axle" if row["status"] == SUNK else "ok",
         ]
-        for row in rows
+        for row in rows[:_MOST_ROWS]
     ]
-    return "\n\n".join([text_table(header, body), *(f"note: {note}" for note in table.notes)])
+    notes = [f"note: {note}" for note in table.notes]
+    if table.result.run_deviation:
+        notes.insert(0, _DEVIATIONS)
+    if len(rows) > _MOST_ROWS:
+        notes.insert(0, f"and {len(rows) - _MOST_ROWS} more rows: -o writes all of them")
+    return "\n\n".join([text_table(header, body), *notes])
 
 
 def panels(table: PredictionTable) -> list[Panel]:

@@ -250,3 +250,70 @@ def test_a_model_may_be_a_soil_of_the_library(
     wrong = run(*asked, "--model", "dry_snd")
     assert wrong.exit_code == 2
     assert "neither a file nor a soil: did you mean 'dry_sand'?" in wrong.output
+
+
+# A table of settings
+
+
+PLANNED = (
+    "run,load [N],diameter [mm],width [mm],slip [%],sinkage [mm],sinkage_std [mm]\n"
+    "a,20,200,100,10,5,0.2\nb,60,200,100,30,,\nc,9000,200,100,30,7,\n"
+)
+
+
+def test_the_rows_of_a_table_come_out_in_their_order(tmp_path: Path) -> None:
+    path = tmp_path / "planned.csv"
+    path.write_text(PLANNED)
+    result = run("predict", "--data", path, "--soil", "dry_sand", "--json", "-")
+    rows = json.loads(result.stdout)["rows"]
+    assert [row["run"] for row in rows] == ["a", "b", "c"]
+    assert [row["load"] for row in rows] == [20.0, 60.0, 9000.0]
+    assert rows[0]["measured_sinkage"] == pytest.approx(0.005)
+    assert rows[0]["measured_sinkage_std"] == pytest.approx(0.0002)
+    assert rows[1]["measured_sinkage"] is None
+    assert rows[2]["status"] != "ok"
+    assert rows[2]["sinkage"] is None
+    alone = run(
+        "predict", "--load", "60", *WHEEL, "--slip", "30%", "--soil", "dry_sand", "--json", "-"
+    )
+    (one,) = json.loads(alone.stdout)["rows"]
+    assert rows[1]["sinkage"] == pytest.approx(one["sinkage"], rel=1e-12)
+    assert rows[1]["drawbar_pull_std"] == pytest.approx(one["drawbar_pull_std"], rel=1e-9)
+
+
+def test_a_table_without_measurements_is_a_table_of_settings(tmp_path: Path) -> None:
+    path, out = tmp_path / "planned.csv", tmp_path / "out.csv"
+    path.write_text("F,D [mm],b [mm]\n20,200,100\n40,200,100\n")
+    asked = ("predict", "--data", path, "--soil", "dry_sand", "--map", "load [N]=F", "-o", out)
+    assert run(*asked).exit_code == 0
+    assert len(out.read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("table", "more", "said"),
+    [
+        (PLANNED, ("--load", "5"), "data and load: found both, expected one"),
+        ("load,diameter\n20,0.2\n", (), "no column 'width'"),
+        ("load,diameter,width\n20,0.2,0.1\n-3,0.2,0.1\n", (), "load"),
+        ("load,diameter,width\n20,200,100\n", (), "diameter"),
+        ("load,diameter,width,slip\n20,0.2,0.1,7\n", (), "slip"),
+        ("load,diameter,width\n20,0.2,0.1\n,0.2,0.1\n", (), "blank"),
+    ],
+)
+def test_a_bad_table_of_settings_is_refused(
+    tmp_path: Path, table: str, more: tuple[str, ...], said: str
+) -> None:
+    path = tmp_path / "planned.csv"
+    path.write_text(table)
+    result = run("predict", "--data", path, "--soil", "dry_sand", *more)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_more_rows_than_are_predicted_at_once_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "planned.csv"
+    path.write_text("load,diameter,width\n" + "20,0.2,0.1\n" * 200_001)
+    result = run("predict", "--data", path, "--soil", "dry_sand")
+    assert result.exit_code == 2
+    assert "200001 rows, at most 200000" in result.stderr

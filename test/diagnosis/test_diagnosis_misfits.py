@@ -24,7 +24,7 @@ from rates._world_labs import rig_table
 from rates.learn_worlds import table as without_a_law
 from smallwheel_ros.api.compare import compare
 from smallwheel_ros.api.diagnose import diagnose
-from smallwheel_ros.diagnosis.faults import bad_runs
+from smallwheel_ros.diagnosis.bad_runs import bad_runs
 from smallwheel_ros.diagnosis.misfit import at_an_end, lack_of_fit
 from smallwheel_ros.diagnosis.pipeline import Diagnosis
 from smallwheel_ros.diagnosis.posterior import family_of

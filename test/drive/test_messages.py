@@ -16,11 +16,11 @@ from smallwheel_ros.drive.messages import (
     mobility_columns,
     soil_fields,
     status_texts,
-    vehicle_margin,
 )
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.intake.layout import widths_of
+from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND, Estimates
 
@@ -41,13 +41,13 @@ def test_messages_have_a_flag_for_what_is_not_known_and_no_nan() -> None:
     columns = mobility_columns(found, pipeline)
     names = {name for group in VALID.values() for name in group}
     deviations = {f"{n}_standard_deviation" for n in names} - {
-        "probability_drawbar_pull_positive_standard_deviation",
-        "risk_of_getting_stuck_standard_deviation",
+        "probability_drawbar_pull_positive_standard_deviation"
     }
-    assert set(columns) == {*VALID, *names, *deviations, "status", "status_text", "digging_in"}
+    others = {"wheel", "slip_angle", "steering_angle"}
+    assert set(columns) == {*VALID, *names, *deviations, "status", "status_text", *others}
     for name, column in columns.items():
         assert len(column) == len(found), name
-        if name != "status_text":
+        if name not in ("status_text", "wheel"):
             assert np.isfinite(np.asarray(column, dtype=float)).all(), name
     assert columns["traction_valid"][-1]
     assert columns["mobility_margin"][-1] == found.margin[-1]

@@ -21,7 +21,7 @@ from smallwheel_ros.effects.slip import BySlip
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.fit import FittingError, inverse
 from smallwheel_ros.fitting.parameters import part_of
-from smallwheel_ros.fitting.result import posterior_covariance
+from smallwheel_ros.fitting.posterior import posterior_covariance
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.physics.conditions import Conditions
 

@@ -34,7 +34,7 @@ from smallwheel_ros.model.model_file import read_model, write_model
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.shear import peaked_share, rising_share
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.prediction.prediction import predict_with_uncertainty
+from smallwheel_ros.prediction.uncertainty import predict_with_uncertainty
 
 
 def strength(tests: ShearTests) -> LabStrength:

@@ -14,6 +14,7 @@ from random_examples import examples
 
 from smallwheel_ros.common.files import OutputError
 from smallwheel_ros.effects.registry import covariate, effect, families, load
+from smallwheel_ros.model.measured import ForceLaw, Measured, RunScatter, Tied
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import ModelFileError, read_model, write_model
 from smallwheel_ros.physics.soil import SOILS, Soil, soil
@@ -68,6 +69,99 @@ def test_round_trip_is_exact(tmp_path: Path, calibrated: CalibratedModel) -> Non
     first = path.read_bytes()
     write_model(path, read)
     assert path.read_bytes() == first
+
+
+MEASURED = Measured(
+    ranges={"load": (20.0, 130.5), "slip": (0.0, 0.5)},
+    wheels=((0.2, 0.1, 0.0), (0.28, 0.12, 0.006)),
+    stiffness=0.051,
+    runs={"sinkage": RunScatter(0.03, 1e-4, 2e-4, 0.02)},
+    forces={"drawbar_pull": ForceLaw(0.01, 0.03, 0.04)},
+    tied=(Tied("load", "slip", 0.1, 0.004, 0.01),),
+    unexplained=True,
+)
+
+
+def test_what_was_measured_and_rivals_come_back(
+    tmp_path: Path, calibrated: CalibratedModel
+) -> None:
+    path = tmp_path / "model.yaml"
+    other = CalibratedModel(Model(soil("dry_sand")) + effect("bulldozing", scale=2.0))
+    made = calibrated.changed(measured=MEASURED, rivals=((0.6, calibrated), (0.4, other)))
+    write_model(path, made)
+    read = read_model(path)
+    assert read.measured == MEASURED
+    assert [share for share, _ in read.rivals] == [0.6, 0.4]
+    assert all(same(a, b) for (_, a), (_, b) in zip(read.rivals, made.rivals, strict=True))
+    assert set(yaml.safe_load(path.read_text())) >= {"measured", "rivals"}
+    assert "measured" not in yaml.safe_load(path.read_text())["provenance"]
+
+
+def test_a_file_without_them_is_read(tmp_path: Path, calibrated: CalibratedModel) -> None:
+    path = tmp_path / "model.yaml"
+    write_model(path, calibrated)
+    assert "measured" not in yaml.safe_load(path.read_text())
+    assert read_model(path).measured == Measured()
+    assert read_model(path).rivals == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        (
+            ("measured", "ranges", "load"),
+            [1.0],
+            "measured.ranges.load: found [1.0], expected 2 numbers",
+        ),
+        (
+            ("measured", "ranges", "load"),
+            "wide",
+            "measured.ranges.load: found 'wide', expected a list",
+        ),
+        (
+            ("measured", "runs", "sinkage", "zero"),
+            float("nan"),
+            "zero: found nan, expected a finite number",
+        ),
+        (
+            ("measured", "forces", "torque"),
+            3,
+            "measured.forces.torque: found 3, expected a mapping",
+        ),
+        (
+            ("measured", "tied"),
+            [{"setting": 1}],
+            "measured.tied[0].setting: found 1, expected a text",
+        ),
+        (("measured", "unexplained"), "perhaps", "found 'perhaps', expected one of False, True"),
+        (("measured", "colour"), 1, "measured.colour: unknown key"),
+        (
+            ("rivals", 0, "probability"),
+            0.0,
+            "rivals[0].probability: found 0.0, expected a probability",
+        ),
+        (("rivals", 0, "soils"), None, "rivals[0].soils: found nothing, expected a list"),
+        (("rivals",), 4, "rivals: found 4, expected a list"),
+    ],
+)
+def test_damage_there_is_refused_in_words(
+    tmp_path: Path,
+    calibrated: CalibratedModel,
+    key: tuple[str | int, ...],
+    value: object,
+    said: str,
+) -> None:
+    path = tmp_path / "model.yaml"
+    write_model(path, calibrated.changed(measured=MEASURED, rivals=((1.0, calibrated),)))
+    document = yaml.safe_load(path.read_text())
+    place = document
+    for name in key[:-1]:
+        place = place[name]
+    place[key[-1]] = value
+    path.write_text(yaml.safe_dump(document))
+    with pytest.raises(ModelFileError) as refused:
+        read_model(path)
+    assert said in str(refused.value)
 
 
 @given(

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.effects.registry import effect
+from smallwheel_ros.model.measured import Measured, RunScatter, Tied
 from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import soil
-from smallwheel_ros.prediction.prediction import (
+from smallwheel_ros.prediction.prediction import predict_conditions
+from smallwheel_ros.prediction.uncertainty import (
     QUANTITIES,
+    predict_of,
     predict_with_uncertainty,
     with_parameter,
 )
@@ -104,3 +107,73 @@ def test_unknown_parameters_are_named(name: str) -> None:
     calibrated = CalibratedModel(MODEL, (name,), np.eye(1))
     with pytest.raises(ModelError, match=f"the covariance names '{name}'"):
         predict_with_uncertainty(calibrated, AT)
+
+
+# Two deviations, mixtures, and what was not measured
+
+RUNS = {"sinkage": RunScatter(run=0.03, zero=2e-4, absolute=1e-4, relative=0.02)}
+PLAIN = Conditions.of([20.0, 60.0, 110.0], 0.2, 0.1)
+
+
+def fitted(soil_name: str = "dry_sand", std: float = 0.02, **more: object) -> CalibratedModel:
+    """A model whose ln pressure and n are known, and how runs scatter about it."""
+    names = (f"{soil_name}.log_reference_pressure", f"{soil_name}.n")
+    known = Measured(stiffness=0.05, runs=RUNS, **more)  # type: ignore[arg-type]
+    return CalibratedModel(Model(soil(soil_name)), names, np.eye(2) * std**2, measured=known)
+
+
+def test_the_deviation_of_one_run_is_what_fresh_rows_differ_by() -> None:
+    """Fresh rows are drawn with the scatter of soil, run and row; the law is exactly right."""
+    model = fitted(std=1e-6)
+    claimed = predict_of(model, PLAIN)
+    assert claimed.standard_deviation["sinkage"] == pytest.approx(0.0, abs=1e-6)
+    rng, scatter = np.random.default_rng(3), RUNS["sinkage"]
+    name, drawn = "dry_sand.log_reference_pressure", []
+    for _ in range(3000):
+        firmer = with_parameter(model.model, name, 0.05 * rng.normal())
+        z = predict(firmer, PLAIN).sinkage
+        z = z * (1 + scatter.run * rng.normal()) + scatter.zero * rng.normal()
+        drawn.append(
+            z * (1 + scatter.relative * rng.normal(size=3)) + scatter.absolute * rng.normal(size=3)
+        )
+    assert claimed.run_deviation["sinkage"] == pytest.approx(np.std(drawn, axis=0), rel=0.06)
+
+
+def test_a_mixture_has_the_mean_and_deviation_of_draws_from_it() -> None:
+    parts = [(0.7, fitted("dry_sand", 0.1)), (0.3, fitted("moist_earth", 0.02))]
+    base = parts[0][1].changed(rivals=tuple(parts))
+    claimed, each = predict_of(base, PLAIN), [predict_of(one, PLAIN) for _, one in parts]
+    rng = np.random.default_rng(5)
+    which = rng.choice(2, p=[0.7, 0.3], size=20_000)
+    draws = np.array([
+        each[i].prediction.sinkage + each[i].standard_deviation["sinkage"] * rng.normal() for i in which
+    ])  # fmt: skip
+    assert claimed.prediction.sinkage == pytest.approx(draws.mean(axis=0), rel=0.01)
+    assert claimed.standard_deviation["sinkage"] == pytest.approx(draws.std(axis=0), rel=0.03)
+    spread = claimed.run_deviation["sinkage"] ** 2 - claimed.standard_deviation["sinkage"] ** 2
+    assert (spread > 0).all()
+
+
+def test_what_runs_differ_by_is_an_error_of_a_law_that_does_not_hold() -> None:
+    held, not_held = (predict_of(fitted(unexplained=no), PLAIN) for no in (False, True))
+    assert (not_held.standard_deviation["sinkage"] > 2 * held.standard_deviation["sinkage"]).all()
+    assert (not_held.standard_deviation["sinkage"] < not_held.run_deviation["sinkage"]).all()
+
+
+def test_beyond_the_ranges_and_off_a_line_there_is_a_note() -> None:
+    line = Tied("load", "slip", at=0.0, slope=0.005, deviation=0.01)
+    model = fitted(ranges={"load": (20.0, 100.0), "slip": (0.1, 0.5)}, tied=(line,))
+
+    def notes(load: float, slip: float) -> str:
+        return " ".join(predict_conditions(model, Conditions.of(load, 0.2, 0.1, slip=slip))[1])
+
+    assert "extrapolated" not in notes(60.0, 0.3)
+    assert "varied together" not in notes(60.0, 0.3)
+    assert "extrapolated: measured was load 20 N to 100 N" in notes(140.0, 0.45)
+    assert "slip and load were varied together" in notes(25.0, 0.45)
+
+
+def test_rivals_are_named_with_their_probabilities() -> None:
+    parts = ((0.6, fitted()), (0.4, fitted() + effect("slip_sinkage", a=1.0)))
+    notes = predict_conditions(fitted().changed(rivals=parts), AT)[1]
+    assert "could not tell these models apart: no effect (0.60), slip sinkage (0.40)" in notes[0]

@@ -330,18 +330,18 @@ class Problem:
         return -(mp.log(mp.det(s)) + (e.T * mp.lu_solve(s, e))[0] + away) / 2
 
     def covariance(self, theta: Vector, logs: Vector, weights: Matrix) -> Matrix:
-        """C, mean over ln phi of V at logs +- sqrt(q) times the columns of a root. weights: W.
+        """C, mean over ln phi of V by its second differences at logs +- sqrt(3) times the columns of a root.
 
-        The root is Cholesky's of the inverse of the average information of ln phi.
+        The root is Cholesky's of the inverse of the average information of ln phi. weights: W.
         """
         jacobian, _, parts = self.at(theta)
-        size = len(logs)
         root = mp.cholesky(self.information(theta, logs) ** -1)
-        total = mp.zeros(len(theta))
-        for column in range(size):
+        middle = self._of_theta(jacobian, parts.total(logs), weights)
+        total = middle.copy()
+        for column in range(len(logs)):
             for sign in (1, -1):
-                there = [ln + sign * mp.sqrt(size) * root[i, column] for i, ln in enumerate(logs)]
-                total += self._of_theta(jacobian, parts.total(there), weights) / (2 * size)
+                there = [ln + sign * mp.sqrt(3) * root[i, column] for i, ln in enumerate(logs)]
+                total += (self._of_theta(jacobian, parts.total(there), weights) - middle) / 6
         return total
 
     def _of_theta(self, jacobian: Matrix, v: Matrix, weights: Matrix) -> Matrix:

@@ -40,10 +40,12 @@ bag_kinds = importlib.util.module_from_spec(_kinds)
 _kinds.loader.exec_module(bag_kinds)
 
 SECOND = 10**9
-MOBILITY = "/mobility_estimator/mobility"
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+MOBILITY = {f"/mobility_estimator/{wheel}/mobility" for wheel in WHEELS}
+VEHICLE = "/mobility_estimator/vehicle"
 SOIL = "/mobility_estimator/soil"
 COST = "/mobility_estimator/cost"
-OWN = {MOBILITY, SOIL, COST, "/tf"}  # what a replay adds to a bag without transforms
+OWN = {*MOBILITY, VEHICLE, SOIL, COST, "/tf"}  # what a replay adds to a bag without transforms
 
 
 @pytest.fixture(scope="module")
@@ -153,13 +155,14 @@ def test_the_new_bag_has_originals_and_estimates(bag, usual):
     with BagReader(folder / "bag") as reader:
         assert {t.name for t in reader.topics} == names | OWN
         copies = [(*m[:3], bytes(m.data)) for m in reader.raw_messages(names)]
-        mobility = [m.message for m in reader.messages({MOBILITY})]
+        mobility = [m.message for m in reader.messages(MOBILITY)]
         soils = [m.message for m in reader.messages({SOIL})]
     assert sorted(copies) == sorted(originals)
     assert len(mobility) == len(table)
     stamps = [m.header.stamp.sec * SECOND + m.header.stamp.nanosec for m in mobility]
     assert stamps == list(table["stamp"])
     assert [m.header.frame_id for m in mobility] == list(table["wheel"])
+    assert [m.wheel for m in mobility] == list(table["wheel"])
     assert [m.sinkage_predicted for m in mobility] == list(table["sinkage_predicted"])
     assert [m.drawbar_pull for m in mobility] == list(table["drawbar_pull"].fillna(0.0))
     assert soils[-1].k == table["soil_k"].iloc[-1]
@@ -194,7 +197,7 @@ def test_originals_stay_in_their_order_and_estimates_have_the_log_time_of_their_
             " JOIN topics ON topics.id = topic_id ORDER BY messages.id"
         ).fetchall()
     assert [m for m in written if m[0] not in OWN] == originals
-    times = np.array([time for topic, _, time, _ in written if topic == MOBILITY])
+    times = np.array([time for topic, _, time, _ in written if topic in MOBILITY])
     assert (np.diff(times) >= 0).all()
     # Stamps are of the clock of the recording, and messages come within some hundredths of a second.
     assert times.size == len(table)
@@ -206,7 +209,8 @@ def test_a_foreign_tool_reads_the_estimates_by_their_own_definitions(usual):
 
     folder, table = usual
     with AnyReader([folder / "bag"]) as reader:
-        connection = next(c for c in reader.connections if c.topic == MOBILITY)
+        own = f"/mobility_estimator/{table['wheel'].iloc[0]}/mobility"
+        connection = next(c for c in reader.connections if c.topic == own)
         _, _, data = next(iter(reader.messages([connection])))
         first = reader.deserialize(data, connection.msgtype)
         soil = next(c for c in reader.connections if c.topic == SOIL)
@@ -340,7 +344,8 @@ def test_a_bag_with_estimates_in_it_keeps_both(usual, rover, tmp_path):
     assert_same_estimates(again, table)
     with BagReader(tmp_path / "again" / "bag") as reader:
         counts = {topic.name: topic.message_count for topic in reader.topics}
-    assert counts[MOBILITY] == counts[f"/replay{MOBILITY}"] == len(table)
+    assert sum(counts[one] for one in MOBILITY) == len(table)
+    assert sum(counts[f"/replay{one}"] for one in MOBILITY) == len(table)
 
 
 def test_the_map_of_the_drive_is_one_of_map_server_and_the_grid_is_in_the_bag(usual, bag):
@@ -731,7 +736,7 @@ def test_a_truncated_bag_gives_what_could_be_read(bag, rover, usual, tmp_path):
     whole = len(table) - 8
     assert_same_estimates(table[:whole], usual[1][:whole])
     with BagReader(tmp_path / "out" / "bag") as reader:
-        assert sum(1 for _ in reader.messages({MOBILITY})) == len(table)
+        assert sum(1 for _ in reader.messages(MOBILITY)) == len(table)
     assert "The bag is damaged" in (tmp_path / "out" / "report.html").read_text()
 
 

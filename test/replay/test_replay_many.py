@@ -30,7 +30,8 @@ from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 COMMAND = [sys.executable, "-m", "smallwheel_ros.cli", "replay"]
-MOBILITY = "/mobility_estimator/mobility"
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+MOBILITY = {f"/mobility_estimator/{wheel}/mobility" for wheel in WHEELS}
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +229,7 @@ def test_interrupted_leaves_what_was_finished(long_bag, rover, tmp_path, number)
     table = pd.read_csv(out / "estimates.csv")
     assert 0 < len(table) == summary["estimates"]
     with BagReader(out / "bag") as reader:
-        assert sum(1 for _ in reader.messages({MOBILITY})) == len(table)
+        assert sum(1 for _ in reader.messages(MOBILITY)) == len(table)
     assert "interrupted" in (out / "report.html").read_text()
 
 

@@ -62,7 +62,12 @@ def test_slip_grip_and_risk_are_known_and_sinkage_is_not(
         assert table[name].isna().all(), name
     assert table["status_text"].str.contains("sinkage and resistance unknown").all()
     with BagReader(tmp_path / "out" / "bag") as reader:
-        messages = [m.message for m in reader.messages({"/mobility_estimator/mobility"})]
+        messages = [
+            m.message
+            for m in reader.messages(
+                {t.name for t in reader.topics if t.name.endswith("/mobility")}
+            )
+        ]
     for message in messages:
         assert not message.prediction_valid
         assert message.sinkage_predicted == message.compaction_resistance == 0.0
@@ -99,3 +104,25 @@ def test_odometry_that_is_made_of_the_wheels_is_said(
     assert np.isnan(last["risk_of_getting_stuck"])
     assert np.isnan(last["thrust"])
     assert "odometry shows none" in last["status_text"]
+
+
+def test_encoders_and_an_imu_alone_give_the_twist_and_end_with_0(
+    bags: dict[str, Path], repository: Path, tmp_path: Path
+) -> None:
+    with BagReader(bags["own"]) as reader, BagWriter(tmp_path / "drive") as writer:
+        for topic, kind, time, message in reader.messages():
+            if topic != "/odom":
+                writer.write(topic, kind, time, message)
+    text = (repository / "config" / "without_soil_sensors.yaml").read_text()
+    config = tmp_path / "rover.yaml"
+    config.write_text(
+        text.replace("  ros__parameters:\n", "  ros__parameters:\n    twist.publish: true\n")
+    )
+    arguments = ["replay", str(tmp_path / "drive"), "--config", str(config), "--copy", "none"]
+    result = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    twists = pd.read_csv(tmp_path / "out" / "twists.csv")
+    assert len(twists) > 100
+    vehicle = pd.read_csv(tmp_path / "out" / "vehicle.csv")
+    assert set(vehicle["level"]) == {0}
+    assert vehicle["slip"].isna().all()

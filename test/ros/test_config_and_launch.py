@@ -26,7 +26,12 @@ from smallwheel_ros.costmap.grid import Grid
 
 NODE = "/mobility_estimator"
 OUTPUTS = {
-    f"{NODE}/mobility": "MobilityEstimate",
+    **{
+        f"{NODE}/{end}_{side}/mobility": "MobilityEstimate"
+        for end in ("front", "rear")
+        for side in ("left", "right")
+    },
+    f"{NODE}/vehicle": "VehicleMobility",
     f"{NODE}/soil": "SoilEstimate",
     f"{NODE}/cost": "",
     f"{NODE}/markers": "",
@@ -165,7 +170,7 @@ class TestPictures:
                 definition = definitions[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
                 assert re.search(rf"^bool {flag}\b", definition, re.MULTILINE), path
             # What is not valid is 0 in the message, and no point in the plot.
-            assert "_valid==true" in path or topic != f"{NODE}/mobility", path
+            assert "_valid==true" in path or not topic.endswith("/mobility"), path
             if rest:
                 definition = definitions[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
                 assert re.search(rf"^\w+ {rest}\b", definition, re.MULTILINE), path
@@ -180,10 +185,10 @@ class TestPictures:
             topic, _, field = curve.rpartition("/")
             definition = message_definitions()[f"smallwheel_ros/msg/{OUTPUTS[topic]}"]
             assert re.search(rf"^\w+ {field}\b", definition, re.MULTILINE), curve
-        # All wheels come by one topic: a line would join one wheel to the next.
+        # What is not known is 0, which a line would be drawn to.
         for plot in layout.iter("plot"):
-            names = {curve.attrib["name"].split("/")[2] for curve in plot.iter("curve")}
-            assert plot.attrib["style"] == ("Dots" if names == {"mobility"} else "Lines")
+            names = {curve.attrib["name"].split("/")[-2] for curve in plot.iter("curve")}
+            assert plot.attrib["style"] == ("Dots" if names & {"mobility", "vehicle"} else "Lines")
         # As many places as it says there are, and shares of one whole.
         for splitter in layout.iter("DockSplitter"):
             sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]

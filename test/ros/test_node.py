@@ -36,8 +36,10 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
     wrong_type = peer.node.create_publisher(String, "/joint_states", 10)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     peer.node.create_subscription(
-        MobilityEstimate, "/mobility_estimator/mobility", lambda _: None, latched
+        MobilityEstimate, "/mobility_estimator/front/mobility", lambda _: None, latched
     )
+    # And one that still waits for what went.
+    peer.listen(MobilityEstimate, "mobility", lambda _: None)
     # One parameter that nobody knows.
     with NodeProcess([one_wheel], log, {"front.widht": "0.1"}) as node:
         peer.wait_for_node()
@@ -60,7 +62,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
             "/front/load: stamp_too_old": "1",
             "/front/load: duplicate": "1",
             "/front/sinkage: not_finite": "1",
-            "/mobility_estimator/mobility: incompatible_qos": "1",
+            "/mobility_estimator/front/mobility: incompatible_qos": "1",
         }
         peer.spin_until(lambda: wanted.items() <= peer.counts().items(), f"counts {wanted}")
         assert {key.split(": ")[1] for key in wanted} <= documented_reasons(repository)
@@ -105,6 +107,13 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         line for line in lines if "/front/load: load is" in line and "expected a number" in line
     ]
     assert len(named) == 1
+    went = [
+        line for line in lines if "a subscriber waits on /mobility_estimator/mobility, wh" in line
+    ]
+    assert len(went) == 1
+    assert (
+        "(/mobility_estimator/front/mobility), the vehicle /mobility_estimator/vehicle" in went[0]
+    )
     for words in (
         "N, expected more than 0: the wheel is in the air",
         "the publisher must stamp its messages",
@@ -113,7 +122,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         "came twice",
         "/front/sinkage: sinkage is nan, expected a number",
         "/front/sinkage: no usable load within 0.2 s",
-        "/mobility_estimator/mobility: a subscriber asks for QoS that is not offered, and gets"
+        "/mobility_estimator/front/mobility: a subscriber asks for QoS that is not offered, and gets"
         " nothing: ERROR: Volatile publisher and transient local subscription",
         "/joint_states (sensor_msgs/msg/JointState, joint front_joint): its publisher has another"
         " type, std_msgs/msg/String",

@@ -92,7 +92,6 @@ FLAGS = {
     "traction_valid": "drawbar_pull",
     "margin_valid": "margin",
     "energy_valid": "energy",
-    "risk_valid": "risk",
 }
 
 
@@ -107,8 +106,9 @@ def expected_row(found: Estimates, i: int, text: str, wheels: list[str]) -> dict
         "frame_id": wheels[found.wheel[i]],
         "status": int(found.status[i]),
         "status_text": text,
-        "digging_in": bool(found.digging_in[i]),
-        "risk_of_getting_stuck": of("risk"),
+        "wheel": wheels[found.wheel[i]],
+        "slip_angle": 0.0,
+        "steering_angle": 0.0,
         "probability_drawbar_pull_positive": of("probability_drawbar_pull_positive"),
     }
     row |= {flag: not math.isnan(getattr(found, name)[i]) for flag, name in FLAGS.items()}

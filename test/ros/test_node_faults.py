@@ -31,7 +31,7 @@ from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
 rclpy.init()
 node = Node("other")
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-node.create_subscription(MobilityEstimate, "/{NODE}/mobility", lambda message: None, 10)
+node.create_subscription(MobilityEstimate, "/{NODE}/front/mobility", lambda message: None, 10)
 node.create_subscription(SoilEstimate, "/{NODE}/soil", lambda message: None, latched)
 publisher = node.create_publisher(WrenchStamped, "/front/load", 10)
 

@@ -61,9 +61,12 @@ class Rover:
         self.sent = self.answered = self.unusable = 0
         self.sent_at: dict[tuple[str, int], float] = {}  # by wheel and stamp, until it is answered
         self.waited = array("f")  # s, from each sinkage to its answer
-        self.answers = node.create_subscription(
-            MobilityEstimate, f"/{NODE}/mobility", self._on_answer, 2000
-        )
+        self.answers = [
+            node.create_subscription(
+                MobilityEstimate, f"/{NODE}/{name}/mobility", self._on_answer, 2000
+            )
+            for name in WHEELS
+        ]
         self.pose, self.turning = Odometry(), JointState(name=[f"{n}_joint" for n in WHEELS])
         self.pose.header.frame_id = "odom"
         self.pose.pose.pose.orientation.w = 1.0
@@ -82,9 +85,10 @@ class Rover:
     def take_answers(self) -> bool:
         """Take what has come, without the executor's wait and task for each; whether any has."""
         before = self.answered
-        with self.answers.handle:
-            while taken := self.answers.handle.take_message(self.answers.msg_type, False):
-                self._on_answer(taken[0])
+        for answers in self.answers:
+            with answers.handle:
+                while taken := answers.handle.take_message(answers.msg_type, False):
+                    self._on_answer(taken[0])
         return self.answered > before
 
     def _on_answer(self, message: Any) -> None:

@@ -105,10 +105,12 @@ def test_digging_in_is_an_alarm_and_dear_until_it_gets_through(
     with NodeProcess([one_wheel], log, {"cost.size": "8.0"}) as node:
         peer.wait_for_node()
         peer.drive(0.0, 1.5, slip=0.1, step=0.01, period=0.025)
-        assert not any(message.digging_in for message in peer.mobility)
+        assert not any(message.level > message.LEVEL_OK for message in peer.vehicle)
         # The wheel spins, goes down and hardly gets on; a fifth of the speed it had.
         peer.drive(1.5, 1.65, slip=0.8, sinkage=0.025, step=0.002, period=0.025)
-        peer.spin_until(lambda: peer.mobility[-1].digging_in, "the alarm")
+        peer.spin_until(
+            lambda: any(m.level >= m.LEVEL_GETS_STUCK for m in peer.vehicle[-20:]), "the alarm"
+        )
         assert "digs itself in" in peer.mobility[-1].status_text
         peer.spin_until(lambda: peer.entry("alarms").level == b"\x02", "the alarm in diagnostics")
         assert "the wheels are digging in" in peer.entry("alarms").message

@@ -86,5 +86,5 @@ def test_without_the_parameter_there_is_no_such_topic(peer: Peer, tmp_path: Path
     parameters.write_text(ROVER)
     with NodeProcess([parameters], tmp_path / "node.log"):
         peer.spin_until(lambda: peer.diagnosed > 0, "the node is there")
-        assert peer.node.count_publishers("/mobility_estimator/mobility") == 1
+        assert peer.node.count_publishers("/mobility_estimator/vehicle") == 1
         assert peer.node.count_publishers("/mobility_estimator/twist") == 0

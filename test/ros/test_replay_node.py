@@ -53,6 +53,7 @@ def replayed(bag: Path, rover: Path) -> tuple[list[dict[str, Any]], dict[str, An
                 rows.append(
                     row | {key: np.asarray(column)[i].item() for key, column in columns.items()}
                 )
+    rows.sort(key=lambda row: (row["stamp"], row["wheel"]))  # wheels have topics of their own
     soil = soil_fields(made[0].soil, made[0].rejected) | {"stamp": rows[-1]["stamp"]}
     return rows, soil, made[0]
 
@@ -145,12 +146,13 @@ def test_what_replay_writes_is_read_by_ros_itself(
     short: Path, repository: Path, tmp_path: Path
 ) -> None:
     from rclpy.serialization import deserialize_message
-    from smallwheel_ros.msg import MobilityEstimate, SoilEstimate
+    from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 
     rover = repository / "config" / "two_wheel_sizes.yaml"
     replay(ReplaySpec(short, rover, tmp_path / "out", copy="none"))
     classes = {
-        "/mobility_estimator/mobility": MobilityEstimate,
+        "/mobility_estimator/front_left/mobility": MobilityEstimate,
+        "/mobility_estimator/vehicle": VehicleMobility,
         "/mobility_estimator/soil": SoilEstimate,
     }
     with BagReader(tmp_path / "out" / "bag") as reader:

@@ -165,7 +165,7 @@ def answer(
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
         status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
-    margin, margin_std, risk = _margins(
+    margin, margin_std, by_soil, risk = _margins(
         state, rows, can, judged, measured, strength_version, strengths, rolls
     )
     numbers = [soils[number].number for number in ground.newest.tolist()]
@@ -180,6 +180,7 @@ def answer(
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2), risk=risk,
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
+        margin_by_soil=by_soil,
         rejected=ground.refused + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
     )  # fmt: skip
@@ -231,8 +232,8 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     strength_version: Integers, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, and the vehicle's risk.
+) -> tuple[Array, Array, Flags, Array]:  # fmt: skip
+    """Margin of each wheel with its deviation, whether soil and strength tell it, and the vehicle's risk.
 
     measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
     """
@@ -256,7 +257,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, risk
+    return margin, deviation, by_filter & rolls, risk
 
 
 def _tilt(state: AnswerState, rows: Readings) -> Array:

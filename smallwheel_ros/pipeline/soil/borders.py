@@ -11,11 +11,15 @@ compared with the law, for each border that there may be:
 More than 4.75 sigma (6.25 on one row), over a factor of 1.25, and shown by each wheel ahead of it, is another
 soil: the law opens to the prior, or to one of four remembered soils that is likelier of these stretches; what
 is known of the sensors stays. Stretches nearer to the border than their length are used for neither.
+
+Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground
+is no power of depth (`shape`).
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -39,13 +43,10 @@ from .health import FilterHealth
 from .identifiability import Variety
 from .local_law import Version, constants
 from .missing_effect import MissingEffectWatch
-from .model import (
-    LAW,
-    WHEELS,
-    reference_wheel,
-)
+from .model import LAW, WHEELS, ZERO, U, reference_wheel
 from .saved_state import SoilRecord
 from .sensors import StuckSensors, Weighing
+from .shape import EVERY, NEWEST, shape_doubt
 from .stretches import Stretches, length_of
 
 _PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at 0.8 m/s
@@ -56,10 +57,13 @@ _LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
 # 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
 # near normal; one row alone has the tails of single places.
 _LEAST_SIGMA, _ONE_ROW = 4.75, 1.5
-_SHARE, _WILD = (
-    0.3,
-    5.0,
-)  # of the shift that each wheel shows; deviations to which an innovation is cut
+# Of the shift that each wheel shows; deviations to which an innovation is cut.
+_SHARE, _WILD = 0.3, 5.0
+_SUSPECTED = 3.0  # sigma of a border, until it is found or gone
+# Newest stretches whose predictions are looked at, and the mean of their squared innovations over what is
+# stated (each cut at 9) from which on predictions miss: 1 is right, and over 1.6 is rare where it is.
+_LATELY, _MISSES, _WORST = 24, 2.5, 9.0
+_DEEP = 3.0  # deviations of the zeros that wheels have to sink
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,10 @@ class Soils:
         self.accepted = 0
         self._border, self._old, self._number = -math.inf, 0, self._met
         self._known: list[_Known] = []
+        self._suspected = False
+        self._lately: deque[float] = deque(maxlen=_LATELY)
+        self._used: deque[Stretches] = deque(maxlen=NEWEST)
+        self._shape, self._shape_due = "", self._distance + EVERY
         law, covariance = self.prior.law
         scatter = self.settings.soil_scatter**2, 0.0
         return Version(
@@ -175,7 +183,9 @@ class Soils:
                 self.prior, self.settings, self.effects, self.wheels, reference
             )
         self.watch.take(rows, lambda: constants(self.versions[-1].law))
-        self.health.add(rows, self._squares(rows))
+        squares = self._squares(rows)
+        self.health.add(rows, squares)
+        self._lately.extend(np.minimum(squares[np.isfinite(squares)], _WORST).tolist())
         onward = bool(rows.onward[-1])
         if onward is not self._onward:
             self._onward = onward
@@ -230,6 +240,10 @@ class Soils:
         if rows is None or not len(rows) or self.filter is None:
             return
         self.filter.absorb(rows)
+        self._used.append(rows)
+        if self._distance >= self._shape_due:
+            self._shape_due = self._distance + EVERY
+            self._shape = shape_doubt(Stretches.joined(list(self._used)), self.filter)
         self.accepted += int(rows.count.sum())
         for wheel, load in zip(rows.wheel.tolist(), rows.load.tolist(), strict=True):
             size = self.wheels[wheel]
@@ -239,14 +253,34 @@ class Soils:
     def _publish(self) -> None:
         law, watch = self.filter, self.watch
         assert law is not None
+        doubt = self._doubt(law)
         places, still = law.scatter.places
         self.versions.append(
             Version(
                 law.model, *law.law, law.mean, law.covariance, (places + watch.missed_variance, still),
-                self._number, law.settled, self.accepted, self._border, self._old, self.variety,
-                watch.alarm, watch.missed_variance, self.outliers, self.changes, self._distance,
+                self._number, law.settled, doubt, self.accepted, self._border, self._old,
+                self.variety, watch.alarm, watch.missed_variance, self.outliers, self.changes, self._distance,
             )
         )  # fmt: skip
+
+    def _doubt(self, law: SoilFilter) -> str:
+        """Why nothing is determined at this moment, whatever the deviations; empty for no reason."""
+        if self._suspected:
+            return "another soil may have begun"
+        times = math.sqrt(sum(self._lately) / _LATELY)
+        if len(self._lately) == _LATELY and times**2 > _MISSES:
+            return (
+                f"the newest sinkages are {times:.1f} times as far from their predictions as stated: other"
+                " ground, a sensor, or physics that the model lacks"
+            )
+        sunk, known = math.exp(law.mean[U]), math.sqrt(law.covariance[ZERO, ZERO])
+        if sunk < _DEEP * known:
+            return (
+                f"the wheels sink by {1e3 * sunk:.1f} mm, and the zero of their sensors is known to"
+                f" {1e3 * known:.1f} mm; take it with the wheels lifted, and give its deviation as"
+                " sinkage_zero_std"
+            )
+        return self._shape
 
     def _turn_back(self) -> None:
         """The vehicle drives the other way: the last wheels come first, and places count from there."""
@@ -279,7 +313,9 @@ class Soils:
         agree = ((counts == 0) | (means / size[:, None] > _SHARE)).all(axis=1)
         enough = (counts > 0).sum(axis=1) >= min(2, int(ones.any(axis=0).sum()))
         least = _LEAST_SIGMA + np.where(longest == 1, _ONE_ROW, 0.0)
-        found = agree & enough & (np.abs(size) >= _LEAST_SHIFT) & (sigma >= least)
+        likely = agree & enough & (np.abs(size) >= _LEAST_SHIFT)
+        self._suspected = bool((likely & (sigma >= _SUSPECTED)).any())
+        found = likely & (sigma >= least)
         if not found.any():
             return False
         best = int(np.argmax(np.where(found, sigma, 0.0)))
@@ -306,9 +342,12 @@ class Soils:
         self.variety = Variety() if known is None else known.variety
         self._met += known is None
         self._number = self._met if known is None else known.number
-        self._border = place
+        self._border, self._suspected = place, False
         self.changes += 1
         self.health.forget()
+        self._lately.clear()
+        self._used.clear()
+        self._shape, self._shape_due = "", self._distance + EVERY
         self._publish()
         clear = new.take(new.place >= place + self.length)
         self._absorb(clear)

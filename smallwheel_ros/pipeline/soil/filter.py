@@ -263,6 +263,11 @@ class SoilFilter:
         return np.asarray(np.sqrt(np.diag(slopes @ self.covariance @ slopes.T)))
 
     @property
+    def widest(self) -> Member:
+        """The filter in which all faults are free."""
+        return self.bank[-1]
+
+    @property
     def likeliest(self) -> Member:
         """The filter of the greatest weight."""
         return self.bank[int(np.argmax(self._weights))]

@@ -12,21 +12,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .limits import StateBelief
 from .missing_effect import MissingEffect
+from .model import N_RANGE
 
 Array = NDArray[np.float64]
 
 DETERMINED = 0.5  # posterior over prior standard deviation, at most
 _SAME_DIAMETER = 1.05  # largest over smallest
 _SAME_LOAD = 1.3
+# Deviations of n from an end of its range within which it is the range that speaks: of an n that is known,
+# and of one that is not.
+_AT_BOUND, _ON_BOUND = 2.0, 0.5
 
 
 class Identifiable(NamedTuple):
     """True: the data has cut the standard deviation to half of the prior's or less.
 
     At half, three quarters of what is known comes from the data. False: the value is essentially
-    the prior's, or the model misses an effect, which the numbers then take up: a deviation is that of a
-    law that the data contradicts. The modulus is judged at the reference diameter.
+    the prior's, or all of them are in doubt: the model misses an effect, which the numbers then take up, or
+    the newest sinkages contradict the law. The modulus is judged at the reference diameter.
     """
 
     k: bool
@@ -84,6 +89,10 @@ class SoilEstimate:
         The alarm that the model misses an effect, None while there is none.
     settled
         Whether enough was measured for deviations to be what they are: before, nothing is determined.
+    doubt
+        Why at this moment nothing is determined, in words; empty where there is no reason to doubt.
+    state
+        What is believed of sensors and ground besides; None before any stretch of path.
     """
 
     k: float
@@ -101,6 +110,8 @@ class SoilEstimate:
     distance: float
     missing_effect: MissingEffect | None = None
     settled: bool = True
+    doubt: str = ""
+    state: StateBelief | None = None
 
     @cached_property
     def covariance(self) -> Array:
@@ -122,11 +133,7 @@ class SoilEstimate:
     @cached_property
     def remaining(self) -> Mapping[str, float]:
         """Posterior over prior standard deviation of what `Identifiable` judges, by name."""
-        of_k, of_modulus = (
-            self._log_modulus_row(1.0),
-            self._log_modulus_row(self.reference_diameter),
-        )
-        rows = np.array([of_k, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], of_modulus, [1.0, 0.0, 0.0]])
+        rows = self._rows
         after, before = (
             np.einsum("ij,jk,ik->i", rows, covariance, rows)
             for covariance in (self.log_covariance, self.prior_covariance)
@@ -134,24 +141,53 @@ class SoilEstimate:
         left = np.sqrt(np.maximum(after, 0.0) / before)
         return dict(zip(Identifiable._fields, left.tolist(), strict=True))
 
+    @property
+    def _rows(self) -> Array:
+        """Slopes of ln k, n, m, ln modulus, ln pressure by (ln pressure, n, m); (5, 3)."""
+        of_k, of_modulus = map(self._log_modulus_row, (1.0, self.reference_diameter))
+        return np.array([of_k, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], of_modulus, [1.0, 0.0, 0.0]])
+
+    @cached_property
+    def in_doubt(self) -> str:
+        """Why nothing is determined, though deviations are small; empty where there is no reason."""
+        if self.missing_effect is not None:
+            return self._misses
+        std = math.sqrt(max(self.log_covariance[1, 1], 0.0))
+        near = std * (_AT_BOUND if self.remaining["n"] <= DETERMINED else _ON_BOUND)
+        if self.settled and not N_RANGE[0] + near <= self.n <= N_RANGE[1] - near:
+            return (
+                f"n is at the end of its range ({N_RANGE[0]:g} to {N_RANGE[1]:g}): this is no soil of the law"
+                " p = k z^n D^m, or a sensor's zero is off by more than its prior says"
+            )
+        return self.doubt
+
     @cached_property
     def identifiable(self) -> Identifiable:
         """What the data has determined."""
-        sound = self.settled and self.missing_effect is None
+        sound = self.settled and not self.in_doubt
         known = {name: sound and left <= DETERMINED for name, left in self.remaining.items()}
         return Identifiable(**known)
 
     @property
     def status(self) -> tuple[str, ...]:
         """In words, what is not determined and why; empty when everything is determined."""
-        if self.missing_effect is not None:
-            return (f"nothing is determined: {self._misses}",)
-        return _in_words(self.identifiable, self.variety, self.accepted)
+        if self.in_doubt and self.accepted:
+            return (f"nothing is determined: {self.in_doubt}",)
+        limits = dict.fromkeys(Identifiable._fields, "")
+        if self.state is not None and self.settled:
+            limits = dict(zip(limits, self.state.limits(self._rows), strict=True))
+        return _in_words(self.identifiable, self.variety, self.accepted, limits)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What else the drive has shown of soil and sensors, in words."""
+        shown = "" if self.state is None else self.state.slip_sinkage
+        return (shown,) if shown else ()
 
     @property
     def verdicts(self) -> dict[str, str]:
         """For each parameter in words whether the data has determined it, and how far."""
-        found, but = {}, self._misses and f" ({self._misses})"
+        found, but = {}, self.in_doubt and f" ({self.in_doubt})"
         for name, left in self.remaining.items():
             known = "determined" if getattr(self.identifiable, name) else f"not determined{but}"
             found[name] = f"{known}: {100.0 * left:.0f} % of the prior's standard deviation is left"
@@ -197,26 +233,23 @@ def before_driving(diameters: Iterable[float]) -> tuple[str, ...]:
     )
 
 
-def _in_words(identifiable: Identifiable, variety: Variety, accepted: int) -> tuple[str, ...]:
-    """Say what is not determined, and why."""
+def _in_words(
+    identifiable: Identifiable, variety: Variety, accepted: int, limits: Mapping[str, str]
+) -> tuple[str, ...]:
+    """Say what is not determined, and why. limits: by name what limits it, empty where data does."""
     if variety.diameters is None or variety.loadings is None:
         return ("no measurement yet: soil and uncertainty are the prior's",)
     (d_low, d_high), (l_low, l_high) = variety.diameters, variety.loadings
-    one_diameter, one_load = d_high <= _SAME_DIAMETER * d_low, l_high <= _SAME_LOAD * l_low
-    so_far = f"{accepted} measurements so far do not suffice"
-    words = []
-    if not identifiable.reference_pressure:
-        words.append(f"reference pressure not determined yet: {so_far}")
-    if not identifiable.n:
-        reason = f"load hardly varied ({l_low:.3g} to {l_high:.3g} N per m of width)"
-        words.append(
-            f"n not determined: {reason}" if one_load else f"n not determined yet: {so_far}"
-        )
-    if not identifiable.m:
-        reason = f"all wheels have one diameter ({d_low:.3g} m)"
-        words.append(
-            f"m not determined: {reason}" if one_diameter else f"m not determined yet: {so_far}"
-        )
+    reasons = {name: limit or f"{accepted} measurements so far" for name, limit in limits.items()}
+    if l_high <= _SAME_LOAD * l_low:
+        reasons["n"] = f"load hardly varied ({l_low:.3g} to {l_high:.3g} N per m of width)"
+    if d_high <= _SAME_DIAMETER * d_low:
+        reasons["m"] = f"all wheels have one diameter ({d_low:.3g} m)"
+    words = [
+        f"{name.replace('_', ' ')} not determined: {reasons[name]}"
+        for name in ("reference_pressure", "n", "m")
+        if not getattr(identifiable, name)
+    ]
     if not identifiable.k:
         words.append("k not determined: it needs n and m; go by effective modulus or pressure")
     if not identifiable.effective_modulus:

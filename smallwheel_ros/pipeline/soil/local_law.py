@@ -17,6 +17,7 @@ from smallwheel_ros.pipeline.versions import Versions
 
 from .filter import Law
 from .identifiability import SoilEstimate, Variety, seen_as
+from .limits import StateBelief
 from .missing_effect import MissingEffect
 from .model import (
     EACH,
@@ -41,10 +42,10 @@ class Version:
 
     law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
     the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
-    ln k and of sinkage from place to place. border: m along the vehicle's path, behind which wheels are on
-    version `old` still. variety: of the stretches used. missing: effect that the model misses;
-    missed_variance: of ln k by that, in scatter, too. outliers: readings left out; changes: of soil found;
-    distance: m, of the vehicle: all up to here.
+    ln k and of sinkage from place to place. doubt: why nothing is determined, in words, or empty. border: m
+    along the vehicle's path; wheels that have not reached it are on version `old`. variety: of the stretches
+    used. missing: effect that the model misses; missed_variance: of ln k by that, in scatter, too. outliers:
+    readings left out; changes: of soil found; distance: m, of the vehicle: all up to here.
     """
 
     model: LawModel | None
@@ -55,6 +56,7 @@ class Version:
     scatter: tuple[float, float]
     number: int = 0
     settled: bool = False
+    doubt: str = ""
     accepted: int = 0
     border: float = -math.inf
     old: int = 0
@@ -180,9 +182,13 @@ class Reported:
         pressure, n, m = (self._turn @ law).tolist()
         sinkage, diameter = self._at
         k = math.exp(pressure - n * math.log(sinkage) - m * math.log(diameter))
+        state = None
+        if version.model is not None:
+            slopes = self._turn @ version.slopes
+            state = StateBelief(slopes, version.mean, version.covariance)
         return SoilEstimate(
             k, n, m, pressure, seen_as(self._turn, covariance + more), self._prior, *self._at,
             variety=version.variety, accepted=version.accepted, outliers=version.outliers,
             soil_changes=version.changes, distance=version.distance,
-            missing_effect=version.missing, settled=version.settled,
+            missing_effect=version.missing, settled=version.settled, doubt=version.doubt, state=state,
         )  # fmt: skip

@@ -67,7 +67,7 @@ _SINKAGE_SCALE_STD = (
 )
 LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
-_N_RANGE, SHOWN_N_RANGE = (0.05, 2.9), (-0.35, 5.0)
+N_RANGE, SHOWN_N_RANGE = (0.05, 2.9), (-0.35, 5.0)
 _EACH_ZERO, _EACH_LOAD = 0.25, 0.5  # what a single sensor is off by, over what all are
 _LEAST_SLIP_FACTOR, _TINY = 0.2, 1e-9
 _AXLE = 0.5  # of the diameter
@@ -212,7 +212,7 @@ class LawModel:
         share = 1.0 - x[:, ZERO] / shown
         bounded = np.maximum(share, LEAST_SHARE)
         y[:, U] += np.log(bounded) - x[:, SCALE]
-        y[:, N] = np.clip(half * bounded - 0.5, *_N_RANGE)
+        y[:, N] = np.clip(half * bounded - 0.5, *N_RANGE)
         jacobian[:, N, N] = bounded
         free = share == bounded
         jacobian[:, U, U] = np.where(free, 1.0 / bounded, 1.0)

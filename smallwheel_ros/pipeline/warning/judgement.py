@@ -46,7 +46,8 @@ class Judged(Columns):
 class Judgement:
     """Warnings and the margin of any ground of one vehicle.
 
-    warned: of the newest turn; None: no tenth of a second was over.
+    warned: of the newest turn; None: no tenth of a second was over. instants: those tenths; stuck: at which
+    of them the rims run and the vehicle does not.
     """
 
     def __init__(self, settings: OnboardSettings) -> None:
@@ -54,6 +55,8 @@ class Judgement:
         self.warnings = Warnings(settings.wheels, IMU in settings.streams)
         self.ground = AnyGround(self.warnings.side)
         self.warned: Warned | None = None
+        self.instants: Instants | None = None
+        self.stuck: Flags = np.empty(0, dtype=bool)
         self._speed_is = (
             VELOCITY
             if VELOCITY in settings.streams
@@ -77,9 +80,10 @@ class Judgement:
         rows = self._by_ground(rows, believed)
         speeds, imu = believed.new(self._speed_is)[0], believed.new_imu()
         made = self.warnings.take(rows, speeds, imu if imu[0].size else None, believed.done)
-        self.warned = None
+        self.warned = self.instants = None
         if made is not None:
             instants, self.warned = made
+            self.instants = instants
             self._slip = float(self.warned.slip[-1])
             self._levels = _carried(self._levels, self.warned.stamp, self.warned.level)
             self._spin(instants)
@@ -150,6 +154,7 @@ class Judgement:
             spins[k] = end - begin >= 10 and _gets_nowhere(
                 whole.rim[part], whole.ground[part], whole.ground_std[part]
             )
+        self.stuck = np.asarray(spins.any(axis=1))
         before, flags = self._spinning
         flags = flags if flags.shape[1] else np.zeros((0, spins.shape[1]), dtype=bool)
         self._spinning = np.concatenate([before, instants.stamp]), np.vstack([flags, spins])

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs that do not belong to the others: a digit too many, two rows swapped, a sensor that stuck.
+
+A run is held against the other runs of its setting, and against what a model, fitted to all, predicts of it
+from the others: with S = V + J P^-1 J' and Q = S^-1, for the values G of a run,
+
+    e_G - E(e_G | all others) = Q_GG^-1 (Q e)_G,     covariance Q_GG^-1
+
+in units of the channel's own robust deviation of these; a curve counts once, by the root mean square of its
+values, since they are off together. A gauge that is stuck shows a sinkage that does not rise with the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.effects.base import Array
+from smallwheel_ros.fitting.fit import Fit, Fitter
+from smallwheel_ros.fitting.noise import (
+    MOST_OUTLIERS,
+    NORMAL,
+    NoiseLine,
+    furthest_off,
+    outlier_limit,
+)
+from smallwheel_ros.fitting.points import Points, runs_of
+from smallwheel_ros.measurements.display import number, words
+from smallwheel_ros.measurements.measurements import Measurements
+
+Index = NDArray[np.intp]
+
+_FEWEST = 3  # runs of a setting, from which its middle is told from a bad one
+_RISES = (
+    0.2  # power of the load that a sinkage rises with at least: at n = 2.9 a wheel's still has 0.3
+)
+_TIMES = (
+    2.0  # load of the upper over that of the lower third of a curve, from which that power is known
+)
+_SURELY = 2.0  # deviations by which a line through the table must rise by less
+_SHALLOWEST = 1e-6  # m
+
+
+@dataclass(frozen=True)
+class BadRun:
+    """A run that lies far off. rows: of the table. deviations: robust, of `channel`. against: of what."""
+
+    name: str
+    rows: Index
+    channel: str
+    deviations: float
+    against: str
+
+    def words(self, measurements: Measurements) -> str:
+        """That it is left out, and why."""
+        lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
+        where = f"{measurements.source}, {measurements.place} {lines}"
+        return (
+            f"run {self.name} ({where}) is left out: its {words(self.channel)} "
+            f"is {number(self.deviations, 2)} {self.against}. Look it up in the protocol"
+        )
+
+
+def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
+    """The runs that lie grossly off, the worst of the repeated settings and the worst of the model."""
+    if fitter.points.run_count <= 2 * _FEWEST:
+        return []
+    return _stuck_runs(fitter.points) or _off_repeats(fitter.points) or _off_model(fitter, fit)
+
+
+class _Rise(NamedTuple):
+    """How sinkage follows the load. times: that the load rises; power: of the load that the sinkage has."""
+
+    times: float
+    power: float
+
+
+def stuck(points: Points) -> str:
+    """That the sinkage of the table does not rise with the load, in words; "" where it does."""
+    if "sinkage" not in points.channels:
+        return ""
+    rises = [rise for _, rise in _rises(points)] or _rise_of_line(points)
+    if not rises or float(np.median([rise.power for rise in rises])) > _RISES:
+        return ""
+    times = number(max(rise.times for rise in rises), 2)
+    return (
+        f"the sinkage does not rise while the load rises {times} fold: the gauge does not move, or the "
+        f"ground of {points.measurements.source or 'the table'} is rigid"
+    )
+
+
+def _rises(points: Points) -> Iterator[tuple[int, _Rise]]:
+    """How sinkage rises along each curve, from the lower to the upper third of its loads."""
+    load, sinkage = points.measurements.conditions.load, points.measurements.channels["sinkage"]
+    codes = runs_of(points.measurements)[1]
+    for run in np.unique(points.run):
+        rows = np.flatnonzero((codes == run) & np.isfinite(sinkage))
+        if rows.size < 2 * _FEWEST:
+            continue
+        low, high = (rows[part] for part in _thirds(load[rows]))
+        times = float(np.median(load[high]) / np.median(load[low]))
+        if times >= _TIMES:
+            deep, shallow = (
+                max(float(np.median(sinkage[part])), _SHALLOWEST) for part in (high, low)
+            )
+            yield int(run), _Rise(times, float(np.log(deep / shallow) / np.log(times)))
+
+
+def _thirds(values: Array) -> tuple[Index, Index]:
+    """Places of the lower and of the upper third."""
+    low, high = np.quantile(values, [1 / 3, 2 / 3])
+    return np.flatnonzero(values <= low), np.flatnonzero(values >= high)
+
+
+def _rise_of_line(points: Points) -> list[_Rise]:
+    """The same of a table without curves, of the line through it: the most that it may be."""
+    mine = points.of_channel("sinkage") & (points.value > 0)
+    load = points.column("load")[mine]
+    if load.size <= 2 * _FEWEST or load.max() < _TIMES * load.min():
+        return []
+    given = points.value[mine], points.row[mine], points.conditions
+    power, deviation = NoiseLine.through(*given).power_of_load(*given)
+    return [_Rise(float(load.max() / load.min()), power + _SURELY * deviation)]
+
+
+def _stuck_runs(points: Points) -> list[BadRun]:
+    """Curves along which the sinkage does not rise with the load, where it does in the others."""
+    if "sinkage" not in points.channels or stuck(points):
+        return []
+    found = []
+    for run, (times, power) in _rises(points):
+        if power < _RISES:
+            mine = np.flatnonzero((points.run == run) & points.of_channel("sinkage"))
+            against = f"times as deep at {number(times, 2)} times the load: is its gauge stuck?"
+            found.append(_run(points, int(mine[0]), times**power, against))
+    return found if len(found) <= most_bad(points.run_count) else []
+
+
+def most_bad(runs: int) -> float:
+    """How many runs may be bad: more are no slips of the pen. Two that were swapped are one."""
+    return max(2.0, MOST_OUTLIERS * runs)
+
+
+def _run(points: Points, value: int, deviations: float, against: str) -> BadRun:
+    mine = np.flatnonzero(points.run == points.run[value])
+    rows = np.unique(np.concatenate([points.rows[i] for i in mine]))
+    channel = points.channels[points.channel[value]]
+    return BadRun(points.runs[points.run[value]], rows, channel, deviations, against)
+
+
+def _off_repeats(points: Points) -> list[BadRun]:
+    """Runs far off the others of their setting, where that has at least `_FEWEST`."""
+    found = {}
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name) & ~points.swept)
+        members = [mine[points.setting[mine] == s] for s in np.unique(points.setting[mine])]
+        members = [m for m in members if m.size >= _FEWEST]
+        for g, i in furthest_off([points.value[m] for m in members]) if members else ():
+            others = np.delete(points.value[members[g]], i)
+            ratio = float(points.value[members[g][i]] / np.median(others))
+            bad = _run(points, int(members[g][i]), ratio, "times the others of its setting")
+            found[bad.name] = bad
+    return list(found.values())
+
+
+def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
+    """The run that lies furthest off what the model predicts of it from the others."""
+    points = fitter.points
+    s = fitter.covariance(fit, fit.taken_up)
+    pulled, inverse = s.solve(fit.away(points.value)), s.solve(np.eye(len(points)))
+    off = np.full(len(points), np.nan)
+    for run in np.unique(points.run):
+        place = np.flatnonzero(points.run == run)
+        covariance = np.linalg.inv(inverse[np.ix_(place, place)])
+        off[place] = covariance @ pulled[place] / np.sqrt(np.diag(covariance))
+    worst, furthest = -1, 0.0
+    for name in points.channels:
+        mine = np.flatnonzero(points.of_channel(name) & np.isfinite(off))
+        if mine.size <= 2 * _FEWEST:
+            continue
+        # Of a curve one number, since its values are off together.
+        runs, first, code = np.unique(points.run[mine], return_index=True, return_inverse=True)
+        square = np.bincount(code.reshape(-1), off[mine] ** 2) / np.bincount(code.reshape(-1))
+        mine, size = mine[first], np.sqrt(square)
+        size /= NORMAL * float(np.median(size))
+        limit = outlier_limit(runs.size)
+        few = np.count_nonzero(size > limit) <= most_bad(runs.size)
+        if few and size.max() > max(limit, furthest):
+            worst, furthest = int(mine[np.argmax(size)]), float(size.max())
+    return [] if worst < 0 else [_run(points, worst, furthest, "deviations off the best model")]

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well a fit knows its numbers.
+
+A fit that weighs values by G rests where G' (y - f) = P (theta - c). Where their errors have V, theta then
+has (the sandwich of Huber 1967, with a prior)
+
+    C = H^-1 (G' V G + P) H^-T,     H = G' J + P
+
+which is (J' V^-1 J + P)^-1 for G = V^-1 J.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from smallwheel_ros.fitting.constants import DETERMINED
+from smallwheel_ros.fitting.fit import Array, Fit, Fitter, inverse
+from smallwheel_ros.fitting.variance import Scatter
+
+_NODE = np.sqrt(3.0)  # of the rule over ln phi, in deviations
+_NO_LESS = 1.05  # of a deviation: as well known, for any use
+
+
+def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -> Array:
+    """C of the head, shape (parameters,) * 2. slopes, weights: J and G, shape (values, parameters)."""
+    h = weights.T @ slopes + precision
+    size = np.sqrt(np.diag(h))
+    back = np.linalg.inv(h / np.outer(size, size)) / np.outer(size, size)
+    found = back @ (weights.T @ variance @ weights + precision) @ back.T
+    # Nothing is less known after the data than before, whatever the weights were.
+    least = np.minimum(1.0, np.diag(precision) ** -0.5 / np.sqrt(np.diag(found)))
+    return np.asarray(found * np.outer(least, least))
+
+
+def over_scatter(
+    fitter: Fitter, fit: Fit, scatter: Scatter, of: Callable[[Scatter], Array]
+) -> Array:
+    """Mean of a function of the scatter over what its deviations phi could be, shape as it gives.
+
+    ln phi ~ N(found, S): by second differences at the columns of sqrt(3) times a root of S (the unscented
+    rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component that does not
+    matter changes nothing. scatter: `Fitter.true_scatter`.
+    """
+    total = middle = of(scatter)
+    for column in _NODE * np.linalg.cholesky(fitter.scatter_covariance(fit, scatter)).T:
+        ends = (
+            of(replace(scatter, log_deviation=scatter.log_deviation + sign * column))
+            for sign in (1.0, -1.0)
+        )
+        total = total + (sum(ends) - 2.0 * middle) / (2.0 * _NODE**2)
+    return total
+
+
+def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
+    """Covariance of theta with the components' own uncertainty in it. scatter: `Fitter.true_scatter`.
+
+    Few runs do not know their scatter well, and the deviations say so. A parameter at its bound has zero
+    rows and columns.
+    """
+    free = np.flatnonzero(~fit.at_bound)
+    slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
+    weights = fitter.weights(fit)[:, free] if fitter.working else None
+
+    def under(there: Scatter) -> Array:
+        true = fitter.true_variance.covariance(there, fit.stiffness)
+        if weights is None:
+            return inverse(slopes.T @ true.solve(slopes) + precision)
+        return sandwich(slopes, weights, true.matrix, precision)
+
+    full = np.zeros((fit.theta.size, fit.theta.size))
+    full[np.ix_(free, free)] = over_scatter(fitter, fit, scatter, under)
+    return full
+
+
+def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
+    """Whether sinkage and resistance leave n open, and it is no less known where pull and torque have a say.
+
+    So it is under one load: n then has the shape of pull over slip. fit: of the fitter that keeps them apart.
+    """
+    exponents = [j for j, p in enumerate(fit.vector.of_soils) if p.field == "n"]
+    variance = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness).matrix
+    precision = fit.vector.precision(fit.theta)
+    apart, together = (
+        np.sqrt(np.diag(sandwich(fit.slopes, one.weights(fit), variance, precision))[exponents])
+        for one in (fitter, replace(fitter, apart=False))
+    )
+    before = np.diag(precision)[exponents] ** -0.5
+    is_open = apart > DETERMINED * before
+    return bool(np.all(is_open & (together <= _NO_LESS * apart)))

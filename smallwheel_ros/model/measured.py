@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a model was fitted to, as far as a prediction needs it: `measured` of a model file.
+
+Where the settings were, so that a prediction can say that it extrapolates; what one run and one row are off
+by, for the deviation of a new measurement; and what the law of pull and torque was seen to be off by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.physics.conditions import Conditions
+
+Array = NDArray[np.float64]
+
+_ROOM = 0.05  # of what was measured, of a range and off a line: what a setting is good to
+_SAME = 0.01  # of a size: one wheel
+_OFF_LINE = 4.0  # deviations off the line that two settings lay on
+
+
+@dataclass(frozen=True)
+class RunScatter:
+    """What a new measurement of one channel differs by from the right model, in standard deviations.
+
+    run: of its run, relative. zero: of its run, SI. absolute, relative: of one row.
+    """
+
+    run: float = 0.0
+    zero: float = 0.0
+    absolute: float = 0.0
+    relative: float = 0.0
+
+    def of_run(self, level: Array) -> Array:
+        """Variance of a run, of values of that size, shape as given."""
+        return np.asarray((self.run * level) ** 2 + self.zero**2)
+
+    def of_row(self, level: Array) -> Array:
+        """Variance of a row of a run, of values of that size, shape as given."""
+        return np.asarray((self.relative * level) ** 2 + self.absolute**2)
+
+
+@dataclass(frozen=True)
+class ForceLaw:
+    """What the law of pull or torque is off by, in shares of the load (times the radius).
+
+    known: of a wheel that was measured, at slips that were. law: elsewhere of a wheel, wheel: of it at all
+    slips.
+    """
+
+    known: float
+    law: float
+    wheel: float
+
+    @property
+    def elsewhere(self) -> float:
+        """Of a wheel that was not measured."""
+        return float(np.hypot(self.law, self.wheel))
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Two settings that were varied together: other = at + slope * setting, but for a deviation."""
+
+    setting: str
+    other: str
+    at: float
+    slope: float
+    deviation: float
+
+    def off(self, conditions: Conditions) -> NDArray[np.bool_]:
+        """Rows that are off that line."""
+        away = conditions[self.other] - self.at - self.slope * conditions[self.setting]
+        return np.asarray(np.abs(away) > _OFF_LINE * self.deviation)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured. ranges: of each setting that was recorded. wheels: diameter, width and lugs (m).
+
+    stiffness: what ln k differs by from run to run. runs: by channel. forces: by channel, where measured.
+    unexplained: no law describes the data, so what runs differ by may be an error of the law.
+    """
+
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    wheels: tuple[tuple[float, float, float], ...] = ()
+    stiffness: float = 0.0
+    runs: Mapping[str, RunScatter] = field(default_factory=dict)
+    forces: Mapping[str, ForceLaw] = field(default_factory=dict)
+    tied: tuple[Tied, ...] = ()
+    unexplained: bool = False
+
+    def plain(self) -> dict[str, Any]:
+        """As a model file keeps it."""
+        return {
+            "ranges": {n: [float(a), float(b)] for n, (a, b) in self.ranges.items()},
+            "wheels": [list(map(float, one)) for one in self.wheels],
+            "stiffness": float(self.stiffness),
+            "runs": {n: asdict(v) for n, v in self.runs.items()},
+            "forces": {n: asdict(v) for n, v in self.forces.items()},
+            "tied": [asdict(one) for one in self.tied],
+            "unexplained": self.unexplained,
+        }
+
+    def has_wheel(self, conditions: Conditions) -> NDArray[np.bool_]:
+        """Rows of a wheel that was measured, at slips that were."""
+        lugs = conditions.covariates.get("grouser_height", 0.0)
+        size = np.column_stack(np.broadcast_arrays(conditions.diameter, conditions.width, lugs))
+        room = _SAME * conditions.diameter
+        found = np.zeros(len(conditions), dtype=bool)
+        for wheel in self.wheels:
+            found |= np.all(np.abs(size - np.array(wheel)) <= room[:, None], axis=1)
+        return found & ~self.beyond("slip", conditions)
+
+    def beyond(self, name: str, conditions: Conditions) -> NDArray[np.bool_]:
+        """Rows of which a setting is beyond those measured."""
+        if name not in self.ranges or name not in conditions:
+            return np.zeros(len(conditions), dtype=bool)
+        low, high = self.ranges[name]
+        room = _ROOM * max(high - low, abs(high) if high > low else 0.2 * abs(high))
+        values = conditions[name]
+        return np.asarray((values < low - room) | (values > high + room))

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Models that the data could not tell apart, as one model for who can run but one: the node's estimate.
+
+The soil is the mean of theirs, and what their effects make of a value at a stage is the mean of what those of
+each make of it, by their probabilities. To first order that is the mean of their predictions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from smallwheel_ros.effects.base import STAGES, Effect
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, k_from_reference
+
+# Stages whose effects multiply a value, or add to it; at the others each changes what it is given in turn.
+_FACTORS = ("modulus_factor", "pressure_factor", "thrust_factor")
+_SUMS = ("exponent_shift", "added_resistance")
+
+Part = tuple[float, Sequence[Effect]]  # a model's probability and its effects
+
+
+def mixed(calibrated: CalibratedModel) -> Model:
+    """The one model that stands for a model's rivals; the model itself where it has none."""
+    if not calibrated.rivals:
+        return calibrated.model
+    total = sum(share for share, _ in calibrated.rivals)
+    parts = [(share / total, rival.model) for share, rival in calibrated.rivals]
+    soils = [
+        _mean_soil(soil, [(share, one.soils[i]) for share, one in parts])
+        for i, soil in enumerate(calibrated.soils)
+    ]
+    effect = _mean_effect([(share, one.effects) for share, one in parts])
+    effects = (effect,) if effect.acts else ()
+    return Model(soils, calibrated.geometry, effects, calibrated.thrust_form)
+
+
+def rivals_text(calibrated: CalibratedModel) -> str:
+    """The rivals of a model and their probabilities, in words: `slip sinkage (0.60), no effect (0.40)`."""
+    shares: dict[str, float] = {}  # forms of one effect are one to a reader
+    for share, rival in calibrated.rivals:
+        name = " and ".join(e.id.replace("_", " ") for e in rival.effects) or "no effect"
+        shares[name] = shares.get(name, 0.0) + share
+    return ", ".join(f"{n} ({p:.2f})" for n, p in sorted(shares.items(), key=lambda one: -one[1]))
+
+
+def _mean_soil(soil: Soil, parts: Sequence[tuple[float, Soil]]) -> Soil:
+    """The mean of the soils: of ln k at the depth and size of reference, and of the other numbers."""
+    means = {
+        name: sum(share * float(getattr(one, name)) for share, one in parts)
+        for name in SOIL_NUMBERS
+    }
+    pressure = sum(share * one.log_reference_pressure for share, one in parts)
+    means["k"] = float(k_from_reference(pressure, means["n"], means["m"]))
+    return Soil(soil.name, source=soil.source, **means)
+
+
+def _mean_effect(parts: Sequence[Part]) -> Effect:
+    """One effect that does what those of several models do in the mean."""
+    acting = {stage for _, effects in parts for effect in effects for stage in effect.acts}
+    if "sinkage" in acting:  # what digs compacts as far, where it does not say otherwise
+        acting.add("compaction_sinkage")
+    every = [effect for _, effects in parts for effect in effects]
+    body: dict[str, Any] = {
+        "id": "mixture",
+        "summary": "What several models, which the data could not tell apart, do in the mean.",
+        "needs": tuple(dict.fromkeys(name for effect in every for name in effect.needs)),
+        "drivers": tuple(dict.fromkeys(name for effect in every for name in effect.drivers)),
+    }
+    body |= {stage: _mean_stage(parts, stage) for stage in STAGES if stage in acting}
+    made: Effect = type("Mixture", (Effect,), body)()
+    return made
+
+
+def _mean_stage(parts: Sequence[Part], stage: str) -> Callable[..., Any]:
+    """What a stage gives in the mean over the models."""
+
+    def of_one(effects: Sequence[Effect], *given: Any) -> Any:
+        if stage in _FACTORS:
+            return math.prod((getattr(e, stage)(*given) for e in effects), start=1.0)
+        if stage in _SUMS:
+            return sum((getattr(e, stage)(*given) for e in effects), 0.0)
+        value, conditions = given
+        for effect in effects:
+            value = getattr(effect, stage)(value, conditions)
+        return value
+
+    def mean(_self: Effect, *given: Any) -> Any:
+        return sum(share * of_one(effects, *given) for share, effects in parts)
+
+    return mean

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle as a whole, ten times a second: level of the warning, slip, margin, slope, energy.
+
+    take    tenths of a second and what was judged of them, rows and estimates of wheels -> VehicleEstimates
+
+What holds at an instant is by rows before it, so that it does not depend on where blocks are cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.physics.wheel import GRAVITY, Quantity
+from smallwheel_ros.pipeline.soil.local_law import Version
+from smallwheel_ros.pipeline.tables import (
+    SECOND,
+    Array,
+    Columns,
+    Estimates,
+    Flags,
+    Integers,
+    Readings,
+    none_of,
+)
+from smallwheel_ros.pipeline.versions import Versions
+from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
+from smallwheel_ros.pipeline.warning.judgement import Judged
+from smallwheel_ros.pipeline.warning.margin import GroundMargin
+
+from .answer import STALE
+
+# Numbers of VehicleMobility.msg.
+UNKNOWN, OK, MAY_GET_STUCK, GETS_STUCK, STUCK = range(5)
+ANY_GROUND, MEASURED, BY_SOIL = 0, 2, 3
+_SURE = 0.5  # of the information, over which a margin is no prior any more
+_TURNS = 0.05  # m/s of rims or ground, under which a slip is no ratio of speeds
+_PAUSE = 10 * SECOND  # ns: after so long without any row the drive goes on with the next one
+_STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
+
+
+@dataclass(frozen=True)
+class VehicleEstimates(Columns):
+    """What is believed of the vehicle at the end of each tenth of a second; NaN where it is not known.
+
+    Attributes
+    ----------
+    stamp
+        ns.
+    level, margin_source
+        Numbers of VehicleMobility.msg.
+    slip_warned
+        1, of the middle wheel where the warning judges it.
+    speed, speed_std, course
+        m/s along course, rad.
+    slip, slip_left, slip_right
+        1, of the middle wheel, and of each side.
+    margin, information
+        1; and how much is known of it beyond what holds on any ground, 0 to 1.
+    slope_ahead, slope_across
+        rad, nose up, left side up.
+    demand, risk
+        Pull over load that goes on being asked for; probability to get stuck within a metre.
+    energy
+        J/m, of all wheels.
+    soil, at_border
+        How often the soil has been another one; whether some wheels are on the one before.
+    """
+
+    stamp: Integers
+    level: Integers
+    slip_warned: Array
+    speed: Array
+    speed_std: Array
+    course: Array
+    slip: Array
+    slip_std: Array
+    slip_left: Array
+    slip_left_std: Array
+    slip_right: Array
+    slip_right_std: Array
+    margin: Array
+    margin_std: Array
+    margin_source: Integers
+    information: Array
+    slope_ahead: Array
+    slope_across: Array
+    demand: Array
+    risk: Array
+    energy: Array
+    soil: Integers
+    at_border: Flags
+
+
+class VehicleState:
+    """The vehicle, from block to block."""
+
+    def __init__(self, settings: OnboardSettings) -> None:
+        self.settings = settings
+        self._prior = GroundMargin().moments()[1] ** 2
+        self._wheels = none_of(
+            Estimates
+        )  # of the last seconds: an instant may be before the newest
+        self._numbers = np.empty(0, dtype=np.int64)  # of the soils of these
+        self._instants: Instants | None = None  # of the last half second
+        self._last: tuple[Instants, Warned, Flags] | None = None
+        # Stamps of the newest rows, what gravity pulls ahead and across (m/s^2), and what is asked for.
+        self._felt: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((3, 0))
+
+    def take(
+        self, instants: Instants | None, warned: Warned | None, stuck: Flags, rows: Readings,
+        judged: Judged, estimates: Estimates, soils: Versions[Version],
+    ) -> VehicleEstimates:  # fmt: skip
+        """Go on with a block.
+
+        instants, warned, stuck: tenths of a second that are over, what is warned of at each, whether the rims
+        run and the vehicle does not. rows, judged: of all wheels, and what holds at each. estimates: of rows
+        that were due. soils: of each version.
+        """
+        every = Estimates.joined([self._wheels, estimates])
+        own = [soils[one].number for one in estimates.soil_version.tolist()]
+        numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
+        stamps = np.concatenate([self._felt[0], rows.stamp])
+        felt = np.hstack([self._felt[1], np.stack([rows.slope, rows.across, judged.asked])])
+        found = none_of(VehicleEstimates)
+        if instants is not None and warned is not None:
+            tenths = self._every_tenth(instants, warned, stuck)
+            found = self._at(*tenths, every, numbers, stamps, felt)
+        recent = every.stamp > every.stamp.max(initial=0) - 2 * STALE
+        self._wheels, self._numbers = every.take(recent), numbers[recent]
+        recent = stamps > stamps.max(initial=0) - 2 * STALE
+        self._felt = stamps[recent], felt[:, recent]
+        return found
+
+    def _every_tenth(
+        self, instants: Instants, warned: Warned, stuck: Flags
+    ) -> tuple[Instants, Warned, Flags]:
+        """Also the tenths in which no wheel had a row: as the one before, for as long as a row holds."""
+        if self._last is not None:
+            instants = Instants.joined([self._last[0], instants])
+            warned = Warned.joined([self._last[1], warned])
+            stuck = np.concatenate([self._last[2], stuck])
+        first = 0 if self._last is None else 1
+        self._last = instants.take(slice(-1, None)), warned.take(slice(-1, None)), stuck[-1:]
+        apart = np.diff(instants.stamp) // PERIOD
+        times = np.append(np.where(apart * PERIOD > _PAUSE, 1, np.maximum(apart, 1)), 1)
+        index = np.repeat(np.arange(len(instants)), times)
+        since = np.arange(index.size) - np.repeat(np.cumsum(times) - times, times)
+        index, since = index[first:], since[first:]  # the one before is done
+        instants, warned = instants.take(index), warned.take(index)
+        old = since * PERIOD > round(HELD * SECOND)
+        unknown = {
+            name: np.where(old if column.ndim == 1 else old[:, None], np.nan, column)
+            for name, column in vars(instants).items()
+            if name != "stamp"
+        }
+        stamp = instants.stamp + since * PERIOD
+        level = np.where(old, 0, warned.level)
+        return (
+            replace(instants, stamp=stamp, **unknown),
+            replace(warned, stamp=stamp, level=level, slip=np.where(old, np.nan, warned.slip)),
+            stuck[index] & ~old,
+        )
+
+    def _at(
+        self, instants: Instants, warned: Warned, stuck: Flags, every: Estimates, numbers: Integers,
+        stamps: Integers, felt: Array,
+    ) -> VehicleEstimates:  # fmt: skip
+        count = len(instants)
+        known = np.isfinite(instants.rim) & np.isfinite(instants.ground)
+        shown = 2 * known.sum(axis=1) > known.shape[1]
+        level = np.where(shown | (warned.level > 0), OK + warned.level, UNKNOWN)
+        level = np.where(stuck, STUCK, level)
+        spread = _median(instants.ground_std)
+        usual = np.where(np.isfinite(spread), spread, self.settings.noise.speed)
+        moving = np.isfinite(instants.speed)
+        slips = self._slips(instants)
+        wheels = _Newest(every, numbers, instants.stamp, len(self.settings.wheels))
+        margin, margin_std = wheels.margin
+        information = np.clip(1.0 - margin_std**2 / self._prior, 0.0, 1.0)
+        source = np.where(information > _SURE, MEASURED, ANY_GROUND)
+        ahead, across, asked = _felt(stamps, felt, instants.stamp)
+        return VehicleEstimates(
+            stamp=instants.stamp, level=level, slip_warned=warned.slip, speed=instants.speed,
+            speed_std=np.where(moving, usual, np.nan), course=np.zeros(count),
+            slip=slips[0], slip_std=slips[1], slip_left=slips[2], slip_left_std=slips[3],
+            slip_right=slips[4], slip_right_std=slips[5],
+            margin=margin, margin_std=margin_std,
+            margin_source=np.where(wheels.by_soil, BY_SOIL, source), information=information,
+            slope_ahead=ahead, slope_across=across, demand=asked, risk=wheels.risk,
+            energy=wheels.energy, soil=wheels.soil, at_border=wheels.at_border,
+        )  # fmt: skip
+
+    def _slips(self, instants: Instants) -> Array:
+        """Slip and its deviation of the middle wheel, and of the middle one of each side; (6, instants)."""
+        rolling = [w for w in self.settings.wheels if w.contact == "rolling"]
+        side = np.array([wheel.lateral_position for wheel in rolling])
+        sides = [side > 0.0, side < 0.0]
+        sides = [one if one.any() else np.ones(side.size, dtype=bool) for one in sides]
+        old = self._instants
+        whole = instants if old is None else Instants.joined([old, instants])
+        first = len(whole) - len(instants)
+        found = np.full((6, len(instants)), np.nan)
+        for k in range(len(instants) if side.size else 0):
+            now = whole.stamp[first + k]
+            begin = int(np.searchsorted(whole.stamp, now - round(SLIP_S * SECOND), side="right"))
+            part = slice(begin, first + k + 1)
+            rim, ground = whole.rim[part].mean(axis=0), whole.ground[part].mean(axis=0)
+            known = np.isfinite(rim) & np.isfinite(ground)
+            if 2 * known.sum() <= known.size:
+                continue
+            slip, spread = _slip(rim, ground, np.nan_to_num(whole.ground_std[part]).mean(axis=0))
+            for j, of in enumerate([known, *(known & one for one in sides)]):
+                of = of & np.isfinite(slip)
+                if of.any():
+                    found[2 * j : 2 * j + 2, k] = np.median(slip[of]), np.median(spread[of])
+        self._instants = whole.take(slice(-5, None))
+        return found
+
+
+def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:
+    """Slip of wheels, driven or braked, and its deviation; NaN where a wheel stands."""
+    larger = np.maximum(np.abs(rim), np.abs(ground))
+    turns = larger > _TURNS
+    along = np.where(np.abs(rim) >= np.abs(ground), np.sign(rim), np.sign(ground))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slip = np.clip(along * (rim - ground) / larger, -1.0, 1.0)
+        return np.where(turns, slip, np.nan), np.where(turns, spread / larger, np.nan)
+
+
+def _median(table: Array) -> Array:
+    """Median of each row's numbers, NaN where there is none."""
+    found = np.full(len(table), np.nan)
+    some = np.isfinite(table).any(axis=1)
+    if some.any():
+        found[some] = np.nanmedian(table[some], axis=1)
+    return found
+
+
+def _felt(stamps: Integers, felt: Array, instants: Integers) -> Array:
+    """Slope ahead (nose up), across (left side up), rad, means over 2 s; what is asked for. NaN: unknown."""
+    found = np.full((3, instants.size), np.nan)
+    end = np.searchsorted(stamps, instants, side="left")
+    begin = np.searchsorted(stamps, instants - STALE, side="left")
+    known = np.isfinite(felt)
+    sums = [
+        np.concatenate([[0.0], np.cumsum(np.where(k, f, 0.0))])
+        for k, f in zip(known, felt, strict=True)
+    ]
+    counts = [np.concatenate([[0], np.cumsum(k)]) for k in known]
+    for j in (0, 1):
+        number = counts[j][end] - counts[j][begin]
+        total = (sums[j][end] - sums[j][begin]) / np.maximum(number, 1) / GRAVITY
+        sine = np.clip(total, -_STEEPEST, _STEEPEST)
+        found[j] = np.where(number > 0, np.arcsin(sine), np.nan)
+    fresh = end > begin
+    found[2, fresh] = felt[2, end[fresh] - 1]
+    return found
+
+
+class _Newest:
+    """The newest rows of all wheels at instants, put together; those that are old do not count."""
+
+    def __init__(
+        self, every: Estimates, numbers: Integers, instants: Integers, wheels: int
+    ) -> None:
+        place = np.full((wheels, instants.size), -1)
+        for wheel in range(wheels):
+            own = np.flatnonzero(every.wheel == wheel)
+            if own.size:
+                before = np.searchsorted(every.stamp[own], instants, side="left") - 1
+                old = (before < 0) | (every.stamp[own[np.maximum(before, 0)]] < instants - STALE)
+                place[wheel] = np.where(old, -1, own[np.maximum(before, 0)])
+        self._place, self._every = np.maximum(place, 0), every
+        self._fresh = place >= 0
+        if not len(every):
+            self._fresh = np.zeros_like(self._fresh)
+        of = self._of(numbers, 0)
+        self.soil = of.max(axis=0, initial=0)
+        self.at_border: Flags = np.asarray(self._of(every.elsewhere, False).any(axis=0))
+        by = self._of(every.margin_by_soil, False)
+        known = np.isfinite(self._of(every.margin, np.nan))
+        self.by_soil = known.any(axis=0) & (by | ~known).all(axis=0)
+        energy = self._of(every.energy, np.nan)
+        self.energy = energy.sum(axis=0)  # NaN where one is
+        risk = self._of(every.risk, np.nan)
+        stamp = np.where(np.isfinite(risk), self._of(every.stamp, 0), -1)
+        self.risk = np.take_along_axis(risk, stamp.argmax(axis=0)[None], axis=0)[0]
+
+    def _of(self, column: NDArray[Any], otherwise: float) -> NDArray[Any]:
+        """A column at each wheel and instant."""
+        if not column.size:
+            return np.full(self._fresh.shape, otherwise)
+        return np.where(self._fresh, column[self._place], otherwise)
+
+    @property
+    def margin(self) -> tuple[Array, Array]:
+        """Pull of all over load of all, and its deviation; NaN where no wheel has a margin.
+
+        Where a load is not known, wheels count alike. All wheels stand on one estimated soil, so their errors
+        are taken to go together.
+        """
+        every = self._every
+        margin, spread = self._of(every.margin, np.nan), self._of(every.margin_std, np.nan)
+        known = np.isfinite(margin)
+        load = self._of(every.load, np.nan)
+        weighed = (np.isfinite(load) | ~known).all(axis=0)
+        load = np.where(known, np.where(weighed, load, 1.0), 0.0)
+        total = np.where(known.any(axis=0), load.sum(axis=0), np.nan)
+        return (
+            (load * np.where(known, margin, 0.0)).sum(axis=0) / total,
+            (load * np.where(known, spread, 0.0)).sum(axis=0) / total,
+        )
+
+
+def vehicle_margin(newest: Estimates) -> Quantity | None:
+    """Margin of a whole vehicle from the newest row of each wheel: pull of all over load of all.
+
+    None where no wheel has a margin.
+    """
+    if not len(newest):
+        return None
+    now = np.array([newest.stamp.max() + 1])
+    numbers = np.zeros(len(newest), dtype=np.int64)
+    margin, spread = _Newest(newest, numbers, now, int(newest.wheel.max()) + 1).margin
+    return Quantity(float(margin[0]), float(spread[0])) if np.isfinite(margin[0]) else None

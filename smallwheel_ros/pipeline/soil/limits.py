@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What keeps a number of the soil from being known better.
+
+Faults of sensors and ground are in the filter's state beside the law. Were a group g of them known exactly,
+the variance v of a number would fall by
+
+    share = c^T C_gg^-1 c / v,    c = C_g. a
+
+with C the covariance of the state, and a the number's slopes by it. The group with the largest share is the
+limit where that is over a third; else it is the data.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Array
+
+from .model import (
+    DELAY,
+    EACH,
+    LOAD_SCALE,
+    LOAD_ZERO,
+    PASS,
+    PITCH,
+    SCALE,
+    SIDE,
+    SLIP,
+    WHEELS,
+    ZERO,
+)
+
+_LIMITS = 1.0 / 3.0  # least share of the variance
+_SHOWS = 2.5  # deviations from which on slip sinkage is reported
+# Groups of the state: numbers of all wheels, and those of each; what is not known where the group is the
+# limit, and what would help.
+_GROUPS = (
+    ((ZERO,), (0,), "the zero of the sinkage sensors is known to {mm:.1f} mm",
+     "take it with the wheels lifted, and give its deviation as sinkage_zero_std"),
+    ((PASS,), (), "how much less a wheel sinks in the rut of another is known to {percent:.0f} %",
+     "drive a bend, in which their tracks differ"),
+    ((LOAD_SCALE, LOAD_ZERO), (1,), "the scale of the load cells is known to {percent:.0f} %",
+     "give vehicle.mass, or check a cell with a known weight"),
+    ((SIDE,), (), "the ground under the left and the right wheels may differ by {percent:.0f} %",
+     "drive where both are alike"),
+    ((SLIP,), (), "what slip adds to the sinkage is known to {value:.1f} times the slip",
+     "drive at other slips"),
+    ((PITCH,), (), "the sinkage sensors' error with pitch is known to {mm:.1f} mm/rad",
+     "drive on level ground"),
+    ((DELAY,), (), "the delay of sinkage against load is known to {value:.2f} s", "drive more slowly"),
+    ((SCALE,), (), "the scale of the sinkage sensors is known to {percent:.0f} %",
+     "check one with a gauge block"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class StateBelief:
+    """What is believed of the filter's state beside the soil's own numbers.
+
+    slopes: of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: of the state.
+    """
+
+    slopes: Array
+    mean: Array
+    covariance: Array
+
+    def limits(self, rows: Array) -> list[str]:
+        """What limits each of some numbers, in words; empty where the data does.
+
+        rows: slopes of the numbers by (ln pressure, n, m), (numbers, 3).
+        """
+        by_state = rows @ self.slopes
+        across = by_state @ self.covariance
+        whole = np.einsum("ij,ij->i", across, by_state)
+        groups = self._groups()
+        shares = np.array([self._removed(across, index) for index, _ in groups]) / whole
+        largest, limited = shares.argmax(axis=0), shares.max(axis=0) > _LIMITS
+        both = zip(largest.tolist(), limited.tolist(), strict=True)
+        return [groups[group][1] if known else "" for group, known in both]
+
+    def _groups(self) -> list[tuple[list[int], str]]:
+        """Indices of each group, and its words with the deviation of its first number."""
+        wheels = range(WHEELS, self.mean.size, EACH)
+        groups = []
+        for common, each, words, advice in _GROUPS:
+            index = [*common, *(first + own for own in each for first in wheels)]
+            std = math.sqrt(max(self.covariance[common[0], common[0]], 0.0))
+            said = words.format(mm=1e3 * std, percent=100.0 * std, value=std)
+            groups.append((index, f"{said}; {advice}"))
+        return groups
+
+    def _removed(self, across: Array, index: list[int]) -> Array:
+        """Variance of each number that would go if these of the state were known, (numbers,)."""
+        own, shared = self.covariance[np.ix_(index, index)], across[:, index]
+        inverse = np.linalg.pinv(own, hermitian=True)
+        return np.asarray(np.einsum("ij,jk,ik->i", shared, inverse, shared))
+
+    @property
+    def slip_sinkage(self) -> str:
+        """In words, from 2.5 deviations on: how much of the sinkage slip adds."""
+        value, variance = float(self.mean[SLIP]), float(self.covariance[SLIP, SLIP])
+        if value <= _SHOWS * math.sqrt(max(variance, 0.0)):
+            return ""
+        return f"sinkage grows with slip, s = {value:.1f} +- {math.sqrt(variance):.1f}"

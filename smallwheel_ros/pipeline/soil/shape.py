@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether pressure grows with depth as the law says: residuals against depth.
+
+Over a hard layer at depth q a wheel sinks less beyond q than any power of depth has it, over a soft one more.
+With e = z - h(x0) linearised at the newest state, S = H P0 H^T + R its covariance by the state's prior and
+by the noise of stretches, and c = max(z_law - q, 0) the depth beyond q as the law has it,
+
+    share = c^T S^-1 e / (c^T S^-1 c),    sigmas = c^T S^-1 e / (c^T S^-1 c)^1/2
+
+is what a wheel sinks more beyond q over what the law gives (-1: not at all), whatever the numbers of the
+state (a score test; Rao 1948). Tried are the quartiles of the depths of the newest stretches of this soil.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Array
+
+from .filter import SoilFilter
+from .stretches import Stretches
+
+NEWEST = 120  # times at which stretches were used that are looked back on
+EVERY = 2.0  # m between tests
+_ENOUGH = 60  # stretches
+# Least of both; a smaller share hardly changes a sinkage.
+_SIGMAS, _SHARE = 3.0, 0.4
+_QUARTILES = (0.25, 0.5, 0.75)
+_CUT = 3.0  # deviations to which a residual counts in full
+
+
+def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
+    """In words, where stretches that the law has used refute its shape; empty where they do not."""
+    if len(rows) < _ENOUGH or not law.settled:
+        return ""
+    model, x = law.model, law.widest.x
+    state, jacobian = (part[0] for part in model.soil(x[None]))
+    shown = model.h(x, rows)
+    by_state = shown.H @ np.linalg.inv(jacobian)
+    noise, _, _ = law.scatter.noise(rows, shown)
+    miss = rows.sinkage - shown.value
+    noise = noise * np.maximum(1.0, np.abs(miss) / (_CUT * np.sqrt(noise)))
+    depth = model.sinkage(np.broadcast_to(state, (len(rows), model.size)), rows).value
+    edges = np.quantile(depth, _QUARTILES)
+    beyond = np.maximum(depth[:, None] - edges, 0.0)
+    # Woodbury: S^-1 = N - N H (P0^-1 + H^T N H)^-1 H^T N, with e = miss + H (x - x0)
+    by = by_state / noise[:, None]
+    information = np.linalg.inv(model.soil_covariance) + by_state.T @ by
+    about = miss + by_state @ (state - model.mean)
+
+    def whitened(columns: Array) -> Array:
+        return np.asarray(
+            columns / noise[:, None] - by @ np.linalg.solve(information, by.T @ columns)
+        )
+
+    own = whitened(beyond)
+    weight = np.einsum("ij,ij->j", beyond, own)
+    score = about @ own
+    sigmas = score / np.sqrt(np.maximum(weight, 1e-30))
+    best = int(np.argmax(np.abs(sigmas)))
+    share = float(score[best] / max(weight[best], 1e-30))
+    if abs(sigmas[best]) <= _SIGMAS or abs(share) <= _SHARE:
+        return ""
+    what, depth = "harder" if share < 0.0 else "softer", 1e3 * edges[best]
+    return (
+        f"this ground is {what} below {depth:.0f} mm than any power of depth has it; go by the sinkages that"
+        " are predicted, not by k, n and m"
+    )

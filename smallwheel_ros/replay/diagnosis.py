@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench's diagnosis of the steady stretches of a drive, at the end of its replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from smallwheel_ros.common.errors import SmallwheelError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is
+# taken, since a diagnosis takes a tenth of a second for each.
+_FEWEST, _MOST = 120, 240
+
+
+@dataclass(frozen=True)
+class DriveDiagnosis:
+    """What a drive's steady stretches show of the model.
+
+    stretches: how many were used. verdict: as of `diagnose`; empty where there is none. effects, candidates:
+    ids that the model lacks, and of which it lacks one. lines: the same for people.
+    """
+
+    stretches: int
+    verdict: str
+    effects: tuple[str, ...]
+    candidates: tuple[str, ...]
+    lines: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As replay.json has it."""
+        return {
+            "stretches": self.stretches,
+            "verdict": self.verdict or None,
+            "missing_effects": list(self.effects),
+            "candidates": list(self.candidates),
+            "text": list(self.lines),
+        }
+
+
+def diagnosed(table: pd.DataFrame, name: str) -> DriveDiagnosis:
+    """Diagnose a table of steady stretches. name: of its file."""
+    if len(table) < _FEWEST:
+        return _none(table, f"there are {len(table)}, and it needs {_FEWEST}")
+    from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
+    from smallwheel_ros.diagnosis.text import verdict_sentences
+    from smallwheel_ros.measurements.from_file import read_measurements
+
+    runs = table["run"].drop_duplicates()
+    used = table[table["run"].isin(runs.iloc[:: -(-len(table) // _MOST)])]
+    try:
+        found = diagnosis_of(start_of(read_measurements(used.reset_index(drop=True))))
+    except SmallwheelError as error:
+        return _none(used, str(error))
+    first, *_, following = verdict_sentences({**found.document, "table": name})
+    return DriveDiagnosis(
+        len(used),
+        found.verdict,
+        tuple(found.missing_effects),
+        tuple(found.candidates),
+        (f"Diagnosis of {len(used)} steady stretches: {first[0].lower()}{first[1:]}", following),
+    )
+
+
+def _none(table: pd.DataFrame, why: str) -> DriveDiagnosis:
+    return DriveDiagnosis(
+        len(table), "", (), (), (f"No diagnosis of the steady stretches: {why}.",)
+    )

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One model for several that the data could not tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from smallwheel_ros.effects.registry import effect
+from smallwheel_ros.model.mixture import mixed
+from smallwheel_ros.model.model import CalibratedModel, Model, predict
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.soil import soil
+
+SAND = soil("dry_sand")
+FIRMER = replace(SAND, k=1.2 * SAND.k, n=SAND.n + 0.02)
+AT = Conditions.of([20.0, 60.0, 110.0], 0.2, 0.1, slip=[0.1, 0.3, 0.5], speed=[0.03, 0.1, 0.3])
+
+
+def rivals(share: float) -> CalibratedModel:
+    first = CalibratedModel(Model(FIRMER) + effect("slip_sinkage", a=0.8))
+    second = CalibratedModel(
+        Model(SAND) + effect("bulldozing", scale=2.0) + effect("penetration_rate", mu=0.08)
+    )
+    return CalibratedModel(Model(SAND), rivals=((share, first), (1.0 - share, second)))
+
+
+@given(share=st.floats(0.02, 0.98))
+def test_it_predicts_the_mean_of_the_rivals_predictions(share: float) -> None:
+    both = rivals(share)
+    found = predict(mixed(both), AT)
+    each = [(p, predict(one, AT)) for p, one in both.rivals]
+    for name in ("sinkage", "resistance", "drawbar_pull", "torque"):
+        mean = sum(p * getattr(one, name) for p, one in each)
+        apart = np.abs(getattr(each[0][1], name) - getattr(each[1][1], name))
+        # To first order: what digs deeper also meets more soil, of which a quarter is left here at most.
+        assert (np.abs(getattr(found, name) - mean) <= 0.25 * apart + 1e-9).all(), name
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_rival_that_is_sure_is_the_model(first: int) -> None:
+    one = rivals(0.5).rivals[first][1]
+    sure = CalibratedModel(Model(SAND), rivals=((1.0, one),))
+    for name in ("sinkage", "resistance", "drawbar_pull", "torque"):
+        expected = getattr(predict(one, AT), name)
+        assert getattr(predict(mixed(sure), AT), name) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_model_without_rivals_is_itself() -> None:
+    model = Model(SAND) + effect("slip_sinkage", a=0.8)
+    assert mixed(CalibratedModel(model)) == model

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The test of shape: ground with a hard layer is no power of depth, whatever k, n and m."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
+from smallwheel_ros.physics.soil import soil
+from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.soil.filter import SoilFilter
+from smallwheel_ros.pipeline.soil.shape import shape_doubt
+from smallwheel_ros.pipeline.soil.stretches import Stretches
+from smallwheel_ros.pipeline.tables import Array
+from smallwheel_ros.simulate.truth import static_sinkage
+
+WHEELS = (Wheel("left", 0.3, 0.11), Wheel("right", 0.3, 0.11))
+LAYER = 0.009  # m
+
+
+def driven(hard: float, seed: int, count: int = 240) -> str:
+    """Stretches on a soil that below `LAYER` is so many times as stiff; what the test says in the end."""
+    rng = np.random.default_rng(seed)
+    n, modulus = rng.uniform(0.7, 1.1), 0.0
+    modulus = 30e3 / 0.01**n
+
+    def pressure(depth: Array) -> Array:
+        beyond = np.maximum(depth - LAYER, 0.0)
+        return np.asarray(modulus * (depth**n + hard * LAYER**n * beyond / LAYER))
+
+    load = np.exp(rng.normal(np.log(75.0), 0.35, count))
+    diameter, width = np.full(count, 0.3), np.full(count, 0.11)
+    depth = static_sinkage(
+        pressure, load * np.exp(0.05 * rng.standard_normal(count)), diameter, width
+    )
+    shown = depth + 4e-4 * rng.standard_normal(count) + 5e-4
+    law = SoilFilter(
+        SoilPrior.from_soil(soil("dry_sand")), EstimatorSettings(), (), WHEELS, (75.0, 0.3, 0.11)
+    )
+    zeros = dict.fromkeys(Stretches.__dataclass_fields__, np.zeros(count))
+    way = 0.1 * np.arange(count)
+    rows = Stretches(**zeros | {
+        "wheel": np.arange(count) % 2, "sinkage": shown, "variance": np.full(count, 1e-8), "load": load,
+        "slip": np.full(count, 0.05), "speed": np.full(count, 0.4), "distance": way, "place": way,
+        "onward": np.ones(count, dtype=bool), "count": np.full(count, 6),
+    })  # type: ignore[arg-type]  # fmt: skip
+    for first in range(0, count, 2):
+        law.absorb(rows.take(slice(first, first + 2)))
+    return shape_doubt(rows, law)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_hard_layer_is_no_power_of_depth(seed: int) -> None:
+    assert "harder below" in driven(8.0, seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_soil_of_the_law_is_one(seed: int) -> None:
+    assert driven(0.0, seed) == ""
+
+
+def test_of_few_stretches_nothing_is_said() -> None:
+    assert driven(8.0, 1, count=50) == ""

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bench's diagnosis at the end of a replay, `diagnosis.py`: of steady stretches made by another law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from smallwheel_ros.replay.diagnosis import diagnosed
+from smallwheel_ros.simulate.truth import static_sinkage
+
+
+def stretches(count: int, slip_sinkage: float = 0.0) -> pd.DataFrame:
+    """Steady stretches of two sizes of wheels, as `SteadyStretches` gives them."""
+    rng = np.random.default_rng(5)
+    index = np.arange(count)
+    diameter = np.where(index % 2, 0.3, 0.2)
+    load = np.exp(rng.normal(np.log(80.0), 0.3, count))
+    modulus = 30e3 / 0.01**0.9 * np.exp(0.03 * rng.standard_normal(count))
+    still = static_sinkage(
+        lambda depth: modulus[:, None] * depth**0.9, load, diameter, np.full(count, 0.1)
+    )
+    slip = rng.uniform(0.02, 0.4, count)
+    sinkage = still * (1.0 + slip_sinkage * slip) + 3e-4 * rng.standard_normal(count)
+    return pd.DataFrame(
+        {
+            "load [N]": load, "diameter [m]": diameter, "width [m]": 0.1, "sinkage [m]": sinkage,
+            "sinkage_std [m]": 3e-4, "slip": slip, "speed [m/s]": 0.4, "contact": "rolling", "soil": "soil 1",
+            "run": [f"1.{i // 2}" for i in index], "wheel": np.where(index % 2, "rear", "front"),
+        }
+    )  # fmt: skip
+
+
+def test_of_a_short_drive_nothing_is_said_but_that() -> None:
+    found = diagnosed(stretches(60), "measurements.csv")
+    assert found.to_dict()["verdict"] is None
+    (line,) = found.lines
+    assert "60" in line
+    assert "120" in line
+
+
+def test_a_table_that_cannot_be_read_is_one_line() -> None:
+    table = stretches(140).assign(contact="floating")
+    found = diagnosed(table, "measurements.csv")
+    assert found.verdict == ""
+    assert "floating" in found.lines[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("strength", "verdict"), [(1.0, "missing_effect"), (0.0, "adequate")])
+def test_slip_sinkage_that_the_model_lacks_is_named_in_two_lines(
+    strength: float, verdict: str
+) -> None:
+    found = diagnosed(stretches(140, strength), "out/measurements.csv")
+    assert found.verdict == verdict
+    first, second = found.lines
+    assert ("slip_sinkage" in found.effects) is (strength > 0.0)
+    assert ("slip sinkage" in first) is (strength > 0.0)
+    assert second.startswith("Next:")
