@@ -13,11 +13,10 @@ from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
+from smallwheel_ros.pipeline.mobility.answer import STALE
+from smallwheel_ros.pipeline.mobility.status import Condition, Status
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import risk_of
-
-from .messages import Status
 
 
 class GroundMapper:

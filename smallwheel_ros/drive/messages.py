@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,17 +10,16 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.answer import Condition
+from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.mobility.vehicle import OK, STUCK, UNKNOWN, VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import WORDS
-from smallwheel_ros.pipeline.warning.margin import GroundMargin
+from smallwheel_ros.pipeline.warning.margin import unknown_ground
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
 
-STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
 # Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
 VALID = {
     "load_valid": ("load",),
@@ -44,17 +42,6 @@ _COLUMNS = {
     "energy_per_metre": "energy",
 }
 _WITHOUT_DEVIATION = ("probability_drawbar_pull_positive",)
-
-
-class Status(IntEnum):
-    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
-
-    OK = 0
-    PRIOR_ONLY = 1
-    SLIP_UNKNOWN = 2
-    REJECTED = 3
-    LOAD_MISSING = 4
-    SUNK_TO_AXLE = 5
 
 
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
@@ -133,13 +120,20 @@ def _in_words(
             why = "odometry comes from the wheels, and there is no velocity_topic"
         elif Condition.STANDS in conditions:
             why = "the wheel stands"
-        words.append(f"slip unknown ({why}): no thrust, no drawbar pull")
+        read = ", ".join(e.id for e in settings.effects if {"slip", "speed"} & set(e.needs))
+        also = f", and no sinkage: {read} of the model reads it" if read else ""
+        words.append(f"slip unknown ({why}): no thrust, no drawbar pull{also}")
     if Condition.LAW_UNKNOWN in conditions:
         words.append(
             "no sinkage is measured, and the soil is not named: sinkage and resistance unknown"
         )
     elif Condition.PRIOR_ONLY in conditions:
         words.append(f"soil not measured yet: {settings.prior.soil.name} as configured")
+    if Condition.STRENGTH_OF_PRIOR in conditions:
+        whose = settings.prior.soil.name if settings.soil_told else "any sand"
+        words.append(f"thrust and pull by the strength of {whose}, not measured")
+    if Condition.MARGIN_OF_PRIOR in conditions:
+        words.append("margin of any ground: the drive has hardly told of this one yet")
     if Condition.LOAD_STATIC in conditions:
         load = settings.static_loads[settings.wheels[wheel].name].value
         words.append(f"load not measured: {load:.3g} N as configured")
@@ -154,7 +148,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     modulus, deviation = soil.effective_modulus()
     known = soil.identifiable
     return {
-        "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
+        "status": int(SoilStatus.PRIOR_ONLY if soil.accepted == 0 else SoilStatus.OK),
         "status_text": "; ".join((*soil.status, *soil.remarks)),
         "k": float(soil.k),
         "n": float(soil.n),
@@ -233,4 +227,4 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """Margin on any ground, as believed before the first message; None without a rolling wheel."""
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    return Quantity(*GroundMargin().moments())
+    return Quantity(*unknown_ground(settings.reference_slip))

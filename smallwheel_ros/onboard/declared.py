@@ -27,6 +27,7 @@ from smallwheel_ros.common.node_parameter import (
 from smallwheel_ros.costmap.cost_map import CostSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import SOILS
+from smallwheel_ros.physics.wheel import GRAVITY
 
 LoadSource = Literal["wrench", "joint_states", "static"]
 Sign = Literal[1, -1]
@@ -262,6 +263,10 @@ class DriveParameters:
         (0.02, 0.9),
         "Slip at which margin, steepest slope and cost are worked out.",
     )
+    gravity: float = parameter(
+        GRAVITY, "m/s^2", (0.01, 100.0),
+        "Acceleration of free fall where the vehicle drives: of a lunar test bed, of a simulator.",
+    )  # fmt: skip
     twist: TwistSettings = group(TwistSettings)
     noise: SensorNoise = group(SensorNoise)
     timing: Timing = group(Timing)  # fmt: skip

@@ -27,7 +27,6 @@ from smallwheel_ros.costmap.cost_map import CostMap, CostSettings
 from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Grid, Pose, grid_from
 from smallwheel_ros.drive.ground_map import GroundMapper
 from smallwheel_ros.drive.messages import (
-    Status,
     margin_before_driving,
     mobility_columns,
     soil_fields,
@@ -39,6 +38,7 @@ from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.inputs import angles_of
 from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil

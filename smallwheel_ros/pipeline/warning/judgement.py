@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
-from .margin import AnyGround, GroundMargin, Margins
+from .margin import AnyGround, Margins, unknown_ground
 
 # Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
@@ -52,8 +52,8 @@ class Judgement:
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self.warnings = Warnings(settings.wheels, IMU in settings.streams)
-        self.ground = AnyGround(self.warnings.side)
+        self.warnings = Warnings(settings.wheels, IMU in settings.streams, settings.gravity)
+        self.ground = AnyGround(self.warnings.side, settings.reference_slip, settings.gravity)
         self.warned: Warned | None = None
         self.instants: Instants | None = None
         self.stuck: Flags = np.empty(0, dtype=bool)
@@ -119,7 +119,7 @@ class Judgement:
         if self._wheels_since is None:
             return margins
         wrong = margins.stamp > self._wheels_since
-        mean, deviation = GroundMargin().moments()
+        mean, deviation = unknown_ground(self.settings.reference_slip)
         return replace(
             margins,
             margin=np.where(wrong, mean, margins.margin),
