@@ -24,7 +24,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-MESSAGES = {"WheelSinkage", "SoilEstimate", "MobilityEstimate"}
+MESSAGES = {"WheelSinkage", "SoilEstimate", "MobilityEstimate", "VehicleMobility"}
 
 
 def run(
@@ -163,18 +163,19 @@ class TestInstalledWithRos:
         self, place: str, repository: Path, tmp_path: Path
     ) -> None:
         code = (
-            "from smallwheel_ros.msg import WheelSinkage, SoilEstimate, MobilityEstimate\n"
+            "from smallwheel_ros.msg import WheelSinkage, SoilEstimate, MobilityEstimate, VehicleMobility\n"
             "from smallwheel_ros.bags.types import message_definitions\n"
             "import smallwheel_ros.common.errors\n"
             "m = WheelSinkage(sinkage=0.01, variance=1e-6)\n"
             "m.header.frame_id = 'front_left'\n"
             "assert len(SoilEstimate().covariance) == 9\n"
             "assert MobilityEstimate.STATUS_OK == MobilityEstimate().status == 0\n"
+            "assert VehicleMobility.LEVEL_UNKNOWN == VehicleMobility().level == 0\n"
             "print(len(message_definitions()), m.sinkage)\n"
         )
         cwd = repository if place == "checkout" else tmp_path
         result = run(sys.executable, "-c", code, cwd=cwd)
-        assert (result.returncode, result.stdout) == (0, "3 0.01\n"), result.stderr
+        assert (result.returncode, result.stdout) == (0, "4 0.01\n"), result.stderr
 
     def test_messages_survive_the_wire_format(self) -> None:
         from rclpy.serialization import deserialize_message, serialize_message
