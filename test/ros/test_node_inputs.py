@@ -117,8 +117,8 @@ def test_parameters_are_those_of_the_configuration(
             ("noise.sinkage", -1.0, "noise.sinkage out of range Min: 1e-05"),
             (
                 "noise.sinkage",
-                1,
-                "noise.sinkage is integer 1, expected a double from 1e-05 to 1 m: write 1.0",
+                True,
+                "noise.sinkage is bool True, expected a double from 1e-05 to 1 m",
             ),
             ("wheels", ["rear"], "read-only"),
             ("noise.load", 6.0, "noise.load cannot be set while the node is active: deactivate it"),
