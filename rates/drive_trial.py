@@ -121,7 +121,7 @@ def flags_line(line: Line, soil: SoilEstimate, truth: Mapping[str, tuple[float, 
     modulus, deviation = soil.effective_modulus()
     covariance = soil.log_covariance
     values = {
-        "reference_pressure": (soil.log_reference_pressure, covariance[0, 0]),
+        "reference_pressure": (soil.log_pressure, covariance[0, 0]),
         "n": (soil.n, covariance[1, 1]),
         "m": (soil.m, covariance[2, 2]),
         "effective_modulus": (math.log(modulus), (deviation / modulus) ** 2),

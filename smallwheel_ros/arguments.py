@@ -1,38 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kinds of arguments: what the functions of `import smallwheel_ros` take, and how it is typed as an option.
 
-A function is declared once, in its package: its annotations are kinds of this module, and its docstring has a
-text for each argument. `commands.command` makes the command of that name from both.
+A function is declared once, in its package: its annotations are kinds of this module, or of the `given.py` of
+what it takes (tables, models), and its docstring has a text for each argument. `commands.command` makes the
+command of that name from both.
 """
 
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from numpy.typing import ArrayLike
 
 from smallwheel_ros.common.errors import ArgumentError
-from smallwheel_ros.physics.soil import SOILS, Soil, soil
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from smallwheel_ros.effects.base import Effect
-    from smallwheel_ros.effects.registry import Registry
-    from smallwheel_ros.fitting import Base
-    from smallwheel_ros.measurements.measurements import Measurements, ShearTests
-    from smallwheel_ros.model.model import CalibratedModel, Model
-
-
-class HasModel(Protocol):
-    """A result that has a model: of `fit`, `add` and `diagnose`; None where there was too little for one."""
-
-    @property
-    def model(self) -> "CalibratedModel | None":
-        """With what is known of its uncertainty."""
+from smallwheel_ros.physics.soil import SOILS
 
 
 @dataclass(frozen=True)
@@ -71,7 +55,8 @@ def understand(said: str) -> None:
         print(f"understood: {said}", file=sys.stderr, flush=True)
 
 
-def _names(text: str) -> tuple[str, ...]:
+def names_of(text: str) -> tuple[str, ...]:
+    """The names of a list with commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -88,28 +73,10 @@ def _pairs(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _file_or_name(given: str) -> str | Path:
-    """A model's file; the name as it is where there is no such file."""
-    if not Path(given).is_file():
-        return given
-    if given in soil:
-        understand(f"--model {given} is the file of that name, not the soil of the library")
-    return Path(given)
-
-
 # --- The kinds
 
-_Table: TypeAlias = "Measurements | str | PathLike[str] | pd.DataFrame"
-_Model: TypeAlias = "Model | Soil | Base | HasModel | str | PathLike[str]"
-_Effect: TypeAlias = "Effect | type[Effect] | str"
 _Setting: TypeAlias = float | str | Sequence[float] | ArrayLike
 
-Data = Annotated["_Table", Kind(type=Path, unnamed=True)]
-Settings = Annotated["_Table", Kind("TABLE", type=Path)]
-Tests = Annotated[
-    "_Table | ShearTests | Sequence[_Table | ShearTests]",
-    Kind(type=Path, unnamed=True, several=True),
-]
 Headers = Annotated[
     Mapping[str, str],
     Kind("NAME=HEADER", several=True, read=_pairs, say="load=F3, or with a unit 'load [kN]=F3'."),
@@ -119,19 +86,10 @@ Contact = Annotated[Literal["rolling", "pressed", "plate"], Kind()]
 Size = Annotated[float | str, Kind("FLOAT")]
 Compliance = Annotated[float | str, Kind("M/N")]
 
-AnyModel = Annotated["_Model", Kind("FILE|SOIL", read=_file_or_name)]
-Models = Annotated[
-    "_Model | Iterable[_Model] | Mapping[str, _Model]",
-    Kind("FILE|SOIL", several=True, names=("--model",),
-         read=lambda given: [_file_or_name(one) for one in given]),
-]  # fmt: skip
 SoilName = Annotated[str, Kind(say=", ".join(SOILS))]
 Geometry = Annotated[Literal["contact_integral", "closed_form"], Kind()]
 
-AnyEffect = Annotated["_Effect", Kind(unnamed=True)]
-Effects = Annotated["_Effect | Iterable[_Effect]", Kind("A,B", read=_names)]
-OwnEffects = Annotated["Registry | str | PathLike[str]", Kind("FILE", type=Path)]
-Ids = Annotated[str | Collection[str], Kind("ID,ID", read=_names)]
+Ids = Annotated[str | Collection[str], Kind("ID,ID", read=names_of)]
 EffectId = Annotated[str, Kind("ID")]
 
 Setting = Annotated[_Setting, Kind()]
@@ -161,7 +119,6 @@ Remaps = Annotated[
 Copied = Annotated[Copy, Kind()]
 Hertz = Annotated[float, Kind("HZ", type=float, within=(0.0, 1000.0))]
 
-DataOrSets = Annotated["_Table", Kind("DATA|FOLDER", type=Path, unnamed=True, or_folder=True)]
 OwnLaws = Annotated[str | PathLike[str], Kind("FILE", type=Path)]
 BagOrUrdf = Annotated[str | PathLike[str], Kind("[BAG|URDF]", type=Path, unnamed=True)]
 Urdf = Annotated[str | PathLike[str], Kind("FILE", type=Path)]

@@ -13,7 +13,7 @@ from style import FORCE, INK, PALE, PRESSURE, SHEAR, SOIL
 from smallwheel_ros.physics.contact import contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage
 from smallwheel_ros.physics.soil import effective_modulus, soil
-from smallwheel_ros.physics.stresses import ShearLaw, rim_friction, wheel_forces
+from smallwheel_ros.physics.stresses import ShearLaw, wheel_forces
 
 
 def draw_stresses() -> Figure:
@@ -96,7 +96,7 @@ def draw_shear() -> Figure:
         left.plot(
             1e3 * j, -np.expm1(-j / kappa), dash, label=f"K = {1e3 * kappa:g} mm", color=SHEAR
         )
-    law = ShearLaw(300.0, 0.576, 0.012, 1.3, rim_friction(0.8, slip, 0.0))
+    law = ShearLaw(300.0, 0.576, 0.012, 1.3, 0.8)
     for ratio, dash in ((0.04, "-"), (0.08, "--"), (0.15, "-.")):
         forces = wheel_forces(80.0, 0.25 * ratio, 0.25, 0.1, slip, 1.0, law)
         pull = (forces.thrust - forces.resistance) / 80.0

@@ -4,8 +4,10 @@
 from typing import TYPE_CHECKING
 
 from smallwheel_ros.api.read import read
-from smallwheel_ros.arguments import AnyEffect, AnyModel, Data, Ids, OwnEffects, Seed
+from smallwheel_ros.arguments import Ids, Seed
 from smallwheel_ros.common.errors import ArgumentError, kind_of
+from smallwheel_ros.measurements.given import Data
+from smallwheel_ros.model.given import AnyEffect, AnyModel, OwnEffects
 
 if TYPE_CHECKING:
     from smallwheel_ros.diagnosis.apply import Added

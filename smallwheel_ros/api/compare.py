@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from smallwheel_ros.api.read import read
-from smallwheel_ros.arguments import DataOrSets, Models, OwnEffects, OwnLaws, unheard
+from smallwheel_ros.arguments import OwnLaws, unheard
 from smallwheel_ros.common.errors import ArgumentError
-from smallwheel_ros.model.given import registry_of
+from smallwheel_ros.measurements.given import DataOrSets
+from smallwheel_ros.model.given import Models, OwnEffects, registry_of
 
 if TYPE_CHECKING:
     import pandas as pd

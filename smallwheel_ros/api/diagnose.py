@@ -5,7 +5,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from smallwheel_ros.api.read import read
-from smallwheel_ros.arguments import AnyModel, Data, Ids, Levels, OwnEffects, Seed, unheard
+from smallwheel_ros.arguments import Ids, Levels, Seed, unheard
+from smallwheel_ros.measurements.given import Data
+from smallwheel_ros.model.given import AnyModel, OwnEffects
 
 if TYPE_CHECKING:
     from smallwheel_ros.diagnosis.pipeline import Diagnosis

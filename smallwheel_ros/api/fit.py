@@ -5,9 +5,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.api.read import read_test
-from smallwheel_ros.arguments import AnyModel, Effects, Geometry, Tests
+from smallwheel_ros.arguments import Geometry
 from smallwheel_ros.common.errors import ArgumentError
-from smallwheel_ros.model.given import effects_of, model_of
+from smallwheel_ros.measurements.given import Tests
+from smallwheel_ros.model.given import AnyModel, Effects, effects_of, model_of
 
 if TYPE_CHECKING:
     from smallwheel_ros.fitting import FitResult, Problem

@@ -6,20 +6,11 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from smallwheel_ros.api.read import conditions_of
-from smallwheel_ros.arguments import (
-    AnyModel,
-    Flag,
-    Headers,
-    OtherSetting,
-    OwnEffects,
-    Setting,
-    Settings,
-    Sheets,
-    SoilName,
-)
+from smallwheel_ros.arguments import Flag, Headers, OtherSetting, Setting, Sheets, SoilName
 from smallwheel_ros.common.errors import ArgumentError
+from smallwheel_ros.measurements.given import Settings
 from smallwheel_ros.measurements.typed import check_setting, levels_of
-from smallwheel_ros.model.given import model_of, registry_of
+from smallwheel_ros.model.given import AnyModel, OwnEffects, model_of, registry_of
 
 if TYPE_CHECKING:
     from smallwheel_ros.model.model import CalibratedModel

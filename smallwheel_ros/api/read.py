@@ -6,8 +6,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from smallwheel_ros.arguments import Compliance, Contact, Data, Headers, Sheets, Size
+from smallwheel_ros.arguments import Compliance, Contact, Headers, Sheets, Size
 from smallwheel_ros.common.errors import ArgumentError, kind_of
+from smallwheel_ros.measurements.given import Data
 from smallwheel_ros.measurements.typed import number_of
 
 if TYPE_CHECKING:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +19,7 @@ from smallwheel_ros.common.files import check_targets
 # `--help` of a command needs none of what the command computes and draws with.
 if TYPE_CHECKING:
     from smallwheel_ros.effects.base import Effect
+    from smallwheel_ros.physics.paper import PaperLine
 
 
 def _drawn(result: Any, asked: Options) -> None:
@@ -126,20 +129,40 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
 @click.command()
 @JSON
 def paper(json_file: str | None) -> None:
-    """Compute the numbers that the paper prints, and say which of them reproduce."""
+    """Compute the tables and equations that the paper prints, and say which of them reproduce."""
     from smallwheel_ros.physics.paper import paper_lines
 
     check_targets([json_file])
     lines = paper_lines()
-    marks = {"reproduced": "=", "not reproduced": "x"}
-    said = [
-        f"{marks.get(line.status, '~')} {line.quantity}: printed {line.printed:g} {line.unit}, "
-        f"computed {line.computed:.2f} {line.unit}\n    {line.status}; {line.reading}"
-        for line in lines
-    ]
-    counts = {
-        s: sum(line.status == s for line in lines) for s in dict.fromkeys(x.status for x in lines)
-    }
-    said += ["", ", ".join(f"{n} {s}" for s, n in counts.items())]
+    shown = []
+    for place, of_place in groupby(lines, key=_heading):
+        shown += ["", place, *(f"  {text}" for line in of_place for text in _judged(line))]
+    counts = Counter(line.status for line in lines)
+    shown += ["", ", ".join(f"{n} {_COUNTED.get(status, status)}" for status, n in counts.items())]
     document = {"schema": 1, "lines": [vars(line) for line in lines]}
-    tell(document, "\n".join(said), json_file)
+    tell(document, "\n".join(shown[1:]), json_file)
+
+
+_MARKS = {"reproduced": "=", "taken over": "=", "not reproduced": "x", "follows": ">"}
+_COUNTED = {"follows": "that follow from these", "taken over": "taken over by the library"}
+_EQUATIONS = "Equations for the paper's wheel, written out, and by the library"
+
+
+def _heading(line: PaperLine) -> str:
+    return line.place if line.place.startswith("Table") else _EQUATIONS
+
+
+def _judged(line: PaperLine) -> list[str]:
+    """A line of the paper: printed, computed, and on the next line the verdict and the reading."""
+    unit = "" if line.unit == "1" else f" {line.unit}"
+    mark = _MARKS.get(line.status, "~")
+    if line.status == "taken over":
+        return [f"{mark} {line.quantity}: {line.computed:.6g}{unit}, {line.reading}"]
+    if line.place.startswith("eq."):
+        numbers = f"{line.printed:#.4g}{unit}, library {line.computed:#.4g}{unit}"
+        return [f"{mark} {line.place}, {line.quantity}: {numbers}", f"    {line.reading}"]
+    printed = "" if line.printed is None else f"printed {line.printed:g}{unit}, "
+    return [
+        f"{mark} {line.quantity}: {printed}computed {line.computed:.2f}{unit}",
+        f"    {line.status}; {line.reading}",
+    ]

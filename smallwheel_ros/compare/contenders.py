@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from smallwheel_ros.arguments import Models
 from smallwheel_ros.effects.registry import Registry, effect
 from smallwheel_ros.fitting import Base
 from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import one_diameter, soil_names
-from smallwheel_ros.model.given import list_of, model_of
+from smallwheel_ros.model.given import Models, list_of, model_of
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.conditions import PLATE
 from smallwheel_ros.physics.soil import Soil, soil

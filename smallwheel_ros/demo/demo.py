@@ -24,7 +24,8 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.grid import UNKNOWN
 from smallwheel_ros.demo.pictures import Clip, draw_drive
-from smallwheel_ros.drive.messages import VALID, Status
+from smallwheel_ros.drive.messages import VALID
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.ros import NodeProcess, check_ros, config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from smallwheel_ros.drive.messages import Status
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.views.plots import CYCLE, PALETTE, Panel, decorate
 
 if TYPE_CHECKING:

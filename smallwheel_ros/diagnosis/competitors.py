@@ -42,7 +42,8 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import setting_words
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import cluster, varies
-from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.physics.sinkage import Geometry
 
 Array = NDArray[np.float64]
 Kind = Literal["soil", "instrument", "unknown"]

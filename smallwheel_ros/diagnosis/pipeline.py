@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from smallwheel_ros.arguments import AnyModel, Ids, Levels, OwnEffects, unheard
+from smallwheel_ros.arguments import Ids, Levels, unheard
 from smallwheel_ros.common.result import Result, Writer
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad
@@ -31,7 +31,7 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import base_of
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.typed import limits_of
-from smallwheel_ros.model.given import ids_of, model_of, registry_of
+from smallwheel_ros.model.given import AnyModel, OwnEffects, ids_of, model_of, registry_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,13 +59,13 @@ class Start:
 
 def start_of(
     measurements: Measurements,
-    model: AnyModel | None = None,
+    model: AnyModel | Base | None = None,
     effects: OwnEffects | None = None,
     without: Ids = (),
     can: Levels | None = None,
     seed: int = 0,
 ) -> Start:
-    """The start that users describe, as `diagnose.diagnose` has it. model: also a `Base`."""
+    """The start that users describe, as `api.diagnose` has it. model: also a `Base`."""
     known = registry_of(effects)
     base = Base() if model is None else model
     if not isinstance(base, Base):

@@ -75,6 +75,12 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
     for stream in [name for name in rows if name.endswith("/wheel_speed")]:
         stamps, values, order = rows.pop(stream)
         joint = pipeline.joints[stream]
+        unit = pipeline.units[stream]
+        usable = unit.usable(stamps, values[:, 0], values[:, 1])
+        if not usable.all():
+            text = unit.wrong or "its velocity is far from what its position turns: not yet used"
+            pipeline.note(stream, "velocity_unit", text, int((~usable).sum()))
+            stamps, values, order = stamps[usable], values[usable], order[usable]
         before, left_out = joint.by_positions, joint.left_out
         found, speeds, index = joint.take(stamps, values[:, 0], values[:, 1], values[:, 2] > 0.0)
         if joint.by_positions and not before:

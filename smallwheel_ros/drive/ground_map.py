@@ -14,12 +14,13 @@ from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.mobility.answer import STALE, Condition
+from smallwheel_ros.pipeline.mobility.answer import STALE
+from smallwheel_ros.pipeline.mobility.status import Condition, Status
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW
 
-from .messages import Status, margin_before_driving
+from .messages import margin_before_driving
 
 _SURELY = 2.0  # standard deviations
 # Margin of the snow in which places were found to differ by `AHEAD`. Ice holds 0.08 in all: with as much

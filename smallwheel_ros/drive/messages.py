@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.answer import Condition
+from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.mobility.vehicle import OK, STUCK, UNKNOWN, VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
@@ -22,7 +21,6 @@ from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
 
-STATUS_OK, STATUS_PRIOR_ONLY = 0, 1  # of SoilEstimate.msg
 # Flags of MobilityEstimate.msg, and the quantities that they are about: 0 where they are not known.
 VALID = {
     "load_valid": ("load",),
@@ -45,17 +43,6 @@ _COLUMNS = {
     "energy_per_metre": "energy",
 }
 _WITHOUT_DEVIATION = ("probability_drawbar_pull_positive",)
-
-
-class Status(IntEnum):
-    """The most serious of the conditions that apply; numbered as in MobilityEstimate.msg."""
-
-    OK = 0
-    PRIOR_ONLY = 1
-    SLIP_UNKNOWN = 2
-    REJECTED = 3
-    LOAD_MISSING = 4
-    SUNK_TO_AXLE = 5
 
 
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
@@ -134,13 +121,20 @@ def _in_words(
             why = "odometry comes from the wheels, and there is no velocity_topic"
         elif Condition.STANDS in conditions:
             why = "the wheel stands"
-        words.append(f"slip unknown ({why}): no thrust, no drawbar pull")
+        read = ", ".join(e.id for e in settings.effects if {"slip", "speed"} & set(e.needs))
+        also = f", and no sinkage: {read} of the model reads it" if read else ""
+        words.append(f"slip unknown ({why}): no thrust, no drawbar pull{also}")
     if Condition.LAW_UNKNOWN in conditions:
         words.append(
             "no sinkage is measured, and the soil is not named: sinkage and resistance unknown"
         )
     elif Condition.PRIOR_ONLY in conditions:
         words.append(f"soil not measured yet: {settings.prior.soil.name} as configured")
+    if Condition.STRENGTH_OF_PRIOR in conditions:
+        whose = settings.prior.soil.name if settings.soil_told else "any sand"
+        words.append(f"thrust and pull by the strength of {whose}, not measured")
+    if Condition.MARGIN_OF_PRIOR in conditions:
+        words.append("margin of any ground: the drive has hardly told of this one yet")
     if Condition.LOAD_STATIC in conditions:
         load = settings.static_loads[settings.wheels[wheel].name].value
         words.append(f"load not measured: {load:.3g} N as configured")
@@ -155,7 +149,7 @@ def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
     modulus, deviation = soil.effective_modulus()
     known = soil.identifiable
     return {
-        "status": STATUS_PRIOR_ONLY if soil.accepted == 0 else STATUS_OK,
+        "status": int(SoilStatus.PRIOR_ONLY if soil.accepted == 0 else SoilStatus.OK),
         "status_text": "; ".join((*soil.status, *soil.remarks)),
         "k": float(soil.k),
         "n": float(soil.n),
@@ -237,5 +231,5 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    median, deviation = GroundMargin().lower_half()
+    median, deviation = GroundMargin(settings.reference_slip).lower_half()
     return Quantity(median, math.hypot(deviation, AHEAD))

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.pipeline.mobility.answer import Condition
+from smallwheel_ros.pipeline.mobility.status import Condition
 from smallwheel_ros.pipeline.tables import Estimates
 
 NO_LIMIT = 0.0  # as Nav2 has it: it cannot say stop

@@ -21,9 +21,11 @@ from scipy.special import gammaln, stdtr
 from smallwheel_ros.effects.base import Effect, Parameter
 from smallwheel_ros.effects.instruments import SINKAGE_ZERO_FREEDOM, SINKAGE_ZERO_STD
 from smallwheel_ros.fitting.constants import INSTRUMENT, STUDENT
-from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.model.model import Model
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, k_from_reference
 from smallwheel_ros.physics.traction import ThrustForm
+from smallwheel_ros.physics.wheel import PRESSURE_PEAK, RIM_FRICTION, ROLLING_SHARE
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -91,13 +93,11 @@ STRENGTH_PARAMETERS = {
     "log_shear_displacement": ("ln m", Prior(float(np.log(0.012)), 0.6, -6.2, -2.8)),
     "cohesion": ("Pa", Prior(500.0, 500.0, 0.0, 20e3)),
 }
-# What a wheel does with that strength (`stresses`): eta is 1 in Wong and Reece 1967 and 1.2 to 1.9 on rigs;
-# mu of sand on metal is 0.5 to 0.9 (Potyondy 1961), 0.70 to 0.84 on rigs; the peak moves by 0.2 to 0.4 of the
-# arc in Wong and Reece's wheels and hardly in the pulls of rigs.
+# What a wheel does with that strength.
 WHEEL_PARAMETERS = {
-    "rolling_share": ("1", Prior(1.3, 0.4, 0.0, 4.0)),
-    "rim_friction": ("1", Prior(0.8, 0.12, 0.2, 1.5)),
-    "pressure_peak": ("1", Prior(0.1, 0.2, 0.0, 0.8)),
+    "rolling_share": ("1", Prior(*ROLLING_SHARE, 0.0, 4.0)),
+    "rim_friction": ("1", Prior(*RIM_FRICTION, 0.2, 1.5)),
+    "pressure_peak": ("1", Prior(*PRESSURE_PEAK, 0.0, 0.8)),
 }
 # Where it was not measured.
 USUAL_STRENGTH = {

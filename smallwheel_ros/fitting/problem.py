@@ -35,7 +35,8 @@ from smallwheel_ros.fitting.posterior import pull_may_bend
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.measurements import Measurements
-from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 

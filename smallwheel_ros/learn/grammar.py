@@ -26,6 +26,7 @@ from smallwheel_ros.diagnosis.competitors import independent
 from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.wheel import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,6 @@ SIZES = {"load": "N", "width": "m", "diameter": "m"}  # what every row has, with
 FEWEST_LEVELS = 3  # of a law: two values are a difference between two days
 _FEWEST_FOR_PRODUCTS = 14  # settings from which laws of two drivers are tried
 _QUANTILES = (0.15, 0.25, 0.35, 0.5, 0.65, 0.75, 0.85)
-_GRAVITY = 9.81  # m/s^2
 _LEVEL = 0.01  # of the range: what differs by less is one level
 _FAR = 0.6  # of the largest value: a range that begins beyond it has its zero far away
 # Variables of a drafted method that are no drivers.
@@ -182,7 +182,7 @@ _COMPOUNDS = (
     Driver("load/(width diameter)", ("load", "width", "diameter"), "pressure",
            "conditions.load / (conditions.width * conditions.diameter)", "Pa", 2.0),
     Driver("speed/sqrt(g diameter)", ("speed",), "froude",
-           f'conditions["speed"] / np.sqrt({_GRAVITY} * conditions.diameter)', "1", 1.5),
+           f'conditions["speed"] / np.sqrt({GRAVITY} * conditions.diameter)', "1", 1.5),
 )  # fmt: skip
 _DEPTH = Driver(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
 

@@ -228,7 +228,7 @@ _POWER = re.compile(r"(?<![A-Za-z])([kcdmµμ]?m|in|ft|s)([23])(?![0-9])")  # kg
 _EXAMPLES = "expected one like mm, N or m/s"
 _NAMED = ("N", "Pa", "J", "W", "Hz")  # SI units with a name: shown by it
 _HINTS = {
-    "kilogram": "; a mass is no force: use kgf, or multiply by 9.81 and write N",
+    "kilogram": "; a mass is no force: use kgf, or multiply by 9.80665 and write N",
     "kilogram / meter / second ** 2": "; a pressure: multiply by the area",
 }
 

@@ -253,10 +253,12 @@ def _measurements(columns: TableColumns) -> Measurements:
     ):
         if listed := ", ".join([clipped(name) for name in own if name in names][:30]):
             columns.understood.append(f"{use}: {listed}")
+    kept, there = int(columns.lines.size), columns.rows_there
+    first = [f"{kept} of {there} rows kept"] if kept < there else []
     return replace(
         data,
         notes=tuple(notes),
-        understood=tuple(columns.understood),
+        understood=(*first, *columns.understood),
         warnings=(*columns.warnings, *_suspicions(data)),
     )
 
@@ -406,6 +408,8 @@ def _suspicions(data: Measurements) -> Iterator[str]:
     odd.append((data.sunk_to_axle, "sinkage is over half the diameter {}, where the wheel is dragged "
                 "across its plane: deeper than any model of a rolling wheel holds"))  # fmt: skip
     depth = z.get("sinkage", np.full(len(data), np.nan))
+    rollers = (c.diameter < c.width) & (c.contact != PLATE)
+    odd.append((rollers, "the diameter is under the width {}: rollers, or the two interchanged?"))
     third = (depth > c.diameter / 3) & (c.contact != PLATE) & ~data.sunk_to_axle
     odd.append((third, "sinkage is over a third of the diameter {}"))
     if "slip" in c:

@@ -41,6 +41,7 @@ from smallwheel_ros.measurements.columns import (
     Texts,
     UnitsError,
     base_unit,
+    is_bookkeeping,
     shown_unit,
     to_base,
 )
@@ -109,6 +110,7 @@ class TableColumns:
     first: str = ""
     found: list[str] = field(default_factory=list)
     faulty: dict[str, Mask] = field(default_factory=dict)  # rows of a column that have a problem
+    rows_there: int = 0  # below the header, measurements or not
 
     def there(self, name: str) -> bool:
         """Whether the table has the column or a value for all rows."""
@@ -180,6 +182,13 @@ class TableColumns:
         for i, message in enumerate(messages):
             self.add(message + ("" if i else hint))
 
+    def leave_out(self, name: str, known: int) -> None:
+        """Go on without a column that nobody needs; its problems, those since so many, are said."""
+        why, self.found = self.found[known], self.found[:known]
+        self.warnings.append(f"column '{clipped(name)}' is left out, and not needed: {why}")
+        for kept in (self.headings, self.cells, self.numbers, self.units, self.texts, self.faulty):
+            kept.pop(name, None)
+
     def count(self, rows: Mask, what: str) -> str:
         """How many rows these are, what is reported of them, and where the first is."""
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
@@ -216,6 +225,7 @@ def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     except MeasurementsError as error:
         raise MeasurementsError(f"{grid.source}: {error}") from None
     columns = TableColumns(grid.source, grid.place, layout.numbers, layout.header_line, grid.sha256)
+    columns.rows_there = int(layout.numbers.size)
     named = _headings(layout, mapping, columns)
     _begin(columns, layout)
     parsed = _numbers(layout, named, grid.comma)
@@ -247,10 +257,19 @@ def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     for position, heading in named.items():
         columns.headings[heading.name] = heading
         columns.cells[heading.name] = layout.columns[position]
+    asked = {plain(theirs) for theirs in mapping.values()}
     for position, heading in named.items():
+        known = len(columns.found)
         _take(columns, heading, parsed.get(position))
+        if len(columns.found) > known and _is_nobodys(heading) and plain(heading.text) not in asked:
+            columns.leave_out(heading.name, known)
     _say(columns, parsed.values())
     return columns
+
+
+def _is_nobodys(heading: Heading) -> bool:
+    """Whether a column is of no quantity that is known here."""
+    return heading.rank == UNKNOWN and heading.name not in {*COLUMNS, *TEXTS}
 
 
 def _begin(columns: TableColumns, layout: Layout) -> None:
@@ -411,6 +430,8 @@ def _take_numbers(
     values = heading.factor * values
     if unit is not None:
         values = to_base(values, unit, expected)
+    if spec is OTHER and is_bookkeeping(name) and np.nanmax(np.abs(values)) > spec.high:
+        values = values - np.nanmin(values)  # ns since 1970: what tells the order is left
     early = name in BEFORE_TOUCH
     rows = np.isfinite(parsed.values) & ~(early & (values < spec.low))
     check_range(columns, name, spec, values, rows)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
-from smallwheel_ros.arguments import AnyModel, Effects, Ids, OwnEffects
+from smallwheel_ros.arguments import Ids, Kind, names_of, understand
 from smallwheel_ros.common.errors import ArgumentError, kind_of, nearest
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import Registry, default_registry
@@ -15,8 +16,39 @@ from smallwheel_ros.physics.soil import Soil, soil
 
 # A table can be read, and `--help` shown, without models.
 if TYPE_CHECKING:
-    from smallwheel_ros.model.model import CalibratedModel
+    from smallwheel_ros.model.model import CalibratedModel, Model
     from smallwheel_ros.physics.conditions import Conditions
+
+
+class HasModel(Protocol):
+    """A result that has a model: of `fit`, `add` and `diagnose`; None where there was too little for one."""
+
+    @property
+    def model(self) -> CalibratedModel | None:
+        """With what is known of its uncertainty."""
+
+
+def _file_or_name(given: str) -> str | Path:
+    """A model's file; the name as it is where there is no such file."""
+    if not Path(given).is_file():
+        return given
+    if given in soil:
+        understand(f"--model {given} is the file of that name, not the soil of the library")
+    return Path(given)
+
+
+_Model: TypeAlias = "Model | Soil | HasModel | str | PathLike[str]"
+_Effect: TypeAlias = "Effect | type[Effect] | str"
+
+AnyModel = Annotated["_Model", Kind("FILE|SOIL", read=_file_or_name)]
+Models = Annotated[
+    "_Model | Iterable[_Model] | Mapping[str, _Model]",
+    Kind("FILE|SOIL", several=True, names=("--model",),
+         read=lambda given: [_file_or_name(one) for one in given]),
+]  # fmt: skip
+AnyEffect = Annotated["_Effect", Kind(unnamed=True)]
+Effects = Annotated["_Effect | Iterable[_Effect]", Kind("A,B", read=names_of)]
+OwnEffects = Annotated["Registry | str | PathLike[str]", Kind("FILE", type=Path)]
 
 
 def registry_of(own: OwnEffects | None) -> Registry:

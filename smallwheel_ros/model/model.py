@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from smallwheel_ros.model.stages import LoadedRows, Stages, guarded
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import AXLE_RATIO, contact_sinkage
 from smallwheel_ros.physics.sinkage import (
+    Geometry,
     closed_form_sinkage,
     compaction_resistance,
     layered_work,
@@ -41,7 +42,6 @@ from smallwheel_ros.physics.traction import (
 )
 
 Array = NDArray[np.float64]
-Geometry = Literal["contact_integral", "closed_form"]
 _DEEPEST_PLATE = 3.0  # of its diameter: no plate is pressed deeper
 # Place of the largest pressure, of the entry angle: c1 + c2 i, as quoted for sands (Wong and Reece 1967;
 # 0.2 to 0.4 and 0.2 to 0.4, not read in the original).
@@ -425,7 +425,7 @@ def _forces(
             *at, state.exponent,
             ShearLaw(
                 state.cohesion, state.friction_angle, soil["shear_displacement"],
-                soil["rolling_share"], rim_friction(soil["rim_friction"], slip, lugs),
+                soil["rolling_share"], rim_friction(soil["rim_friction"], lugs),
             ),
             lug_height=lugs,
             peak=soil["pressure_peak"] * np.maximum(slip, 0.0),

@@ -24,7 +24,8 @@ from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.model.derived import derived_numbers
 from smallwheel_ros.model.measured import ForceLaw, Measured, RunScatter, Tied
-from smallwheel_ros.model.model import CalibratedModel, Geometry, Model
+from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
 from smallwheel_ros.physics.traction import ThrustForm
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, SOIL_NUMBERS, Soil
 
 Array = NDArray[np.float64]
@@ -26,7 +27,11 @@ _LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 
 
 def neighbours(
-    laws: Array, conditions: Conditions, effects: Sequence[Effect], shear: Shear = ()
+    laws: Array,
+    conditions: Conditions,
+    effects: Sequence[Effect],
+    shear: Shear = (),
+    geometry: Geometry = "contact_integral",
 ) -> Prediction:
     """What `model.predict` says of wheels in soils, and beside each of the law and load for `slopes`.
 
@@ -46,7 +51,7 @@ def neighbours(
     soil = {name: np.full(len(rows), getattr(own, name)) for name in SOIL_NUMBERS} | law
     nine = conditions.take(np.tile(np.arange(len(conditions)), 9))
     nine = replace(nine, load=np.exp(log_load))
-    return predict(Model([own], effects=effects), nine, with_forces=False, soil=soil)
+    return predict(Model([own], geometry, effects), nine, with_forces=False, soil=soil)
 
 
 def slopes(column: Array) -> Array:

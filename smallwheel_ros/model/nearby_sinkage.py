@@ -17,8 +17,8 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.contact import ContactSinkage, contact_sinkage
-from smallwheel_ros.physics.sinkage import loads_by_depth
+from smallwheel_ros.physics.contact import ContactSinkage
+from smallwheel_ros.physics.sinkage import CONTACT_RULES, Geometry, loads_by_depth
 from smallwheel_ros.physics.soil import Soil
 
 Array = NDArray[np.float64]
@@ -30,14 +30,22 @@ class NearbySinkage:
     conditions: rolling rows. Raises what `model.predict` raises.
     """
 
-    def __init__(self, soil: Soil, effects: Sequence[Effect], conditions: Conditions) -> None:
+    def __init__(
+        self,
+        soil: Soil,
+        effects: Sequence[Effect],
+        conditions: Conditions,
+        geometry: Geometry = "contact_integral",
+    ) -> None:
         self._soil, self._effects, self._conditions = soil, tuple(effects), conditions
+        self._geometry = geometry
         self._stages = Stages(self._effects, conditions)
         self._at = self._stages.loaded(soil.k, soil.n, soil.m)
         self._solved: ContactSinkage | None = None
         if not self._stages.layered:
             load, diameter, modulus, exponent = self._at
-            self._solved = contact_sinkage(load, diameter, conditions.width, modulus, exponent)
+            solve = CONTACT_RULES[geometry].sinkage
+            self._solved = solve(load, diameter, conditions.width, modulus, exponent)
             self._log_z = np.log(self._solved.sinkage)
 
     def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
@@ -50,7 +58,7 @@ class NearbySinkage:
             "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added
         )
         if self._solved is None or turned:  # no slopes for that
-            model = Model(soil, effects=(*self._effects, *added))
+            model = Model(soil, self._geometry, (*self._effects, *added))
             return _log(predict(model, self._conditions).sinkage)
         here = self._at
         more_stages = Stages(added, self._stages.conditions)

@@ -28,6 +28,7 @@ from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.costmap.terrain import REFERENCE_SLIP, TerrainSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import SOILS
+from smallwheel_ros.physics.wheel import GRAVITY
 
 LoadSource = Literal["wrench", "joint_states", "static"]
 Sign = Literal[1, -1]
@@ -260,6 +261,10 @@ class DriveParameters:
         (0.02, 0.9),
         "Slip at which margin, steepest slope and cost are worked out.",
     )
+    gravity: float = parameter(
+        GRAVITY, "m/s^2", (0.01, 100.0),
+        "Acceleration of free fall where the vehicle drives: of a lunar test bed, of a simulator.",
+    )  # fmt: skip
     twist: TwistSettings = group(TwistSettings)
     noise: SensorNoise = group(SensorNoise)
     timing: Timing = group(Timing)  # fmt: skip

@@ -13,10 +13,9 @@ from typing import Any
 from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
-from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import load
 from smallwheel_ros.model.mixture import mixed, rivals_text
-from smallwheel_ros.model.model import CalibratedModel
+from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import read_model
 from smallwheel_ros.onboard.declared import (
     GROUPS,
@@ -29,9 +28,10 @@ from smallwheel_ros.onboard.declared import (
 )
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
+from smallwheel_ros.onboard.strength import any_strength, strength_of
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
-from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
+from smallwheel_ros.physics.wheel import Quantity, Wheel
 
 NODE_NAME = "mobility_estimator"
 _SECTION = "ros__parameters"
@@ -42,8 +42,6 @@ _TAPE = 0.02  # m: both ends of a tape along a vehicle are off by a centimetre
 _FOREIGN = ("use_sim_time", "start_type_description_service")
 # A load that is not measured: uneven ground and turns move it by so much of itself.
 _STATIC_STD = 0.3
-# Of soils of one kind: dry sands and loams have 27 to 34 degrees.
-_COHESION_STD, _FRICTION_ANGLE_STD, _SHEAR_DISPLACEMENT_STD = 400.0, 0.05, 0.005  # Pa, rad, m
 
 
 class ParametersError(SmallwheelError):
@@ -272,28 +270,27 @@ def _onboard(given: Parameters) -> OnboardSettings:
     """What the estimate rests on besides the measurements."""
     of = given.inputs
     wheels = tuple(_wheel(name, own) for name, own in of.items())
-    start, effects, note = _start(given, wheels)
+    calibrated, model, soil, note = _start(given, wheels)
+    told = bool(given.soil.name or given.model_file)
+    strength, measured = strength_of(calibrated, soil) if told else (any_strength(), False)
     rolling = [wheel.name for wheel in wheels if wheel.contact == ROLLING]
     static = _static_loads(given)
     by_topic = bool(given.velocity_topic)
     return OnboardSettings(
         **_fields(given, DriveParameters),
         wheels=wheels,
-        prior=SoilPrior.from_soil(start),
-        strength=Strength(
-            Quantity(start.cohesion, _COHESION_STD),
-            Quantity(start.friction_angle, _FRICTION_ANGLE_STD),
-            Quantity(start.shear_displacement, _SHEAR_DISPLACEMENT_STD),
-        ),
+        prior=SoilPrior.from_soil(soil, model.geometry),
+        strength=strength,
         estimator=_estimator(given, static),
-        effects=effects,
+        effects=model.effects,
         without_sinkage=frozenset(name for name, own in of.items() if not own.sinkage_topic),
         with_drawbar_pull=frozenset(name for name in rolling if of[name].drawbar_pull_topic),
         with_torque=frozenset(name for name in rolling if of[name].torque_per_effort > 0.0),
         with_imu=bool(given.imu_topic),
         static_loads=static,
         velocity="topic" if by_topic else "none" if given.odometry_from_wheels else "odometry",
-        soil_told=bool(given.soil.name or given.model_file),
+        soil_told=told,
+        strength_measured=measured,
         model_note=note,
     )
 
@@ -319,8 +316,11 @@ def _estimator(given: Parameters, static: Mapping[str, Quantity]) -> EstimatorSe
     return EstimatorSettings(told.sinkage_std, told.sinkage_zero_std, scatter, loads_measured=False)
 
 
-def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[Soil, tuple[Effect, ...], str]:
-    """The soil that the estimate starts from and effects, of the model file or of the library; and a note."""
+def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel, Model, Soil, str]:
+    """What was calibrated, the model that the estimate runs with, its soil, and a note.
+
+    Of the model file, or of the library.
+    """
     name, file = given.soil.name, given.model_file
     if not file:
         if given.effects_file:
@@ -328,26 +328,39 @@ def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[Soil, tuple[Effe
                 "parameter effects_file is given without model_file: an effect needs its numbers"
             )
         try:
-            return soil(name or "dry_sand"), (), ""
+            kind = soil(name or "dry_sand")
         except SoilError as error:
             raise ParametersError(f"parameter soil.name: {error}") from None
+        only = Model(kind)
+        return CalibratedModel(only), only, kind, ""
     effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
     calibrated = read_model(Path(file).expanduser(), effects)
     model, note = mixed(calibrated), _model_note(file, calibrated, wheels)
-    if model.geometry != "contact_integral":
-        raise ParametersError(
-            f"{file}: geometry is {model.geometry}, expected contact_integral: the estimate"
-            " on board solves the contact exactly; fit the model again without the closed form"
-        )
+    _refuse_what_cannot_be_honoured(file, model)
     found = {kind.name: kind for kind in model.soils}
     if name is None and len(found) == 1:
-        return model.soils[0], tuple(model.effects), note
+        return calibrated, model, model.soils[0], note
     if name not in found:
         asked = f"has no soil '{name}'" if name else "has several soils"
         raise ParametersError(
             f"{file} {asked}, parameter soil.name says which. {nearest(name or '', list(found))}"
         )
-    return found[name], tuple(model.effects), note
+    return calibrated, model, found[name], note
+
+
+def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
+    """Refuse a law that the robot does not have: it would give other numbers than the bench."""
+    if model.thrust_form != "stress_integral":
+        raise ParametersError(
+            f"{file}: thrust_form is {model.thrust_form}, expected stress_integral: on board pull and"
+            " torque are those of the stresses along the contact; fit the model again without it"
+        )
+    shifts = [effect.id for effect in model.effects if "exponent_shift" in effect.acts]
+    if model.geometry == "closed_form" and shifts:
+        raise ParametersError(
+            f"{file}: geometry is closed_form, which needs n < 3, and effect {shifts[0]} changes n: write"
+            " geometry: contact_integral, and fit the model again"
+        )
 
 
 def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel]) -> str:
@@ -390,6 +403,6 @@ def _static_loads(given: Parameters) -> dict[str, Quantity]:
             f"parameters load_share: {len(told)} of {len(shares)} wheels have one, with a sum of"
             f" {sum(told):g}: give all of them, with a sum of 1, or none"
         )
-    weight = given.vehicle.mass * GRAVITY
+    weight = given.vehicle.mass * given.gravity
     loads = {name: weight * (share or 1.0 / len(shares)) for name, share in shares.items()}
     return {name: Quantity(load, _STATIC_STD * load) for name, load in loads.items()}

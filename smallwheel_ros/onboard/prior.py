@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.physics.sinkage import CONTACT_RULES, ContactRule, Geometry
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 
 Array = NDArray[np.float64]
@@ -59,6 +60,8 @@ class SoilPrior:
         Exponent of sinkage, in (0, 3); 1.
     m, m_std
         Exponent of the wheel's diameter, in -3 .. 3; 1.
+    geometry
+        How load and sinkage belong together: the contact integral, or the closed form (eq. 10).
 
     Raises EstimatorError where a number is outside its domain.
     """
@@ -70,6 +73,7 @@ class SoilPrior:
     log_reference_pressure_std: float
     n_std: float
     m_std: float
+    geometry: Geometry = "contact_integral"
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -90,13 +94,18 @@ class SoilPrior:
         mean = np.array([self.log_reference_pressure, self.n, self.m])
         return mean, np.diag(np.square(deviations))
 
+    @property
+    def contact(self) -> ContactRule:
+        """Sinkage of a wheel under a load, by the geometry."""
+        return CONTACT_RULES[self.geometry]
+
     def log_modulus(self, diameter: float) -> float:
         """Ln of K = k D^m (Pa/m^n) under a wheel of this diameter (m)."""
         across = math.log(diameter / REFERENCE_DIAMETER)
         return self.log_reference_pressure - self.n * math.log(REFERENCE_SINKAGE) + self.m * across
 
     @classmethod
-    def from_soil(cls, soil: Soil) -> SoilPrior:
+    def from_soil(cls, soil: Soil, geometry: Geometry = "contact_integral") -> SoilPrior:
         """Take the vehicle to be on a soil of this kind, not on this very soil.
 
         The deviations are the spread within one kind in the published tables: the three dry sands of
@@ -105,7 +114,7 @@ class SoilPrior:
         0.3 or, near the ends of n's range, half the way to the nearer end.
         """
         n_std = min(0.3, 0.5 * soil.n, 0.5 * (3.0 - soil.n))
-        return cls(soil, soil.log_reference_pressure, soil.n, soil.m, 0.7, n_std, 0.4)
+        return cls(soil, soil.log_reference_pressure, soil.n, soil.m, 0.7, n_std, 0.4, geometry)
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ class OnboardSettings(DriveParameters):
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
     soil_told
         Whether the user has said which soil it is; else it is any.
+    strength_measured
+        Whether the model file's strength was measured: then it is that of this ground from the start.
     model_note
         What to know of the model file, in words: rivals of which it runs with the mean, and wheels that were
         not measured; empty: nothing.
@@ -71,6 +73,7 @@ class OnboardSettings(DriveParameters):
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
     velocity: VelocitySource = "odometry"
     soil_told: bool = True
+    strength_measured: bool = False
     model_note: str = ""
 
     @property

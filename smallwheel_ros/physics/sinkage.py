@@ -3,11 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from smallwheel_ros.physics.contact import (
+    AXLE_RATIO,
+    ContactSinkage,
+    ShapeIntegral,
+    contact_sinkage,
+    shape_integral,
+)
 
 Array = NDArray[np.float64]
 
@@ -35,6 +43,42 @@ def closed_form_sinkage(
     d, k = np.asarray(diameter, dtype=float), np.asarray(modulus, dtype=float)
     base = 3.0 * np.asarray(load, dtype=float) / (np.asarray(width) * (3.0 - n) * k * np.sqrt(d))
     return np.asarray(base ** (2.0 / (2.0 * n + 1.0)))
+
+
+def _closed_form_contact(
+    load: ArrayLike, diameter: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
+) -> ContactSinkage:
+    """`closed_form_sinkage` with its slopes, as `contact_sinkage` gives them."""
+    n = np.asarray(exponent, dtype=float)
+    z = closed_form_sinkage(load, diameter, width, modulus, n)
+    slope = np.broadcast_to(1.0 / (n + 0.5), z.shape)
+    by_exponent = slope * (1.0 / (3.0 - n) - np.log(z))
+    return ContactSinkage(z, z > AXLE_RATIO * np.asarray(diameter), slope, by_exponent)
+
+
+def _closed_form_shape(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
+    """I(n, z/D) as eq. 7 and 10 have it: (3 - n)/3 at every depth."""
+    n, epsilon = np.broadcast_arrays(np.asarray(exponent, float), np.asarray(ratio, float))
+    return ShapeIntegral((3.0 - n) / 3.0, np.zeros(epsilon.shape), -1.0 / (3.0 - n))
+
+
+Geometry = Literal["contact_integral", "closed_form"]
+
+
+class ContactRule(NamedTuple):
+    """How load and sinkage of a rolling wheel belong together.
+
+    sinkage: of load, diameter, width, modulus and exponent. shape: I(n, z/D) of `contact`.
+    """
+
+    sinkage: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], ContactSinkage]
+    shape: Callable[[ArrayLike, ArrayLike], ShapeIntegral]
+
+
+CONTACT_RULES: Mapping[Geometry, ContactRule] = {
+    "contact_integral": ContactRule(contact_sinkage, shape_integral),
+    "closed_form": ContactRule(_closed_form_contact, _closed_form_shape),
+}
 
 
 class ClosedForm(NamedTuple):

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, nearest
-from smallwheel_ros.physics.wheel import Quantity, Strength
+from smallwheel_ros.physics.wheel import (
+    PRESSURE_PEAK,
+    RIM_FRICTION,
+    ROLLING_SHARE,
+    Quantity,
+    Strength,
+)
 
 Array = NDArray[np.float64]
 
@@ -50,9 +56,9 @@ class Soil:
     friction_angle: float = np.radians(30.0)
     shear_displacement: float = 0.015
     source: str = ""
-    rolling_share: float = 1.3
-    rim_friction: float = 0.8
-    pressure_peak: float = 0.1
+    rolling_share: float = ROLLING_SHARE.value
+    rim_friction: float = RIM_FRICTION.value
+    pressure_peak: float = PRESSURE_PEAK.value
 
     def __post_init__(self) -> None:
         rules = (
@@ -116,28 +122,37 @@ def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
 
 
-def usual_strength(soil: Soil) -> Strength:
-    """Strength of a soil of this kind, not of this very soil.
+# Of cohesion, Pa: dry sand has 200 to 2300 in the pulls of nine rigs, 1040 in Wong (2008), 2050 in the paper.
+_COHESION_STD = 700.0
+_COHESION_SHARE = 0.3  # of larger ones: loams and earth in the published tables
+_FRICTION_STD = (
+    0.1  # rad: dry sands and loams in the published tables have 27 to 34 degrees, rigs 21 to 31
+)
+_SHEAR_SHARE = 0.4  # Wong (2008) gives 10 to 25 mm for sand
 
-    Deviations: cohesion 500 Pa and 30 %, friction angle 0.1 rad, shear displacement 40 %. Dry sands
-    and loams in the published tables have 0 to 1.7 kPa and 27 to 34 degrees; Wong 2008 gives 10 to
-    25 mm for sand.
+
+def usual_strength(soil: Soil) -> Strength:
+    """Strength of a soil of this kind under a wheel of any rig, not of this very soil and wheel.
+
+    Centred on the soil's own numbers. Their deviations are the spread of what is published of soils of one
+    kind, and among rigs.
     """
     return Strength(
-        Quantity(soil.cohesion, math.hypot(500.0, 0.3 * soil.cohesion)),
-        Quantity(soil.friction_angle, 0.1),
-        Quantity(soil.shear_displacement, 0.4 * soil.shear_displacement),
+        Quantity(soil.cohesion, math.hypot(_COHESION_STD, _COHESION_SHARE * soil.cohesion)),
+        Quantity(soil.friction_angle, _FRICTION_STD),
+        Quantity(soil.shear_displacement, _SHEAR_SHARE * soil.shear_displacement),
+        ROLLING_SHARE._replace(value=soil.rolling_share),
+        RIM_FRICTION._replace(value=soil.rim_friction),
+        PRESSURE_PEAK._replace(value=soil.pressure_peak),
     )
 
 
 _PAPER = "Meirion-Griffith and Spenko 2011"
 _WONG = f"{_PAPER}, Table 4 (Wong 2008)"
-_NO_STRENGTH = "strength not printed where we could read it: c = 0, phi = 30 deg assumed"
+_TABLES_6_5 = f"{_PAPER}, Table 6; strength Table 5"
 
 
-def _tabled(
-    name: str, k: float, n: float, m: float, source: str, *, c: float = 0.0, phi: float = 30.0
-) -> Soil:
+def _tabled(name: str, k: float, n: float, m: float, source: str, *, c: float, phi: float) -> Soil:
     """A soil as tables print it: k in kN/m^(n+m+2), c in kPa, phi in degrees."""
     return Soil(name, 1e3 * k, n, m, 1e3 * c, float(np.radians(phi)), source=source)
 
@@ -147,12 +162,10 @@ def _tabled(
 SOILS: dict[str, Soil] = {
     soil.name: soil
     for soil in (
-        _tabled(
-            "dry_sand", 1604, 0.80, 0.39, f"{_PAPER}, Table 6; phi Table 5; c = 0 assumed", phi=27.2
-        ),
-        _tabled("calcium_silicate", 17, 0.48, 0.0, f"{_PAPER}, Table 6; {_NO_STRENGTH}"),
-        _tabled("moist_earth", 79, 0.88, -0.49, f"{_PAPER}, Table 6; {_NO_STRENGTH}"),
-        _tabled("dry_sand_bekker", 1783, 0.75, 0.0, f"{_PAPER}, Table 2; c = 0 assumed", phi=27.5),
+        _tabled("dry_sand", 1604, 0.80, 0.39, _TABLES_6_5, c=2.05, phi=27.2),
+        _tabled("calcium_silicate", 17, 0.48, 0.0, _TABLES_6_5, c=3.08, phi=32.2),
+        _tabled("moist_earth", 79, 0.88, -0.49, _TABLES_6_5, c=3.13, phi=34.0),
+        _tabled("dry_sand_bekker", 1783, 0.75, 0.0, f"{_PAPER}, Table 2", c=2.05, phi=27.5),
         _tabled(
             "wong_sandy_loam", 1515, 0.7, 0.0, f"{_WONG}; strength unverified", c=1.72, phi=29.0
         ),

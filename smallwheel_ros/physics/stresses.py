@@ -13,6 +13,7 @@ of lugs of height h:
                    u = V/(R omega): 1 - i driven, 1/(1 + i) skidding      (Wong and Reece 1967: eta = 1)
                    at a slip angle beta also j_y = R u tan(beta) (t1 - t); shear points along (j, j_y)
     shear          tau = mu (c + p tan phi) (1 - exp(-|j|/K)) sign j      (Janosi and Hanamoto 1961)
+                   mu where the rim slides back over the soil, j > 0; 1 where it is dragged, j < 0
     A from         W = b Int (r p cos t + R tau sin t) dt                 linear in A: nothing to solve
     thrust         H = b Int R tau cos t dt
     resistance     B = b Int r p sin t dt
@@ -21,8 +22,9 @@ of lugs of height h:
 
 k is in none of them: the load says how large the pressure is, the sinkage over which arc it acts. What a
 wheel dug or ploughed loose carries like the rest: the arc is that of the whole sinkage. mu is the rim's
-friction over the soil's: under 1 for a bare rim that is driven; 1 between lugs, and where a wheel skids,
-since soil sticks ahead of it and shears on soil.
+friction over the soil's: under 1 for a bare rim that drives soil back; 1 between lugs, and where the rim is
+dragged over the soil, since soil sticks ahead of it and shears on soil. tau is 0 where that changes, so all
+forces are continuous in slip.
 """
 
 from __future__ import annotations
@@ -39,8 +41,8 @@ Array = NDArray[np.float64]
 # Of the lugs' height, where soil shears: between rim and tip. Held: 0 to 1 predict rigs alike.
 LUG_SHARE = 0.5
 DEEPEST = 0.985  # of the radius: there the arc still has an end
-_LOCKED = 0.02  # least R omega / V of a wheel that skids: beyond it shear has reached its limit
-_FASTEST = 0.97  # slip of a driven wheel, likewise
+LOCKED = 0.02  # least R omega / V of a wheel that skids: beyond it shear has reached its limit
+FASTEST = 0.97  # slip of a driven wheel, likewise
 
 
 def _squared(nodes: int) -> tuple[Array, Array]:
@@ -61,7 +63,7 @@ class ShearLaw(NamedTuple):
     """What shear needs of soil and rim, numbers or arrays of shape (rows,).
 
     cohesion: c, Pa. friction_angle: phi, rad. shear_displacement: K, m. rolling_share: eta, 1.
-    rim_friction: mu of each row, 1 (`rim_friction`).
+    rim_friction: mu where the rim slides back over the soil, 1 (`rim_friction`).
     """
 
     cohesion: ArrayLike
@@ -80,16 +82,15 @@ class WheelForces(NamedTuple):
     load: Array
 
 
-def rim_friction(bare: ArrayLike, slip: ArrayLike, lug_height: ArrayLike) -> Array:
-    """mu of each row: `bare` where a rim without lugs is driven, else 1."""
-    slides = (np.asarray(lug_height) <= 0.0) & (np.asarray(slip) >= 0.0)
-    return np.asarray(np.where(slides, bare, 1.0))
+def rim_friction(bare: ArrayLike, lug_height: ArrayLike) -> Array:
+    """mu of each row: `bare` of a rim without lugs, else 1."""
+    return np.asarray(np.where(np.asarray(lug_height) <= 0.0, bare, 1.0))
 
 
 def speed_ratio(slip: ArrayLike) -> Array:
     """u = V/(R omega) of a slip, -1 .. 1; short of a wheel that stands or spins on the spot."""
     i = np.asarray(slip, dtype=float)
-    driven, skids = 1.0 - np.minimum(i, _FASTEST), 1.0 / np.maximum(1.0 + i, _LOCKED)
+    driven, skids = 1.0 - np.minimum(i, FASTEST), 1.0 / np.maximum(1.0 + i, LOCKED)
     return np.asarray(np.where(i >= 0.0, driven, skids))
 
 
@@ -130,20 +131,54 @@ def wheel_forces(
     return WheelForces(*(values.reshape(shape) for values in found))
 
 
-def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array:
-    load, sinkage, diameter, width, slip, n, height, angle, peak, *of_shear, pressure = rows
-    c, phi, modulus, eta, mu = of_shear
-    r = 0.5 * diameter
-    big = r + LUG_SHARE * height
-    deep = np.clip(sinkage / r, 1e-6, DEEPEST)
-    entry = np.arccos(1.0 - deep)
-    u = speed_ratio(slip)
-    cohesion, grip = mu * c, mu * np.tan(phi)
+class Arc(NamedTuple):
+    """Nodes along the contact of each row, (nodes, rows); angles from the lowest point.
 
-    share = 1.0 - u - eta
+    weight: rad, of a sum over the arc. sine, cosine: of the node's angle. pressure: over its largest value.
+    rolled, slid: by rolling and by slip; eta and 1 - u times them add up to j/R. displacement: j/K. friction:
+    mu there. by_peak: slope of the pressure by `peak`; None: no row has one.
+    """
+
+    weight: Array
+    sine: Array
+    cosine: Array
+    pressure: Array
+    rolled: Array
+    slid: Array
+    displacement: Array
+    friction: Array
+    by_peak: Array | None = None
+
+    def around(self, *stresses: Array) -> Array:
+        """Sums over the arc of each stress: what points up, forward, and around, (stresses, 3, rows)."""
+        whole = self.weight * np.stack(stresses)
+        up, forward = (np.einsum("knr,nr->kr", whole, part) for part in (self.sine, self.cosine))
+        return np.stack([up, forward, whole.sum(axis=1)], axis=1)
+
+
+class ArcRows(NamedTuple):
+    """What an arc needs of each row, (rows,), SI units; see `wheel_forces`."""
+
+    sinkage: Array
+    diameter: Array
+    slip: Array
+    exponent: Array
+    shear_displacement: Array
+    rolling_share: Array
+    rim_friction: Array
+    peak: Array
+    sheared_radius: Array  # R
+
+
+def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc:
+    """Nodes of the contact. factor: multiplies the pressure, by the depth (m), shape (nodes, rows)."""
+    r, u = 0.5 * rows.diameter, speed_ratio(rows.slip)
+    deep = np.clip(rows.sinkage / r, 1e-6, DEEPEST)
+    entry = np.arccos(1.0 - deep)
     # Nodes on either side of a kink: of the pressure at its peak, of the shear where its sign changes.
-    top = peak * entry
-    kink = np.where(top > 0.0, top, _unsheared(entry, eta, share))
+    top = rows.peak * entry
+    share = 1.0 - u - rows.rolling_share
+    kink = np.where(top > 0.0, top, _unsheared(entry, rows.rolling_share, share))
     split = np.any(kink)
     kink = np.maximum(kink, 1e-6 * entry) if split else kink
     place, weight = _FROM_ENTRY
@@ -153,37 +188,57 @@ def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array
         place, weight = _FROM_BOTTOM
         t = np.concatenate([t, kink * place[:, None]])
         w = np.concatenate([w, kink * weight[:, None]])
-    sin, cos = np.sin(t), np.cos(t)
-    rim = np.sin(entry) - sin
-    j = (big / modulus) * (eta * (entry - t) + share * rim)
+    sine, cosine = np.sin(t), np.cos(t)
+    slid = np.sin(entry) - sine
+    rolled = entry - t - slid
+    j = (rows.sheared_radius / rows.shear_displacement) * (
+        rows.rolling_share * rolled + (1.0 - u) * slid
+    )
+    under = cosine  # where on the rim the same pressure is found as here
+    peaked = bool(np.any(rows.peak))
+    if peaked:
+        beyond = np.where(top > 0.0, entry - ahead * place[:, None], t[-place.size :])
+        under = np.concatenate([cosine[: -place.size], np.cos(beyond)])
+    depth = np.maximum(under - (1.0 - deep), 1e-300)
+    pressure = np.exp(rows.exponent * np.log(depth / deep))
+    if factor is not None:
+        pressure = pressure * factor(r * depth)
+    friction = np.where(j > 0.0, rows.rim_friction, 1.0)
+    by_peak = None
+    if peaked:
+        # At an angle behind the peak the pressure is that of an angle which moves by t t1/t_m^2 with t_m.
+        by_peak, last = np.zeros_like(pressure), slice(-place.size, None)
+        fall = -rows.exponent * pressure[last] * np.sin(beyond) / depth[last]
+        moves = place[:, None] * entry / np.where(top > 0.0, top, 1.0) * entry
+        by_peak[last] = np.where(top > 0.0, fall * moves, 0.0)
+    return Arc(w, sine, cosine, pressure, rolled, slid, j, friction, by_peak)
+
+
+def _forces(rows: list[Array], factor: Callable[[Array], Array] | None) -> Array:
+    load, sinkage, diameter, width, slip, n, height, angle, peak, *of_shear, pressure = rows
+    c, phi, modulus, eta, mu = of_shear
+    r = 0.5 * diameter
+    big = r + LUG_SHARE * height
+    arc = arc_of(ArcRows(sinkage, diameter, slip, n, modulus, eta, mu, peak, big), factor)
+    j, f = arc.displacement, arc.pressure
     if np.any(angle):
-        across = (big / modulus) * u * np.tan(np.clip(angle, -1.5, 1.5)) * (entry - t)
-        length = np.hypot(j, across) + 1e-300
+        turned = np.tan(np.clip(angle, -1.5, 1.5)) * (arc.rolled + arc.slid)
+        length = np.hypot(j, (big / modulus) * speed_ratio(slip) * turned) + 1e-300
         called = -np.expm1(-length) * j / length
     else:
-        called = np.sign(j) * -np.expm1(-np.abs(j))
-    under = cos  # where on the rim the same pressure is found as here
-    if np.any(peak):
-        behind = np.where(top > 0.0, entry - ahead * place[:, None], t[-place.size :])
-        under = np.concatenate([cos[: -place.size], np.cos(behind)])
-    depth = np.maximum(under - (1.0 - deep), 1e-300)
-    f = np.exp(n * np.log(depth / deep))
-    if factor is not None:
-        f = f * factor(r * depth)
-
-    def total(values: Array) -> Array:
-        return np.asarray(np.einsum("nr,nr->r", w, values))
-
-    rubbed = f * called
-    lift, cohesive = r * total(f * cos) + big * grip * total(rubbed * sin), total(called * sin)
+        called = np.copysign(-np.expm1(-np.abs(j)), j)
+    called = arc.friction * called
+    (back, up, _), (held_up, held_on, held), rubs = arc.around(f, called, f * called)
+    rubbed_up, rubbed_on, rubbed = rubs
+    grip = np.tan(phi)
     # Shear that points down leaves little of it only where no wheel is: sunk to the axle and skidding.
-    lift = np.maximum(lift, 1e-3 * r * total(f))
-    balanced = np.maximum(load / width - cohesion * big * cohesive, 0.0) / lift
+    lift = np.maximum(r * up + big * grip * rubbed_up, 1e-3 * r * up)
+    balanced = np.maximum(load / width - c * big * held_up, 0.0) / lift
     p = np.where(np.isnan(pressure), balanced, pressure)
-    thrust = width * big * (cohesion * total(called * cos) + p * grip * total(rubbed * cos))
-    resistance = width * r * p * total(f * sin)
-    torque = width * big**2 * (cohesion * total(called) + p * grip * total(rubbed))
-    return np.stack([thrust, resistance, torque, width * (p * lift + cohesion * big * cohesive)])
+    thrust = width * big * (c * held_on + p * grip * rubbed_on)
+    resistance = width * r * p * back
+    torque = width * big**2 * (c * held + p * grip * rubbed)
+    return np.stack([thrust, resistance, torque, width * (p * lift + c * big * held_up)])
 
 
 def _unsheared(entry: Array, eta: Array, share: Array) -> Array:
@@ -225,7 +280,7 @@ def closed_form_forces(
 ) -> tuple[float, float]:  # fmt: skip
     """Drawbar pull W tan(delta - kappa t1) and torque W R sin(delta)/cos(delta - kappa t1).
 
-    tan(delta) = mu (tan phi + c b r t1/W) m, with m the mean of 1 - exp(-|j|/K) at kappa -+ sigma of the
+    tan(delta) = (tan phi + c b r t1/W) m, with m the mean of mu (1 - exp(-|j|/K)) at kappa -+ sigma of the
     arc: all of the pressure acts at its mean place. A check by hand, and quick enough for planners: of a
     driven wheel to 0.004 of the load in the mean, of one that skids to 0.05. tangent: of phi.
     """
@@ -233,110 +288,14 @@ def closed_form_forces(
     big = r + LUG_SHARE * lug_height
     deep = min(max(sinkage / r, 1e-6), DEEPEST)
     entry, sin1 = math.acos(1.0 - deep), math.sqrt(deep * (2.0 - deep))
-    u = 1.0 - min(slip, _FASTEST) if slip >= 0.0 else 1.0 / max(1.0 + slip, _LOCKED)
+    u = 1.0 - min(slip, FASTEST) if slip >= 0.0 else 1.0 / max(1.0 + slip, LOCKED)
     called = 0.0
     for at in (place.mean - place.deviation, place.mean + place.deviation):
         t = entry * min(at, 1.0)
         rim = sin1 - math.sin(t)
         j = big / shear_displacement * (rolling_share * (entry - t - rim) + (1.0 - u) * rim)
-        called += 0.5 * math.copysign(1.0 - math.exp(-abs(j)), j)
-    delta = math.atan(rim_friction * (tangent + cohesion * width * r * entry / load) * called)
+        friction = rim_friction if j > 0.0 else 1.0
+        called += 0.5 * friction * math.copysign(1.0 - math.exp(-abs(j)), j)
+    delta = math.atan((tangent + cohesion * width * r * entry / load) * called)
     turned = delta - place.mean * entry
     return load * math.tan(turned), load * big * math.sin(delta) / math.cos(turned)
-
-
-def _of_arc(nodes: int) -> list[tuple[float, float]]:
-    place, weight = _squared(nodes)
-    return list(zip((1.0 - place).tolist(), weight.tolist(), strict=True))
-
-
-# Where a wheel skids the shear's sign changes within the arc, which takes more nodes.
-_DRIVEN, _SKIDDING = _of_arc(4), _of_arc(6)
-
-
-class PointForces(NamedTuple):
-    """Thrust, resistance (N) and torque (N m); slopes: of each by c, phi, ln K, eta and slip."""
-
-    thrust: float
-    resistance: float
-    torque: float
-    thrust_slopes: tuple[float, ...]
-    resistance_slopes: tuple[float, ...]
-    torque_slopes: tuple[float, ...]
-
-
-def point_forces(
-    load: float, sinkage: float, diameter: float, width: float, slip: float, exponent: float,
-    cohesion: float, friction_angle: float, log_shear: float, rolling_share: float,
-    rim_friction: float = 1.0, lug_height: float = 0.0,
-) -> PointForces:  # fmt: skip
-    """`wheel_forces` of one wheel at one instant, in plain floats and with slopes: for a filter.
-
-    To 3e-4 of the load driven, 7e-3 skidding. log_shear: ln K. cohesion: may go below 0 in an iteration.
-    """
-    r = 0.5 * diameter
-    big, deep = r + LUG_SHARE * lug_height, min(max(sinkage / r, 1e-6), DEEPEST)
-    low = 1.0 - deep
-    entry, sin1 = math.acos(low), math.sqrt(deep * (2.0 - deep))
-    driven = slip >= 0.0
-    u = 1.0 - min(slip, _FASTEST) if driven else 1.0 / max(1.0 + slip, _LOCKED)
-    by_slip = 0.0 if slip > _FASTEST or slip < _LOCKED - 1.0 else -1.0 if driven else -u * u  # of u
-    tangent = math.tan(friction_angle)
-    scale, share = big * math.exp(-log_shear), 1.0 - u
-    up = back = rubbed_up = rubbed_on = rubbed = called_up = called_on = called = 0.0
-    nodes = []
-    for place, weight in _DRIVEN if driven else _SKIDDING:
-        t = entry * place
-        sin = math.sin(t)
-        cos = math.sqrt(1.0 - sin * sin)  # t is under pi/2
-        rim = sin1 - sin
-        roll = entry - t - rim
-        j = scale * (rolling_share * roll + share * rim)
-        rest = math.exp(-abs(j))
-        f = ((cos - low) / deep) ** exponent
-        m = weight * (1.0 - rest) if j >= 0.0 else weight * (rest - 1.0)
-        up += weight * f * cos
-        back += weight * f * sin
-        called_up += m * sin
-        called_on += m * cos
-        called += m
-        m *= f
-        rubbed_up += m * sin
-        rubbed_on += m * cos
-        rubbed += m
-        nodes.append((sin, cos, f, weight * rest, j, roll, rim))
-    c, grip = rim_friction * cohesion, rim_friction * tangent
-    lift = max(r * up + big * grip * rubbed_up, 1e-3 * r * up)
-    area = width * entry
-    p = max(load / area - big * c * called_up, 0.0) / lift
-    lever = area * big
-    thrust = lever * (c * called_on + p * grip * rubbed_on)
-    torque = lever * big * (c * called + p * grip * rubbed)
-    # What a change of shear does: its stress up, forward and around, and the pressure that keeps the balance.
-    by_p = lever * grip * rubbed_on, area * r * back, lever * big * grip * rubbed
-    eased = big / lift if p > 0.0 else 0.0
-    ku = ko = kr = eu = eo = er = su = so = sr = 0.0
-    for sin, cos, f, rest, j, roll, rim in nodes:
-        stress = (c + p * grip * f) * rest
-        x = j * stress
-        ku, ko, kr = ku - x * sin, ko - x * cos, kr - x
-        x = roll * stress
-        eu, eo, er = eu + x * sin, eo + x * cos, er + x
-        x = rim * stress
-        su, so, sr = su + x * sin, so + x * cos, sr + x
-    mu, sec = rim_friction, rim_friction * p * (1.0 + tangent * tangent)
-    changes = (
-        (mu * called_up, mu * called_on, mu * called, 1.0),
-        (sec * rubbed_up, sec * rubbed_on, sec * rubbed, 1.0),
-        (ku, ko, kr, 1.0),
-        (eu, eo, er, scale),
-        (su, so, sr, -scale * by_slip),
-    )
-    return PointForces(
-        thrust,
-        by_p[1] * p,
-        torque,
-        tuple([by * (lever * on - by_p[0] * eased * up_) for up_, on, _, by in changes]),
-        tuple([-by * by_p[1] * eased * up_ for up_, _, _, by in changes]),
-        tuple([by * (lever * big * turn - by_p[2] * eased * up_) for up_, _, turn, by in changes]),
-    )

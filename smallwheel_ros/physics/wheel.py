@@ -4,10 +4,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.physics.conditions import ROLLING
+
+Array = NDArray[np.float64]
 
 GRAVITY = 9.80665  # m/s^2, standard
 _MOVES = 4.0  # standard deviations of a speed: one reading in 16,000 of what stands is beyond them
@@ -38,16 +43,52 @@ class Wheel:
     longitudinal_position: float = 0.0
 
 
+# What a wheel does with the strength of soil (`stresses`), with deviations among rigs. eta is 1 in Wong and
+# Reece 1967 and 1.2 to 1.9 on rigs; mu of sand on metal is 0.5 to 0.9 (Potyondy 1961), 0.70 to 0.84 on rigs;
+# the peak moves by 0.2 to 0.4 of the arc in Wong and Reece's wheels and hardly in the pulls of rigs.
+ROLLING_SHARE, RIM_FRICTION = Quantity(1.3, 0.4), Quantity(0.8, 0.12)
+PRESSURE_PEAK = Quantity(0.1, 0.2)
+_CORRELATED = ("cohesion", "friction_angle", "shear_displacement", "rolling_share", "rim_friction")
+
+
 @dataclass(frozen=True)
 class Strength:
-    """Shear strength of the soil (Mohr-Coulomb, and Janosi-Hanamoto's deformation modulus).
+    """Shear strength of the soil, and what a wheel does with it: the numbers of `stresses`.
 
-    cohesion: Pa. friction_angle: rad. shear_displacement: kappa, m.
+    Attributes
+    ----------
+    cohesion, friction_angle
+        c, Pa, and phi, rad (Mohr and Coulomb).
+    shear_displacement
+        K, m (Janosi and Hanamoto).
+    rolling_share, rim_friction, pressure_peak
+        eta, mu and c2, 1.
+    correlation
+        Of (c, phi, ln K, eta, mu), shape (5, 5); None: of none with another.
     """
 
     cohesion: Quantity
     friction_angle: Quantity
     shear_displacement: Quantity
+    rolling_share: Quantity = ROLLING_SHARE
+    rim_friction: Quantity = RIM_FRICTION
+    pressure_peak: Quantity = PRESSURE_PEAK
+    correlation: Array | None = None
+
+    def wider(self, **by: float) -> Strength:
+        """The same with more deviation of some numbers, in their units, that goes with no other's."""
+        numbers: dict[str, Any] = {}
+        share = np.ones(5)  # of the deviations that correlations are of
+        for name, more in by.items():
+            value, before = getattr(self, name)
+            numbers[name] = Quantity(value, math.hypot(before, more))
+            if name in _CORRELATED and numbers[name].standard_deviation > 0.0:
+                share[_CORRELATED.index(name)] = before / numbers[name].standard_deviation
+        if self.correlation is not None:
+            correlation = self.correlation * np.outer(share, share)
+            np.fill_diagonal(correlation, 1.0)
+            numbers["correlation"] = correlation
+        return replace(self, **numbers)
 
 
 def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quantity | None:

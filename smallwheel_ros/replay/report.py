@@ -206,6 +206,10 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
         ]
     if margin["median"] is not None:
         by = "as on any ground, by slip and what was pulled"
+        if margin["of_prior"]:
+            by = "any ground's: the drive has hardly told of this one"
+        if strength["of_model_file"]:
+            by = "by the strength of the model file"
         if sunk and strength["determined"]:
             by = f"by {', '.join(strength['measured_by'])}"
         std = "" if margin["std"] is None else f" ± {number(margin['std'], 2)}"

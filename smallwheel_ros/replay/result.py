@@ -24,6 +24,7 @@ from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.pipeline.warning.margin import is_prior
 from smallwheel_ros.replay.diagnosis import DriveDiagnosis
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
 from smallwheel_ros.replay.tables import COUNTS, EstimatesTable, SteadyStretches, deviations
@@ -231,11 +232,12 @@ class Replayed(Result, shown="replay.report"):
                 for name, counts in self._wheels().items()
             },
             "soil": self._soil(),
-            "mobility": self.estimates.told(),
+            "mobility": self._mobility(),
             "strength": {
                 "measured_by": sorted(self.pipeline.strength.sources),
                 "determined": self.pipeline.strength.determined,
                 "status": list(self.pipeline.strength.status),
+                "of_model_file": self.pipeline.settings.strength_measured,
             },
             "sensors": list(self.pipeline.findings),
             "filter": self.pipeline.concern,
@@ -268,6 +270,14 @@ class Replayed(Result, shown="replay.report"):
             "files": files_in(folder or self.spec.folder),
         }
         return dict(plain(content))
+
+    def _mobility(self) -> dict[str, Any]:
+        """Slip, margin and risk; whether the margin is that of any ground's prior still."""
+        told: dict[str, Any] = dict(self.estimates.told())
+        settings, spread = self.pipeline.settings, told["margin"]["std"]
+        of_prior = spread is not None and bool(is_prior(spread, settings.reference_slip))
+        told["margin"] = {**told["margin"], "of_prior": of_prior and not settings.strength_measured}
+        return told
 
     def _soil(self) -> dict[str, Any]:
         soil, alarm = self.pipeline.soil, self.pipeline.soil.missing_effect

@@ -26,9 +26,10 @@ import pandas as pd
 
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
-from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID, Status
+from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers, Readings
 from smallwheel_ros.pipeline.twist.twist import Twists

@@ -12,8 +12,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from smallwheel_ros.drive.messages import Status, status_texts
+from smallwheel_ros.drive.messages import status_texts
 from smallwheel_ros.drive.statements import statements
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.strength.words import StrengthEstimate
@@ -21,7 +22,11 @@ from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-_LEVELS = {Status.LOAD_MISSING: WARN, Status.SUNK_TO_AXLE: ERROR}
+_LEVELS = {
+    Status.LOAD_MISSING: WARN,
+    Status.NOTHING_PREDICTED: WARN,
+    Status.SUNK_TO_AXLE: ERROR,
+}
 
 
 def status(

@@ -19,7 +19,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.drive.messages import (
-    Status,
     mobility_columns,
     soil_fields,
     vehicle_columns,
@@ -29,6 +28,7 @@ from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP

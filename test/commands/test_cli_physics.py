@@ -210,7 +210,7 @@ def test_paper(tmp_path: Path) -> None:
     assert "not reproduced" in result.output
     lines = json.loads((tmp_path / "paper.json").read_text())["lines"]
     assert {line["status"] for line in lines} == {
-        "reproduced", "reproduced under an inferred reading", "not reproduced",
+        "reproduced", "reproduced under an inferred reading", "not reproduced", "taken over", "follows",
     }  # fmt: skip
 
 

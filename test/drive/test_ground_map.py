@@ -11,8 +11,7 @@ from rows_of_drives import drive, give, static_rover
 
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
-from smallwheel_ros.drive.messages import Status
-from smallwheel_ros.pipeline.mobility.answer import Condition
+from smallwheel_ros.pipeline.mobility.status import Condition, Status
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.rows.align import widths_of
 from smallwheel_ros.pipeline.tables import Estimates

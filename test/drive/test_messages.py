@@ -11,7 +11,6 @@ from rows_of_drives import START, Row, drive, give, rover, static_rover
 
 from smallwheel_ros.drive.messages import (
     VALID,
-    Status,
     margin_before_driving,
     mobility_columns,
     soil_fields,
@@ -19,6 +18,7 @@ from smallwheel_ros.drive.messages import (
 )
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.rows.align import widths_of

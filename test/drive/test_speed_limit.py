@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.drive.speed_limit import SpeedLimit
-from smallwheel_ros.pipeline.mobility.answer import Condition
+from smallwheel_ros.pipeline.mobility.status import Condition
 
 
 class Rows(SimpleNamespace):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`smallwheel init`: what it finds in a bag or a robot description, and what it leaves to people.
 
-Tests `from_bag.py`, `recorded.py` and `rover.py`.
+Tests `from_bag.py`, `joint_topics.py`, `recorded.py` and `rover.py`.
 """
 
 from __future__ import annotations

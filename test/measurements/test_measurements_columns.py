@@ -17,7 +17,6 @@ from smallwheel_ros.measurements.columns import (
     CHANNEL_UNITS,
     CHANNELS,
     COLUMNS,
-    OTHER,
     SETTINGS,
     is_bookkeeping,
     is_response,
@@ -26,7 +25,7 @@ from smallwheel_ros.measurements.columns import (
 )
 from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.measurements.measurements import MeasurementsError
-from smallwheel_ros.measurements.settings import set_columns
+from smallwheel_ros.measurements.settings import order_columns, set_columns
 
 GOOD = {"load": "60", "diameter": "0.2", "width": "0.1", "sinkage": "0.01", "slip": "0.1"}
 
@@ -62,14 +61,61 @@ def test_each_unit_of_the_table_is_one_that_values_are_held_in(name: str) -> Non
 
 
 @pytest.mark.parametrize("value", ["1e300", "-1e300", "1e13"])
-@pytest.mark.parametrize("name", [*COLUMNS, "temperature"])
+@pytest.mark.parametrize("name", COLUMNS)
 def test_an_absurd_number_is_refused_with_its_place(tmp_path: Path, name: str, value: str) -> None:
     path = write(tmp_path / "a.csv", **{name: value})
     with pytest.raises(MeasurementsError) as caught:
         read_measurements(path)
-    expected = COLUMNS.get(name, OTHER).expected()
-    place = f"{path}, line 3, column '{name}': {name} is {value}, expected {expected}"
+    place = (
+        f"{path}, line 3, column '{name}': {name} is {value}, expected {COLUMNS[name].expected()}"
+    )
     assert str(caught.value).startswith(place)
+
+
+@pytest.mark.parametrize("value", ["1e300", "-1e300", "1e13", "inf"])
+def test_a_column_that_nobody_needs_is_left_out_and_never_refuses(
+    tmp_path: Path, value: str
+) -> None:
+    found = read_measurements(write(tmp_path / "a.csv", temperature=value))
+    assert "temperature" not in found.conditions
+    assert "column 'temperature' is left out, and not needed: line 3" in "; ".join(found.warnings)
+    asked = {"temperature": "temperature"}
+    with pytest.raises(MeasurementsError, match="line 3, column 'temperature'"):
+        read_measurements(tmp_path / "a.csv", map=asked)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e6, 1e9])
+@pytest.mark.parametrize("begin", [0.0, 1_765_274_443.0])
+def test_a_time_in_any_unit_is_the_order_of_the_rows(
+    tmp_path: Path, unit: float, begin: float
+) -> None:
+    rows = [f"{unit * (begin + 7 * i):.0f},{20 + i},0.2,0.1,0.01{i}" for i in range(5)]
+    (tmp_path / "a.csv").write_text("\n".join(["timestamp,load,diameter,width,sinkage", *rows]))
+    found = read_measurements(tmp_path / "a.csv")
+    assert order_columns(found) == ("timestamp",)
+    assert (np.diff(found.conditions["timestamp"]) > 0.0).all()
+
+
+def test_rows_that_were_left_out_are_counted_first(tmp_path: Path) -> None:
+    rows = [
+        f"R{i},{20 + i},0.2,0.1,{0.01 + 0.001 * (k + i):.4f}" for i in range(1, 13) for k in (0, 1)
+    ]
+    lines = []
+    for i in range(0, 24, 2):
+        both = [float(row.split(",")[-1]) for row in rows[i : i + 2]]
+        load = rows[i].split(",")[1]
+        lines += [*rows[i : i + 2], f"mean,{load},0.2,0.1,{sum(both) / 2:.5f}"]
+    (tmp_path / "a.csv").write_text("\n".join(["run,load,diameter,width,sinkage", *lines]))
+    found = read_measurements(tmp_path / "a.csv")
+    assert (len(found), len(found.runs)) == (24, 12)
+    assert found.understood[0] == "24 of 36 rows kept"
+
+
+def test_a_diameter_under_the_width_is_said(tmp_path: Path) -> None:
+    found = read_measurements(write(tmp_path / "a.csv", diameter="0.1", width="0.2"))
+    assert "the diameter is under the width in line 3: rollers, or the two" in "; ".join(
+        found.warnings
+    )
 
 
 @pytest.mark.parametrize("name", ["load", "diameter", "width", "sinkage_std", "resistance_std"])

@@ -96,8 +96,7 @@ def test_marks_that_a_long_file_mixes_are_refused(tmp_path: Path) -> None:
     ):
         read(tmp_path, lines)
     lines = [german([*HEADER, "x"]), *(f"{german(row)};1.234" for row in ROWS)]
-    with pytest.raises(MeasurementsError, match=r"column 'x'.*two ways"):
-        read(tmp_path, lines)
+    assert "two ways" in "; ".join(read(tmp_path, lines).warnings)  # the column is nobody's
 
 
 def test_a_long_file_may_have_marks_of_thousands(tmp_path: Path) -> None:

@@ -406,11 +406,14 @@ class TestModelFile:
         settings_from(self.given(model_file=str(model), effects_file=str(effects)))
         assert proof.read_text() == "x"
 
-    def test_closed_form_and_missing_covariates_are_refused(self, tmp_path: Path) -> None:
+    def test_the_geometry_of_the_file_is_the_robot_s(self, tmp_path: Path) -> None:
         path = tmp_path / "model.yaml"
         write_model(path, CalibratedModel(Model(soil("dry_sand"), geometry="closed_form")))
-        with pytest.raises(ParametersError, match="geometry is closed_form, expected contact_int"):
-            settings_from(self.given(model_file=str(path)))
+        onboard = settings_from(self.given(model_file=str(path))).onboard
+        assert onboard.prior.geometry == "closed_form"
+
+    def test_missing_covariates_are_refused(self, tmp_path: Path) -> None:
+        path = tmp_path / "model.yaml"
         effects = [effect_class("moisture", None)()]
         write_model(path, CalibratedModel(Model(soil("dry_sand"), effects=effects)))
         with pytest.raises(ParametersError, match="effect 'moisture' needs 'moisture'"):

@@ -19,7 +19,6 @@ from smallwheel_ros.physics.stresses import (
     ShearLaw,
     closed_form_forces,
     mean_place,
-    point_forces,
     rim_friction,
     wheel_forces,
 )
@@ -50,7 +49,7 @@ def by_quadrature(
     big, z, b = r + 0.5 * w["lugs"] * w["diameter"], w["deep"] * w["diameter"], w["aspect"] * r
     entry = math.acos(1.0 - z / r)
     u = 1.0 - slip if slip >= 0.0 else 1.0 / (1.0 + slip)
-    c, tangent = w["mu"] * w["cohesion"], w["mu"] * math.tan(w["friction"])
+    c, tangent = w["cohesion"], math.tan(w["friction"])
 
     def displacement(t: float) -> float:
         rim = math.sin(entry) - math.sin(t)
@@ -59,7 +58,8 @@ def by_quadrature(
     def called(t: float) -> float:
         j = displacement(t)
         length = math.hypot(j, big * u * math.tan(beta) * (entry - t))
-        return 0.0 if length == 0.0 else j / length * -math.expm1(-length / w["modulus"])
+        mu = w["mu"] if j > 0.0 else 1.0  # soil sticks ahead of a rim that is dragged
+        return 0.0 if length == 0.0 else mu * j / length * -math.expm1(-length / w["modulus"])
 
     top = peak * entry
 
@@ -129,32 +129,22 @@ def test_skidding_wheels_by_quadrature(w: dict[str, float], slip: float, beta: f
     assert torque == pytest.approx(expected[1], abs=5e-4 * w["load"] * w["diameter"])
 
 
-@settings(max_examples=examples(100), deadline=None)
-@given(w=WHEELS, slip=st.one_of(DRIVEN, SKIDDING))
-def test_one_wheel_in_plain_floats_with_its_slopes(w: dict[str, float], slip: float) -> None:
-    d = w["diameter"]
+@settings(max_examples=examples(60), deadline=None)
+@given(w=WHEELS)
+def test_forces_are_continuous_at_slip_0(w: dict[str, float]) -> None:
+    """A bare rim's mu takes hold as the rim begins to slide: no force jumps where a wheel begins to skid."""
+    before, at, after = (by_nodes(w, slip) for slip in (-1e-7, 0.0, 1e-7))
+    for pull, torque, load in (before, after):
+        assert pull == pytest.approx(at[0], abs=1e-4 * w["load"])
+        assert torque == pytest.approx(at[1], abs=1e-4 * w["load"] * w["diameter"])
+        assert load == pytest.approx(w["load"])
 
-    def at(x: list[float]) -> tuple[float, ...]:
-        return point_forces(  # type: ignore[return-value]
-            w["load"], w["deep"] * d, d, 0.5 * w["aspect"] * d, x[4], w["exponent"], x[0], x[1], x[2], x[3],
-            w["mu"], w["lugs"] * d,
-        )  # fmt: skip
 
-    x = [w["cohesion"], w["friction"], math.log(w["modulus"]), w["rolling"], slip]
-    thrust, resistance, torque, *slopes = at(x)
-    pull, whole, _ = by_nodes(w, slip)
-    near = 3e-3 if slip >= 0.0 else 4e-2  # largest; the mean is a tenth of it
-    assert thrust - resistance == pytest.approx(pull, abs=near * w["load"])
-    assert torque == pytest.approx(whole, abs=near * w["load"] * d)
-    for place in range(5):
-        step = 1e-5 * max(abs(x[place]), 0.1)
-        if place == 4 and abs(slip) <= step:
-            continue  # the step would cross slip 0
-        ends = [at([v + s * step * (i == place) for i, v in enumerate(x)]) for s in (1.0, -1.0)]
-        for force in range(3):
-            numeric = (ends[0][force] - ends[1][force]) / (2.0 * step)
-            scale = abs(numeric) + abs(thrust) + 1e-3 * w["load"]
-            assert slopes[force][place] == pytest.approx(numeric, abs=2e-3 * scale)
+def test_pull_rises_with_slip_through_0() -> None:
+    slip = np.linspace(-0.2, 0.2, 81)
+    found = predict(Model("dry_sand"), Conditions.of(60.0, 0.25, 0.1, slip=slip))
+    assert found.drawbar_pull is not None
+    assert (np.diff(found.drawbar_pull) > 0.0).all()
 
 
 def test_the_closed_form_is_near() -> None:
@@ -214,8 +204,8 @@ def test_a_deeper_rut_costs_what_its_arc_says_and_not_the_power_of_depth() -> No
         assert found.drawbar_pull == pytest.approx(found.thrust - found.rolling_resistance)
 
 
-def test_mu_is_of_bare_rims_that_are_driven() -> None:
-    assert rim_friction(0.8, [0.2, -0.2, 0.2], [0.0, 0.0, 0.01]).tolist() == [0.8, 1.0, 1.0]
+def test_mu_is_of_bare_rims() -> None:
+    assert rim_friction(0.8, [0.0, 0.01]).tolist() == [0.8, 1.0]
 
 
 def test_a_pressed_wheel_pulls_nothing_and_a_blank_slip_is_refused() -> None:

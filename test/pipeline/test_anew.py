@@ -92,7 +92,7 @@ def test_what_millimetres_have_taught_does_not_stay() -> None:
     (found,) = wrong.align.checks.anew
     assert "what the soil has learnt until then is dropped" in wrong.findings[0]
     soil, good = wrong.soil, right.soil
-    assert abs(soil.log_reference_pressure - good.log_reference_pressure) < 0.1
+    assert abs(soil.log_pressure - good.log_pressure) < 0.1
     # The wheel itself has a place in the soil of the others: its sinkage is what they show.
     later = (estimates.stamp > found + 3 * SECOND) & (estimates.wheel == 0)
     assert np.median(estimates.sinkage[later]) == pytest.approx(0.012, rel=0.2)

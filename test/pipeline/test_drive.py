@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from rows_of_drives import SECOND, START, Row, give, rover_of, rows_of, run
 
-from smallwheel_ros.drive.messages import Status
 from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates, Readings
 from smallwheel_ros.simulate import Drive, DriveSettings, simulate_drive
@@ -90,7 +90,7 @@ def test_it_finds_what_is_true(drive: Drive, whole: tuple[Pipeline, Readings, Es
     soil, true = pipeline.soil, drive.stretches[0].soil
     log_pressure = math.log(true.k * 0.01**true.n * 0.2**true.m)
     deviation = math.sqrt(soil.log_covariance[0, 0])
-    assert abs(soil.log_reference_pressure - log_pressure) < 3 * deviation
+    assert abs(soil.log_pressure - log_pressure) < 3 * deviation
     assert deviation < 0.18  # of it 0.05 (n + 1/2) is the scale of the sinkage sensors
     assert abs(soil.n - true.n) < 3 * math.sqrt(soil.covariance[1, 1])
     assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])

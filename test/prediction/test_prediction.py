@@ -329,7 +329,7 @@ def test_a_strength_that_nobody_measured_is_said_and_makes_pull_uncertain() -> N
     known = CalibratedModel(Model(sand), LAW, np.diag([1e-4, 1e-4]))
     table = predict_table(known, ROLLING)
     (note,) = table.notes
-    assert note.startswith("no measurement determines cohesion (800 +- 5")
+    assert note.startswith("no measurement determines cohesion (800 +- 7")
     assert "bare rim's friction over the soil's (0.8 +- 0.12)" in note
     (row,) = table.rows()
     usual = usual_strength(sand)

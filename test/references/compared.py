@@ -20,7 +20,7 @@ import smallwheel_ros as sw
 from smallwheel_ros.lab.lab import LabFit
 from smallwheel_ros.model.model import Model, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
-from smallwheel_ros.physics.paper import paper_lines
+from smallwheel_ros.physics.paper import table_7
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.traction import ThrustForm
 
@@ -169,8 +169,8 @@ def _sheared(reference: Reference) -> Found:
 
 
 def _paper(reference: Reference) -> Found:
-    """Lines of `smallwheel paper` come in the order of the file."""
-    pairs = zip(reference.rows, paper_lines(), strict=True)
+    """Lines of Table 7 in `smallwheel paper` come in the order of the file."""
+    pairs = zip(reference.rows, table_7(), strict=True)
     return {row[0]: (line.computed, None) for row, line in pairs}
 
 

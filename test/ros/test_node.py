@@ -120,7 +120,7 @@ def test_bad_messages_are_named_and_counted_and_the_node_goes_on(
         "s ahead of the clock",
         "s behind the clock",
         "came twice",
-        "/front/sinkage: sinkage is nan, expected a number",
+        "/front/sinkage: sinkage is nan: no reading",
         "/front/sinkage: no usable load within 0.2 s",
         "/mobility_estimator/front/mobility: a subscriber asks for QoS that is not offered, and gets"
         " nothing: ERROR: Volatile publisher and transient local subscription",

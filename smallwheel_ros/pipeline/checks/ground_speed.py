@@ -33,7 +33,6 @@ from smallwheel_ros.onboard.settings import (
     OnboardSettings,
 )
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.intake.buffer import NEVER, Stream
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, steps_of, unknown
@@ -45,7 +44,7 @@ SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL =
 WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
-DOWN = 0.5 * GRAVITY  # more along z than on the steepest slope
+DOWN = 0.5  # of g: more along z than on the steepest slope
 _STEADY = 0.1  # of the rims' speed: what they may change by where speed shows its own spread
 _PLACE = (
     0.05  # m: what one place of a lidar or of cameras is off by, as long as nothing else is learnt
@@ -234,7 +233,7 @@ class GroundSpeed:
             return
         stamps, values = stream.between(self.felt.newest, stream.newest)
         # Gravity is felt; a driver without it in its acceleration may have it in the orientation.
-        felt, told = values[:, 3], GRAVITY * values[:, 6]
+        felt, told = values[:, 3] / self.settings.gravity, values[:, 6]
         along = np.where(np.abs(felt) > DOWN, felt, told)
         up = self._up + np.cumsum(along > DOWN)
         looks_down = self._looks_down + np.cumsum(along < -DOWN)

@@ -22,7 +22,8 @@ SWAP_SURE = 4.0  # standard errors of the mean of two correlations: by chance on
 ZERO_OFF = (
     0.02  # of the radius: on hard ground a sensor without fault shows 0, with the error of its zero
 )
-UNITS = (("kg", 1 / GRAVITY), ("kN", 1e-3), ("lbf", 0.2248))  # N in one, inverted
+# N in one, inverted. A cell that shows kg divides by the standard gravity, wherever it is.
+UNITS = (("kg", 1 / GRAVITY), ("kN", 1e-3), ("lbf", 0.2248))
 SOFTEST, HARDEST = (
     100.0,
     1e8,
@@ -77,7 +78,7 @@ class Weight:
         self.each.extend(x)
         if not len(self.sums) or window.memory.way < SIGN_WAY:
             return []
-        ratio = float(self.sums.value[0]) / (vehicle.mass * GRAVITY)
+        ratio = float(self.sums.value[0]) / (vehicle.mass * vehicle.gravity)
         if abs(ratio - 1.0) < WEIGHT_OFF:
             return []
         middle = self.each.value

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
-from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import Array
 
 from .sums import Run, Said
@@ -192,6 +191,7 @@ class Tilt:
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
+        self._gravity = vehicle.gravity
         self.stands: deque[Array] = deque(maxlen=100)  # heading, ahead, left
         self._open = np.zeros(
             6
@@ -231,7 +231,7 @@ class Tilt:
 
     def _judged(self) -> list[Said]:
         heading, ahead, left = np.array(self.stands).T
-        shown = np.r_[ahead, left] / GRAVITY
+        shown = np.r_[ahead, left] / self._gravity
         c, s, one = np.cos(heading), np.sin(heading), np.ones(len(heading))
         design = np.vstack(
             [np.column_stack([c, s, one, 0 * one]), np.column_stack([-s, c, 0 * one, one])]

@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
-from smallwheel_ros.physics.wheel import GRAVITY
 
 from .sums import Pieces, Run, RunningAgreement, Said, robust
 from .window import AHEAD, MOVES, CheckedWheels, Window
@@ -17,7 +16,7 @@ HELD = 10  # changes of the others
 TURN, TURN_AGREES = 1.5, 0.5  # rad, 1
 ROLL_PIECE, ROLL_PIECES = 1.0, 20  # m, and how many
 ROLL_SCATTER, ROLL_OFF, ROLL_SURE = 0.02, 0.05, 5.0
-LEVEL = 0.05 * GRAVITY  # m/s^2: downhill wheels that brake do skid
+LEVEL = 0.05  # of g: downhill wheels that brake do skid
 
 
 class Mirrored:
@@ -186,7 +185,7 @@ class RollingAll:
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.y, n = vehicle.y, len(vehicle.names)
         self.pieces = Pieces(ROLL_PIECE, 2 * n)
-        self.felt, self.count = 0.0, 0
+        self.felt, self.count, self._level = 0.0, 0, LEVEL * vehicle.gravity
 
     def take(self, window: Window) -> list[Said]:
         """Driven wheels do not skid on the level: less than 1 is no slip, more may be."""
@@ -208,7 +207,11 @@ class RollingAll:
         place = v[:, None] - turned[:, None] * self.y
         forward = np.sign(v)[:, None] * dt[:, None]
         self.pieces.extend(np.abs(v) * dt, np.hstack([forward * m.rim[rows], forward * place]))
-        if len(self.pieces) < ROLL_PIECES or not self.count or abs(self.felt / self.count) >= LEVEL:
+        if (
+            len(self.pieces) < ROLL_PIECES
+            or not self.count
+            or abs(self.felt / self.count) >= self._level
+        ):
             return []
         sums = self.pieces.rows
         ratio = np.median(sums[:, :n] / np.maximum(sums[:, n:], 0.1), axis=1)

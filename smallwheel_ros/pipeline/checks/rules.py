@@ -27,7 +27,7 @@ from typing import Protocol
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
-from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
 
 from .doubts import SHOWS_NO_SLIP, Doubts
@@ -84,8 +84,6 @@ from .rims import (
 from .sums import Said
 from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
-_NEVER = -(1 << 62)
-
 
 class Judge(Protocol):
     """A rule at work: takes the spans one after the other."""
@@ -127,7 +125,7 @@ RULES: tuple[Rule, ...] = (
         "z down",
         "all of the imu",
         "rows that feel gravity down along z less those that feel it up",
-        f"over 0; felt: over {DOWN:.1f} m/s^2",
+        f"over 0; felt: over {DOWN:g} g",
         "no vehicle drives beyond 60 degrees",
         "z of the imu looks down; it is turned over",
         lambda vehicle: ZDown(),
@@ -188,7 +186,7 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "rolling",
-        f"straight, level metres (mean acceleration ahead under {LEVEL / GRAVITY:g} g)",
+        f"straight, level metres (mean acceleration ahead under {LEVEL:g} g)",
         "median of the rims' way over that of the odometry",
         f"under 1 - max({ROLL_OFF:g}, {ROLL_SURE:g} standard errors), {ROLL_PIECES} m",
         "driven wheels do not skid on the level; over 1 it is slip",
@@ -324,7 +322,7 @@ class Checks:
         self.doubted: dict[str, int] = {}
         self.anew: list[int] = []
         self.holds: tuple[Finding, ...] = ()
-        self.done = self._next = _NEVER
+        self.done = self._next = NEVER
         self._rows: dict[str, tuple[Integers, Array]] = {}
         self._said: set[tuple[str, str]] = set()
 
@@ -337,9 +335,9 @@ class Checks:
     def flush(self) -> list[Finding]:
         """Judge what is left: nothing more will come."""
         newest = max(
-            (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=_NEVER
+            (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=NEVER
         )
-        return self._judge(newest + SPAN + 1) if newest > _NEVER else []
+        return self._judge(newest + SPAN + 1) if newest > NEVER else []
 
     def _keep(self, raw: Raw) -> None:
         for name, (stamps, values) in raw.items():

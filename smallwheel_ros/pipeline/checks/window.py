@@ -15,6 +15,7 @@ import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
+from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers
 
 from .ground_speed import Known
@@ -35,7 +36,7 @@ Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values
 class CheckedWheels:
     """The rolling wheels whose rims are measured; arrays have a value for each.
 
-    x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known.
+    x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known. gravity: m/s^2.
     """
 
     names: tuple[str, ...]
@@ -43,6 +44,7 @@ class CheckedWheels:
     y: Array
     radius: Array
     mass: float = 0.0
+    gravity: float = GRAVITY
 
     @classmethod
     def of(cls, settings: OnboardSettings) -> CheckedWheels:
@@ -58,6 +60,7 @@ class CheckedWheels:
             np.array([wheel.lateral_position for wheel in wheels]),
             np.array([0.5 * wheel.diameter for wheel in wheels]),
             settings.mass,
+            settings.gravity,
         )
 
 

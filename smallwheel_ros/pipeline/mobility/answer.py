@@ -10,15 +10,14 @@ asked for; at least 0.5 over the first level of the warning
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from enum import IntFlag
 from statistics import median
 
 import numpy as np
 from scipy.special import chdtri, ndtr
 
+from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.stretches import Loads
@@ -36,8 +35,9 @@ from smallwheel_ros.pipeline.tables import (
 )
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.margin import AHEAD
+from smallwheel_ros.pipeline.warning.margin import AHEAD, is_prior
 
+from .status import Condition, status_of
 from .wheel import Predicted, mobility
 
 STALE = 2 * SECOND  # ns, after which a wheel's margin does not count for the vehicle
@@ -48,35 +48,6 @@ _NEWEST, _FAR = (
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 _GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
-
-
-class Condition(IntFlag):
-    """What applies to a row; a bit each in `Estimates.conditions`."""
-
-    PRIOR_ONLY = 1
-    LAW_UNKNOWN = 2
-    SLIP_UNKNOWN = 4
-    STANDS = 8
-    DOES_NOT_FIT = 16
-    NOT_USED = 32
-    LOAD_MISSING = 64
-    NOTHING_PREDICTED = 128
-    SUNK_TO_AXLE = 256
-    LOAD_STATIC = 512
-    DIGS = 1024
-    WARNED = 2048
-
-
-# Number of MobilityEstimate.msg that each makes, the most serious of which counts.
-STATUS = {
-    Condition.PRIOR_ONLY: 1,
-    Condition.SLIP_UNKNOWN: 2,
-    Condition.DOES_NOT_FIT: 3,
-    Condition.NOT_USED: 3,
-    Condition.LOAD_MISSING: 4,
-    Condition.NOTHING_PREDICTED: 4,
-    Condition.SUNK_TO_AXLE: 5,
-}
 
 
 @dataclass
@@ -126,37 +97,45 @@ def answer(
     if settings.law_unknown:
         can = _without_law(can, measured)
     digging = rolls & (judged.level == 2)
+    slip_unknown = rolls & ~np.isfinite(rows.slip)
+    # Without slip a model whose effects read it has no sinkage: then slip is what is missing.
+    waits = slip_unknown & bool(covariates_of(settings.effects))
     has = {
         Condition.PRIOR_ONLY: ~measured,
         Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
-        Condition.SLIP_UNKNOWN: rolls & ~np.isfinite(rows.slip),
-        Condition.STANDS: rolls & ~np.isfinite(rows.slip) & (np.abs(rows.speed) <= _SLOW),
+        Condition.SLIP_UNKNOWN: slip_unknown,
+        Condition.STANDS: slip_unknown & (np.abs(rows.speed) <= _SLOW),
         Condition.DOES_NOT_FIT: _does_not_fit(state, rows, can, settings),
         Condition.NOT_USED: sensed & ~np.isfinite(rows.sinkage),
         Condition.LOAD_MISSING: ~np.isfinite(loads.load),
         Condition.NOTHING_PREDICTED: np.isfinite(loads.load)
-        & ~can.sunk & ~predicted & (measured | (not settings.law_unknown)),
+        & ~can.sunk & ~predicted & ~waits & (measured | (not settings.law_unknown)),
         Condition.SUNK_TO_AXLE: can.sunk & measured,
         Condition.LOAD_STATIC: static & np.isfinite(loads.load),
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
+    by_now, by_reserve = _determined(strengths, strength_version)
+    margin, margin_std, median, lower_std, by_soil, risk = _margins(
+        state, rows, can, judged, measured, by_reserve, strengths, rolls
+    )
+    has[Condition.MARGIN_OF_PRIOR] = (
+        rolls & ~by_soil & is_prior(margin_std, settings.reference_slip)
+    )
+    has[Condition.STRENGTH_OF_PRIOR] = (
+        np.isfinite(can.drawbar_pull) & (not strengths.measured) & ~by_now
+    )
     conditions = np.zeros(count, dtype=np.int64)
-    status = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-        status = np.maximum(status, np.where(applies, STATUS.get(condition, 0), 0))
-    margin, margin_std, median, lower_std, by_soil, risk = _margins(
-        state, rows, can, judged, measured, strength_version, strengths, rolls
-    )
     numbers = [soils.versions[number].number for number in newest.tolist()]
     known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     known |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
         **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
         sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
-        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows), status=status,
-        conditions=conditions,
+        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows, settings.gravity),
+        status=status_of(conditions), conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),
         margin_median=median, margin_lower_std=lower_std, demand=judged.asked, risk=risk,
@@ -213,16 +192,16 @@ def _does_not_fit(
 
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
-    strength_version: Integers, strengths: Strengths, rolls: Flags,
+    determined: Flags, strengths: Strengths, rolls: Flags,
 ) -> tuple[Array, Array, Array, Array, Flags, Array]:  # fmt: skip
     """Margin of each wheel with its deviation, its median with that of its lower half, whether by soil; risk.
 
-    measured: whether the soil's law is: a margin of the filter is less the resistance by that law.
+    measured: whether the soil's law is, determined: its strength. A margin of the filter is less the
+    resistance by that law. Where a model file has the strength as measured, the margin is the filter's from
+    the start.
     """
-    prior = strengths.reserve.prior_std
-    versions, index = np.unique(strength_version, return_inverse=True)
-    known = [is_determined(strengths.believed[v][1].P, prior) for v in versions.tolist()]
-    by_filter = np.array(known, dtype=bool)[index] & measured & np.isfinite(can.margin)
+    by_filter = determined & measured
+    by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
     margin, deviation, median, lower = (
         np.where(rolls, np.where(by_filter, ours, of_any), np.nan)
@@ -247,7 +226,19 @@ def _margins(
     return margin, deviation, median, lower, by_filter & rolls, risk
 
 
-def _tilt(state: AnswerState, rows: Readings) -> Array:
+def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
+    """Whether the strength of rows is: by the filter of the present pull, and by that of the reserve."""
+    kinds, index = np.unique(versions, return_inverse=True)
+    believed = zip(*(strengths.believed[version] for version in kinds.tolist()), strict=True)
+    spreads = [np.array([one.P for one in column]) for column in believed]
+    now, reserve = (
+        is_determined(P, one.prior_std)[index]
+        for P, one in zip(spreads, (strengths.now, strengths.reserve), strict=True)
+    )
+    return now, reserve
+
+
+def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:
     """Tangent of the steepest slope, whichever way the vehicle looks, by means over 2 s; 0 without any."""
     known = np.isfinite(rows.slope + rows.across)
     stamp, ahead, aside = state.slopes
@@ -263,7 +254,7 @@ def _tilt(state: AnswerState, rows: Readings) -> Array:
     first = np.maximum(np.searchsorted(stamp, rows.stamp - STALE), lost + 1)
     count = np.maximum(last + 1 - first, 1)
     ahead, aside = ((total[last + 1] - total[first]) / count for total in sums)
-    sine = np.minimum(np.hypot(ahead, aside) / GRAVITY, _STEEPEST)
+    sine = np.minimum(np.hypot(ahead, aside) / gravity, _STEEPEST)
     begin = int(first[-1])
     state.slopes = stamp[begin:], np.diff(sums[0])[begin:], np.diff(sums[1])[begin:]
     return np.where(known, sine / np.sqrt(1.0 - sine * sine), 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.physics.wheel import GRAVITY, Quantity
+from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.tables import (
     SECOND,
@@ -29,7 +29,7 @@ from smallwheel_ros.pipeline.tables import (
 )
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.margin import GroundMargin
+from smallwheel_ros.pipeline.warning.margin import unknown_ground
 
 from .answer import STALE
 
@@ -100,7 +100,7 @@ class VehicleState:
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self._prior = GroundMargin().moments()[1] ** 2
+        self._prior = unknown_ground(settings.reference_slip)[1] ** 2
         self._wheels = none_of(
             Estimates
         )  # of the last seconds: an instant may be before the newest
@@ -182,7 +182,7 @@ class VehicleState:
         margin, margin_std = wheels.margin
         information = np.clip(1.0 - margin_std**2 / self._prior, 0.0, 1.0)
         source = np.where(information > _SURE, MEASURED, ANY_GROUND)
-        ahead, across, asked = _felt(stamps, felt, instants.stamp)
+        ahead, across, asked = _felt(stamps, felt, instants.stamp, self.settings.gravity)
         return VehicleEstimates(
             stamp=instants.stamp, level=level, slip_warned=warned.slip, speed=instants.speed,
             speed_std=np.where(moving, usual, np.nan), course=np.zeros(count),
@@ -240,7 +240,7 @@ def _median(table: Array) -> Array:
     return found
 
 
-def _felt(stamps: Integers, felt: Array, instants: Integers) -> Array:
+def _felt(stamps: Integers, felt: Array, instants: Integers, gravity: float) -> Array:
     """Slope ahead (nose up), across (left side up), rad, means over 2 s; what is asked for. NaN: unknown."""
     found = np.full((3, instants.size), np.nan)
     end = np.searchsorted(stamps, instants, side="left")
@@ -253,7 +253,7 @@ def _felt(stamps: Integers, felt: Array, instants: Integers) -> Array:
     counts = [np.concatenate([[0], np.cumsum(k)]) for k in known]
     for j in (0, 1):
         number = counts[j][end] - counts[j][begin]
-        total = (sums[j][end] - sums[j][begin]) / np.maximum(number, 1) / GRAVITY
+        total = (sums[j][end] - sums[j][begin]) / np.maximum(number, 1) / gravity
         sine = np.clip(total, -_STEEPEST, _STEEPEST)
         found[j] = np.where(number > 0, np.arcsin(sine), np.nan)
     fresh = end > begin

@@ -11,13 +11,13 @@ softer one would.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.force_slopes import sloped_forces
+from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import local_laws, sinkages
 from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
@@ -58,7 +58,7 @@ def mobility(
         return on_soil(
             wheels, rows.wheel, laws, load, load_std, scatter=settings.estimator.soil_scatter,
             effects=settings.effects, slip=slip, speed=rows.speed,
-            strength=settings.strength if settings.effects else None,
+            strength=settings.strength if settings.effects else None, geometry=settings.prior.geometry,
         )  # fmt: skip
 
     on = at_slip(rows.slip)
@@ -80,14 +80,14 @@ def mobility(
         for name, values in made.items():
             found[name][mine] = values
     other_std = np.sqrt(on.variance(other=1.0, log_load=beyond) + unsure**2)
-    nothing = np.where(on.sunk, np.nan, 1.0)
+    nothing = np.where(on.sunk | np.isnan(on.sinkage), np.nan, 1.0)
     loaded = WheelsUnderLoad(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
         rows.pass_doubt,
     )  # fmt: skip
     sinkage, variance = sinkages(soils.versions, loaded, law)
     measured = np.isfinite(sinkage)
-    sinkage = np.where(measured, sinkage, on.sinkage) * nothing
+    sinkage = np.where(measured, sinkage, on.shown) * nothing
     sinkage_std = np.sqrt(np.where(measured, variance, on.variance(sinkage=1.0))) * nothing
     whole = on.compaction + on.other + beyond
     # Over the load, whose own deviation counts in both.
@@ -112,7 +112,7 @@ def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
     averaged = recent & np.isfinite(mean)
     slip = np.where(averaged, mean, rows.slip)
     known = np.isfinite(rows.slip) & np.isfinite(slip)
-    at = Rolling(at.order, at.on, at.diameter, at.width, np.where(known, slip, 0.0))
+    at = replace(at, slip=np.where(known, slip, 0.0))
     push, pull, rim = now.forces(at)
     own_slip = np.where(averaged, 0.0, (push.by_slip * np.nan_to_num(rows.slip_std)) ** 2)
     noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
@@ -156,13 +156,8 @@ def _margins(
     """Pull over load at the reference slip, which never falls on stiffer ground."""
     slip = np.full(len(on), settings.reference_slip)
     best = _best_sinkage(on, at, reserve, slip)
-    deeper = OnSoil(
-        on.wheel, on.load, np.maximum(on.sinkage, best), on.compaction, on.other, on.covariance, on.own,
-        on.exponent, on.reaching, on.factor, on.sunk,
-    )  # fmt: skip
-    push, pull, _ = reserve.forces(
-        Rolling(at.order, deeper, at.diameter, at.width, slip), exact_slip=True
-    )
+    deeper = replace(on, sinkage=np.maximum(on.sinkage, best))
+    push, pull, _ = reserve.forces(replace(at, on=deeper, slip=slip), exact_slip=True)
     by_law = on.variance(sinkage=pull.by_sinkage, other=-1.0, log_load=pull.by_load - pull.value)
     law = (_FITTED if balanced else _UNFITTED) * on.load
     spread = reserve.spread(push, pull.row) + by_law + law**2
@@ -182,20 +177,22 @@ def _best_sinkage(on: OnSoil, at: Rolling, of: Believed, slip: Array) -> Array:
     cell = WHEELS + 2 * of.cells.shape[-1] + of.cells[rows, at.order]
     keys = np.stack(
         [
-            at.diameter, at.width, np.round(np.log(on.reaching), 1), np.round(on.exponent, 1),
+            on.diameter, at.width, np.round(np.log(on.reaching), 1), np.round(on.exponent, 1),
             np.round(on.factor, 2), of.x[rows, cell], *of.x[:, OF_SOIL].T,
         ]
     )  # fmt: skip
     kinds, index = np.unique(keys, axis=1, return_inverse=True)
     size, many = kinds.shape[1], _DEPTHS.size
-    diameter, width, log_load, exponent, factor, log_grip, c, phi, shear, rolling = np.repeat(
-        kinds, many, axis=1
-    )
+    columns = np.repeat(kinds, many, axis=1)
+    diameter, width, log_load, exponent, factor, log_grip, c, phi, shear, rolls, rim = columns
     depths = np.tile(_DEPTHS, size) * diameter
+    slips, peaks = (np.full(depths.size, value) for value in (slip[0], at.peak))
+    load, grip = np.exp(log_load), np.exp(log_grip)
     made = sloped_forces(
-        np.exp(log_load), depths, diameter, width, np.full(depths.size, slip[0]), exponent, c, phi, shear,
-        rolling, np.exp(log_grip),
-    ).values  # fmt: skip
+        WheelRows(
+            load, depths, diameter, width, slips, exponent, c, phi, shear, rolls, rim, peaks, grip
+        )
+    ).values
     pull = (made[1] + (factor - 1.0) * made[0]).reshape(size, many)
     best: Array = depths.reshape(size, many)[np.arange(size), pull.argmax(axis=1)]
     return np.asarray(best[index.reshape(-1)])

@@ -24,7 +24,7 @@ from smallwheel_ros.onboard.settings import (
     OnboardSettings,
 )
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import GRAVITY, Wheel
+from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.checks.doubts import SHOWS_NO_SLIP, Doubts
 from smallwheel_ros.pipeline.checks.ground_speed import (
     COSINE,
@@ -325,12 +325,13 @@ class Align:
         over = np.maximum(_GAINING, 2 * self._period(stamps))
         before = self.ground.speeds(stamps - over)[:, 0]
         gained = (middle - before) / (over / SECOND)
+        gravity = self.settings.gravity
         if self.settings.with_imu:
             _, ahead, left, above, *up = felt.T
             oriented, rest = ~np.isnan(up[2]), np.nan_to_num(gained)
-            slope = np.where(oriented, GRAVITY * up[0], ahead - rest)
-            across = np.where(oriented, GRAVITY * up[1], left)
-            upright = np.where(oriented, GRAVITY * up[2], above) > _UPRIGHT * GRAVITY
+            slope = np.where(oriented, gravity * up[0], ahead - rest)
+            across = np.where(oriented, gravity * up[1], left)
+            upright = np.where(oriented, gravity * up[2], above) > _UPRIGHT * gravity
             gained = np.where(oriented | np.isnan(ahead), gained, rest)
             slope, across = (np.where(upright, each, np.nan) for each in (slope, across))
             return slope, gained, across
@@ -340,8 +341,8 @@ class Align:
             1:
         ]
         self._pitches = bool(pitches[-1])
-        slope = np.where(pitches, -GRAVITY * np.sin(pitch), np.nan)
-        across = np.where(pitches, GRAVITY * np.cos(pitch) * np.sin(moves[:, ROLL]), np.nan)
+        slope = np.where(pitches, -gravity * np.sin(pitch), np.nan)
+        across = np.where(pitches, gravity * np.cos(pitch) * np.sin(moves[:, ROLL]), np.nan)
         return slope, gained, across
 
     def _static(
@@ -365,8 +366,8 @@ class Align:
             getattr(settings.static_loads.get(n), "standard_deviation", np.nan) for n in names
         ]
         weight = sum(one.value for one in settings.static_loads.values())
-        behind = (np.nan_to_num(slope) + np.nan_to_num(gained)) / GRAVITY
-        right = np.nan_to_num(across) / GRAVITY
+        behind = (np.nan_to_num(slope) + np.nan_to_num(gained)) / settings.gravity
+        right = np.nan_to_num(across) / settings.gravity
         along, aside = (
             _levers(settings.wheels, name)[wheel]
             for name in ("longitudinal_position", "lateral_position")

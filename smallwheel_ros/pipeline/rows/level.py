@@ -21,6 +21,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Integers, Readings
 
 _SLOPE, _LENGTH = 0.15, 40.0  # tangent, m: hills
@@ -33,7 +34,8 @@ _AHEAD = 512  # rows looked through at once
 class Level:
     """Of a vehicle. Give it all rows in their order; `at` then has the zero up to the last of them."""
 
-    def __init__(self) -> None:
+    def __init__(self, gravity: float = GRAVITY) -> None:
+        self._gravity = gravity
         self.kalman = KalmanFilter(dim_x=4, dim_z=2)
         self.kalman.x, self.kalman.P = np.zeros(4), np.diag(np.square(_SPREAD))
         self.kalman.R = _ROW**2 * np.eye(2)
@@ -41,7 +43,7 @@ class Level:
             (0, 5)
         )  # the newest: s, m, heading, ahead, across; from the last one taken on
         self._origin: int | None = None
-        self._stamps, self._zeros = [-(1 << 62)], [(0.0, GRAVITY * _ZERO)]
+        self._stamps, self._zeros = [NEVER], [(0.0, gravity * _ZERO)]
 
     def take(self, rows: Readings) -> None:
         """Go on with rows; those of which slope or heading are not known tell nothing."""
@@ -51,7 +53,8 @@ class Level:
         if not known.any():
             return
         seconds = (rows.stamp - (self._origin or 0)) / SECOND
-        columns = seconds, rows.distance, rows.heading, rows.slope / GRAVITY, rows.across / GRAVITY
+        slopes = rows.slope / self._gravity, rows.across / self._gravity
+        columns = seconds, rows.distance, rows.heading, *slopes
         held = len(self._rows)
         table = np.vstack([self._rows, np.column_stack(columns)[known]])
         stamps = np.concatenate([np.zeros(held, dtype=np.int64), rows.stamp[known]])
@@ -70,7 +73,7 @@ class Level:
             self._use(table[i], since, table[max(taken, i - _NEWEST) + 1 : i + 1, 3:].mean(axis=0))
             self._stamps.append(int(stamps[i]))
             zero = float(self.kalman.x[2]), math.sqrt(max(float(self.kalman.P[2, 2]), 0.0))
-            self._zeros.append((GRAVITY * zero[0], GRAVITY * zero[1]))
+            self._zeros.append((self._gravity * zero[0], self._gravity * zero[1]))
             taken, i = i, i + 1
         rest = np.arange(max(taken + 1, len(table) - _NEWEST), len(table))
         self._rows = table[np.concatenate([[taken], rest])]

@@ -32,7 +32,7 @@ from smallwheel_ros.onboard.prior import (
     covariates_of,
 )
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.rows.motion import ahead_of
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings
@@ -79,7 +79,7 @@ class Soils:
     """Uses stretches for the soil that they are of.
 
     versions: of the law, the newest last. changes: found. accepted, outliers: readings used, and left out of
-    their stretch's mean. mass: kg, of the vehicle; 0: not known.
+    their stretch's mean. mass: kg, of the vehicle; 0: not known. gravity: m/s^2.
     """
 
     def __init__(
@@ -89,10 +89,12 @@ class Soils:
         effects: tuple[Effect, ...],
         wheels: tuple[Wheel, ...],
         mass: float = 0.0,
+        gravity: float = GRAVITY,
     ) -> None:
         covariates_of(effects)  # refuses what cannot be said, before the first message
         self.prior, self.settings, self.effects, self.wheels = prior, settings, effects, wheels
         self.mass = mass if settings.loads_measured else 0.0
+        self.gravity = gravity
         self.length = max(map(length_of, wheels))
         self.changes = self.outliers = self._met = 0
         self.sensors = StuckSensors(len(wheels))
@@ -108,8 +110,8 @@ class Soils:
         self.filter: SoilFilter | None = None
         self.waiting: Stretches | None = None
         self.health = FilterHealth()
-        self.watch = MissingEffectWatch(self.effects, self.wheels, self.length, self.prior.soil)
-        self.weighing = Weighing(len(self.wheels), self.mass)
+        self.watch = MissingEffectWatch(self.effects, self.wheels, self.length, self.prior)
+        self.weighing = Weighing(len(self.wheels), self.mass, self.gravity)
         self.variety = Variety()
         self.accepted = 0
         self._border, self._old, self._number = -math.inf, 0, self._met

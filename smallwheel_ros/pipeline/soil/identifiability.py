@@ -69,10 +69,10 @@ class SoilEstimate:
     ----------
     k, n, m
         The law p = k z^n D^m; k in Pa/m^(n+m).
-    log_reference_pressure
+    log_pressure
         ln of the pressure (Pa) at `reference_sinkage` under a wheel of `reference_diameter`.
     log_covariance
-        Of (log_reference_pressure, n, m), shape (3, 3): the one to compute with.
+        Of (log_pressure, n, m), shape (3, 3): the one to compute with.
     prior_covariance
         `log_covariance` as it was before the first measurement.
     reference_sinkage, reference_diameter
@@ -98,7 +98,7 @@ class SoilEstimate:
     k: float
     n: float
     m: float
-    log_reference_pressure: float
+    log_pressure: float
     log_covariance: Array
     prior_covariance: Array
     reference_sinkage: float
@@ -123,7 +123,7 @@ class SoilEstimate:
     @property
     def reference_pressure(self) -> float:
         """Pa, at `reference_sinkage` under a wheel of `reference_diameter`."""
-        return math.exp(self.log_reference_pressure)
+        return math.exp(self.log_pressure)
 
     @property
     def reference_pressure_std(self) -> float:
@@ -204,12 +204,12 @@ class SoilEstimate:
         Without a diameter, for the reference diameter. The deviation is linearised.
         """
         row = self._log_modulus_row(self.reference_diameter if diameter is None else diameter)
-        modulus = math.exp(row @ (self.log_reference_pressure, self.n, self.m))
+        modulus = math.exp(row @ (self.log_pressure, self.n, self.m))
         variance = float(row @ self.log_covariance @ row)
         return modulus, modulus * math.sqrt(max(variance, 0.0))
 
     def _log_modulus_row(self, diameter: float) -> Array:
-        """Weights of (log_reference_pressure, n, m) in ln(k D^m) of a diameter (m)."""
+        """Weights of (log_pressure, n, m) in ln(k D^m) of a diameter (m)."""
         across = math.log(diameter / self.reference_diameter)
         return np.array([1.0, -math.log(self.reference_sinkage), across])
 

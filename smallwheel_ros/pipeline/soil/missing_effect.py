@@ -31,7 +31,9 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.effects.registry import families
 from smallwheel_ros.model.nearby_sinkage import NearbySinkage
+from smallwheel_ros.onboard.prior import SoilPrior
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.tables import Array
@@ -124,16 +126,17 @@ class _Trial(NamedTuple):
 class MissingEffectWatch:
     """Watches for effects that the model has not.
 
-    effects: of the model. length: m, of a stretch. soil: whose strength and name the laws are tried with.
+    effects: of the model. length: m, of a stretch. prior: whose strength, name and geometry the
+    laws are tried with.
 
     alarm: what is missed, None while nothing is. scores: of the newest test, the best first. missed_variance:
     of ln k, to be allowed for while an effect is suspected that the model has not.
     """
 
     def __init__(
-        self, effects: Sequence[Effect], wheels: tuple[Wheel, ...], length: float, soil: Soil
+        self, effects: Sequence[Effect], wheels: tuple[Wheel, ...], length: float, prior: SoilPrior
     ) -> None:
-        self._effects, self._soil = tuple(effects), soil
+        self._effects, self._soil, self._geometry = tuple(effects), prior.soil, prior.geometry
         present = {effect.id for effect in effects}
         self._trials = [
             _trial(form)
@@ -176,7 +179,7 @@ class MissingEffectWatch:
         try:
             k, n, m = law
             soil = replace(self._soil, k=k, n=n, m=m)
-            self.scores = _scores(soil, self._effects, self._trials, changes)
+            self.scores = _scores(soil, self._effects, self._trials, changes, self._geometry)
         except _NO_SINKAGE:
             return  # a soil in which the wheels have no sinkage: nothing to compare
         best = self.scores[0]
@@ -212,7 +215,11 @@ def _describe(scores: Sequence[EffectScore], distance: float, n: float) -> Missi
 
 
 def _scores(
-    soil: Soil, effects: Sequence[Effect], trials: Sequence[_Trial], changes: Changes
+    soil: Soil,
+    effects: Sequence[Effect],
+    trials: Sequence[_Trial],
+    changes: Changes,
+    geometry: Geometry,
 ) -> tuple[EffectScore, ...]:
     """Score every family, the best first."""
     covariates = {}
@@ -225,7 +232,7 @@ def _scores(
             covariates[name] = np.where(known_here, column, np.median(column[known_here]))
             usable &= both
     conditions = replace(changes.wheels, covariates=covariates)
-    nearby = NearbySinkage(soil, effects, conditions)
+    nearby = NearbySinkage(soil, effects, conditions, geometry)
     load_varies = _size(changes.of(np.log(conditions.load))) > _LEAST_CHANGE
     plain = nearby.log_sinkage(soil)
     missed = changes.of(changes.log_sinkage - plain)

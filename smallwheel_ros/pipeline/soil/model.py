@@ -29,7 +29,7 @@ p of its rut:
     h(x) = z(W'; z_ref, n, m) exp(g p + f) (1 + s max(i, 0)) + e pitch + c + d_w
     W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)        side: 1 left, -1 right
 
-z is the sinkage of the contact integral with the model's effects (`sinkage_of`).
+z is the sinkage by the model's geometry and effects (`sinkage_of`).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.model.nearby import neighbours, slopes
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING, Conditions
-from smallwheel_ros.physics.contact import contact_sinkage, shape_integral
+from smallwheel_ros.physics.sinkage import CONTACT_RULES, Geometry
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, unknown
@@ -90,6 +90,7 @@ def sinkage_of(
     effects: Sequence[Effect] = (),
     slip: Array | None = None,
     speed: Array | None = None,
+    geometry: Geometry = "contact_integral",
 ) -> Sinkage:
     """Sinkage of wheels under loads (N). laws: rows of ln K at the reference diameter, n, m.
 
@@ -101,11 +102,13 @@ def sinkage_of(
     if effects:
         value, by = np.full(load.size, np.nan), np.full((load.size, 4), np.nan)
         sunk = np.zeros(load.size, dtype=bool)
-        known, read = covariates(effects, load.size, slip, speed)
+        contact = np.array([w.contact for w in wheels])[wheel]
+        known, read = covariates(effects, contact == ROLLING, slip, speed)
         if known.size:
-            contact = np.array([w.contact for w in wheels])[wheel]
             given = Conditions(load, diameter, width, contact).take(known)
-            found = neighbours(laws[known], replace(given, covariates=read), effects)
+            found = neighbours(
+                laws[known], replace(given, covariates=read), effects, geometry=geometry
+            )
             value[known], by[known] = found.sinkage[: known.size], slopes(found.sinkage).T
             sunk[known] = found.immobilised[: known.size]
         return Sinkage(value, by, sunk)
@@ -113,7 +116,7 @@ def sinkage_of(
     across = np.log(diameter / REFERENCE_DIAMETER)
     modulus = np.exp(laws[:, 0] + laws[:, 2] * across)
     # A pressed wheel meets the soil on both sides of its lowest point: each carries half.
-    made = contact_sinkage(
+    made = CONTACT_RULES[geometry].sinkage(
         np.where(pressed, 0.5 * load, load), diameter, width, modulus, laws[:, 1]
     )
     z = made.sinkage
@@ -124,15 +127,18 @@ def sinkage_of(
 
 
 def covariates(
-    effects: Sequence[Effect], count: int, slip: Array | None, speed: Array | None
+    effects: Sequence[Effect], rolling: Flags, slip: Array | None, speed: Array | None
 ) -> tuple[Integers, dict[str, Array]]:
-    """Of so many rows those in which all is known that effects read, and it there."""
+    """Rows in which all is known that effects read, and it there.
+
+    rolling: of each row whether its wheel rolls; a pressed one needs neither, as at the bench.
+    """
     given = {"slip": slip, "speed": speed}
     read = {name: given[name] for name in covariates_of(effects)}
-    columns = {name: unknown(count) if v is None else v for name, v in read.items()}
-    known = np.ones(count, dtype=bool)
+    columns = {name: unknown(rolling.size) if v is None else v for name, v in read.items()}
+    known = np.ones(rolling.size, dtype=bool)
     for column in columns.values():
-        known &= np.isfinite(column)
+        known &= np.isfinite(column) | ~rolling
     return np.flatnonzero(known), {name: column[known] for name, column in columns.items()}
 
 
@@ -167,7 +173,8 @@ class LawModel:
         self.side = np.sign([wheel.lateral_position for wheel in wheels])
         self.mean = np.zeros(self.size)
         modulus = math.exp(prior.log_modulus(reference[1]))
-        u = float(np.log(contact_sinkage(*reference, modulus, prior.n).sinkage))
+        self._contact, self._geometry = prior.contact, prior.geometry
+        u = float(np.log(self._contact.sinkage(*reference, modulus, prior.n).sinkage))
         self.mean[:LAW] = u, prior.n, prior.m
         slip_known = any("slip" in effect.drivers for effect in self.effects)
         nuisances = (
@@ -234,7 +241,7 @@ class LawModel:
         """Ln K under the reference wheel that a sinkage exp(u) shows, and its slopes by u and n."""
         load, diameter, width = self.reference
         ratio = np.exp(u) / diameter
-        made = shape_integral(n, np.minimum(ratio, _AXLE))
+        made = self._contact.shape(n, np.minimum(ratio, _AXLE))
         level = math.log(load / (width * math.sqrt(diameter)))
         by_ratio = np.where(ratio < _AXLE, made.slope_ratio, 0.0)
         log_modulus = level - (n + 0.5) * u - np.log(made.value)
@@ -275,7 +282,7 @@ class LawModel:
         log_modulus, by_sinkage, by_exponent = self.pressure(u, n)
         laws = np.stack([log_modulus - m * self._across, n, m], axis=1)
         static = sinkage_of(
-            laws, load, self.wheels, rows.wheel, self.effects, rows.slip, rows.speed
+            laws, load, self.wheels, rows.wheel, self.effects, rows.slip, rows.speed, self._geometry
         )
         by_modulus, by_n, by_m, by_log_load = static.slopes.T
         slip = np.fmax(rows.slip, 0.0)
@@ -307,7 +314,7 @@ def reference_wheel(
     load = float(rows.load[0])
     if wheel.contact != ROLLING:
         ratio = REFERENCE_SINKAGE / wheel.diameter
-        shape = float(shape_integral(prior.n, ratio).value)
+        shape = float(prior.contact.shape(prior.n, ratio).value)
         modulus = math.exp(prior.log_modulus(wheel.diameter))
         level = modulus * REFERENCE_SINKAGE ** (prior.n + 0.5) * shape
         load = level * wheel.width * math.sqrt(wheel.diameter)

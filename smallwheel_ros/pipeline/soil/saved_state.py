@@ -74,7 +74,7 @@ def write_state(
     """
     soil = state.soil
     summary = (
-        f"ln pressure {now.log_reference_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
+        f"ln pressure {now.log_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
         f"{state.accepted} measurements"
     )
     law = soil and {

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.loads import UNITS, WEIGHT_OFF
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import Array, Integers
@@ -33,7 +34,6 @@ _STUCK, _TEXTURE, _STILL = 5, 0.03, 0.2  # stretches; of ln k from place to plac
 _USUAL = 0.7
 _WEIGHED, _MASS_STD = 6, 0.02  # stretches of each wheel; of ln mass
 CONTRADICTION = math.log(1.1)  # neither load cells nor a weighed mass are 10 % off
-_GRAVITY = 9.81  # m/s^2
 
 
 class StuckSensors:
@@ -74,10 +74,10 @@ class Weighed(NamedTuple):
 
 
 class Weighing:
-    """Of a vehicle whose wheels' loads are all measured. mass: kg, 0: not known."""
+    """Of a vehicle whose wheels' loads are all measured. mass: kg, 0: not known. gravity: m/s^2."""
 
-    def __init__(self, wheels: int, mass: float) -> None:
-        self._mass = mass
+    def __init__(self, wheels: int, mass: float, gravity: float = GRAVITY) -> None:
+        self._mass, self._gravity = mass, gravity
         self._unlisted = NEVER, 0.0
         self._loads: list[deque[tuple[float, float]]] = [
             deque(maxlen=_WEIGHED) for _ in range(wheels)
@@ -93,7 +93,7 @@ class Weighing:
         if min(map(len, self._loads)) < _WEIGHED:
             return None
         loads, upright = np.array(self._loads).transpose(2, 0, 1)  # of wheels by stretches
-        sums = np.log(loads.sum(axis=0) / (self._mass * _GRAVITY * upright.mean(axis=0)))
+        sums = np.log(loads.sum(axis=0) / (self._mass * self._gravity * upright.mean(axis=0)))
         off, means = float(sums.mean()), loads.mean(axis=1)
         std = math.hypot(_MASS_STD, float(sums.std()) / math.sqrt(_WEIGHED))
         weight = float(means.sum()) * math.exp(-off)

@@ -12,6 +12,7 @@ from smallwheel_ros.effects.base import Effect, WheelState
 from smallwheel_ros.model.nearby import neighbours, slopes
 from smallwheel_ros.model.stages import Stages
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
+from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER
 from smallwheel_ros.physics.wheel import Strength, Wheel
 from smallwheel_ros.pipeline.soil.local_law import LocalLaws
@@ -24,8 +25,9 @@ class OnSoil(Columns):
     """Of wheels: load (N), sinkage (m), compaction and other resistance (N).
 
     covariance: of these three and ln load, by law, the place's deviation of ln k, and load, (rows, 4, 4);
-    own: of that what is the wheel's own. exponent: n. reaching: of the load, by the effects, what the soil
-    carries (N); factor: of the effects on thrust. sunk: to the axle.
+    own: of that what is the wheel's own. shown: of the sinkage by its sensor, m. exponent, diameter: n and m
+    that the soil meets. reaching: of the load, by the effects, what the soil carries (N); factor: of the
+    effects on thrust. slip, speed: that effects have read, NaN where none does. sunk: to the axle.
     """
 
     wheel: Integers
@@ -35,9 +37,13 @@ class OnSoil(Columns):
     other: Array
     covariance: Array
     own: Array
+    shown: Array
     exponent: Array
+    diameter: Array
     reaching: Array
     factor: Array
+    slip: Array
+    speed: Array
     sunk: Flags
 
     def means(self, group: Integers, weight: Array) -> OnSoil:
@@ -66,23 +72,26 @@ def on_soil(
     wheels: tuple[Wheel, ...], wheel: Integers, laws: LocalLaws, shown: Array, shown_std: Array,
     *, scatter: float, effects: tuple[Effect, ...] = (),
     slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
+    geometry: Geometry = "contact_integral",
 ) -> OnSoil:  # fmt: skip
     """Put wheels on soils. shown, shown_std: loads by their cells without their noise, N.
 
-    scatter: deviation of ln k from place to place. NaN where slip (1) or speed (m/s) is not known and an
-    effect reads it.
+    scatter: deviation of ln k from place to place. strength: that effects read. NaN, but for the load, where
+    slip (1) or speed (m/s) of a rolling wheel is not known and an effect reads it.
     """
-    known, read = covariates(effects, shown.size, slip, speed)
+    rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
+    known, read = covariates(effects, rolling, slip, speed)
     if known.size < shown.size:
         some = on_soil(
             wheels, wheel[known], laws.take(known), shown[known], shown_std[known], scatter=scatter,
             effects=effects, slip=read.get("slip"), speed=read.get("speed"),
-            strength=strength,
+            strength=strength, geometry=geometry,
         )  # fmt: skip
-        return _among(some, known, wheel)
+        return _among(some, known, wheel, laws, shown, shown_std)
     load = laws.load(shown)
     law = laws.law.copy()
     law[:, 0] -= law[:, 1] * LOG_DEPTH
+    exponent: Array = law[:, 1]
     reaching: Array = load.copy()
     factor: Array = np.ones(load.size)
     # Of sinkage, compaction, other, ln load by ln K, n, m, ln load.
@@ -91,7 +100,6 @@ def on_soil(
     diameter, width = (
         np.array([getattr(w, a) for w in wheels])[wheel] for a in ("diameter", "width")
     )
-    rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
     if effects and load.size:
         contact = np.array([w.contact for w in wheels])[wheel]
         conditions = Conditions(load, diameter, width, contact, None, read)
@@ -99,24 +107,26 @@ def on_soil(
         if strength is not None:
             three = strength.cohesion, strength.friction_angle, strength.shear_displacement
             shear = three[0].value, three[1].value, three[2].value
-        found = neighbours(law, conditions, effects, shear)
-        table = np.stack([found.sinkage, found.compaction_resistance, found.true_resistance])
+        found = neighbours(law, conditions, effects, shear, geometry)
+        table = np.stack([found.true_sinkage, found.compaction_resistance, found.true_resistance])
         table[2] -= table[1]
         table[1:, np.tile(~rolling, 9)] = 0.0
         by_law[:, :3] = np.stack([slopes(column) for column in table]).transpose(2, 0, 1)
         sinkage, compaction, other = (np.asarray(column[: load.size]) for column in table)
-        sunk = found.immobilised[: load.size]
+        depth, sunk = found.sinkage[: load.size], found.immobilised[: load.size]
+        stages = Stages(effects, conditions)
+        k = np.exp(law[:, 0] - law[:, 2] * np.log(REFERENCE_DIAMETER))
+        on, diameter, modulus, exponent = stages.loaded(k, law[:, 1], law[:, 2])
+        reaching = np.where(rolling, on, load)
         if strength is not None and rolling.any():
-            stages = Stages(effects, conditions)
-            k = np.exp(law[:, 0] - law[:, 2] * np.log(REFERENCE_DIAMETER))
-            on, size, modulus, n = stages.loaded(k, law[:, 1], law[:, 2])
-            soil = (np.full(load.size, shear[0]), np.full(load.size, shear[1])) if shear else ()
-            state = WheelState(on, size, width, found.true_sinkage[: load.size], modulus, n, *soil)
+            held = strength.cohesion.value, strength.friction_angle.value
+            soil = (np.full(load.size, value) for value in held)
+            state = WheelState(on, diameter, width, sinkage, modulus, exponent, *soil)
             factor = np.where(rolling, stages.product("thrust_factor", state), factor)
-            reaching = np.where(rolling, on, load)
     else:
-        made = sinkage_of(law, load, wheels, wheel)
+        made = sinkage_of(law, load, wheels, wheel, geometry=geometry)
         sinkage, sunk, other = made.value, made.sunk, np.zeros(load.size)
+        depth = sinkage
         by_law[:, 0] = made.slopes
         # R = b K z^(n + 1)/(n + 1): Bekker 1960, eq. 14 of Meirion-Griffith and Spenko 2011.
         power, log_z = law[:, 1] + 1.0, np.log(sinkage)
@@ -130,23 +140,32 @@ def on_soil(
         by_law[:, 1] = compaction[:, None] * along
     # From here on by ln pressure, n, m and ln load.
     by_law[:, :3, 1] -= by_law[:, :3, 0] * LOG_DEPTH
-    spread = laws.with_load(shown)
+    spread, nothing = laws.with_load(shown), np.full(load.size, np.nan)
     alone = np.zeros((load.size, 4, 4))
     alone[:, 0, 0], alone[:, 3, 3] = scatter**2, (shown_std / shown) ** 2
     own = by_law @ alone @ by_law.transpose(0, 2, 1)
     both = by_law @ spread @ by_law.transpose(0, 2, 1) + own
     return OnSoil(
-        wheel, load, sinkage, compaction, other, both, own, law[:, 1], reaching, factor, sunk
-    )
+        wheel, load, sinkage, compaction, other, both, own, depth, np.array(exponent), np.array(diameter),
+        reaching, factor, read.get("slip", nothing), read.get("speed", nothing), sunk,
+    )  # fmt: skip
 
 
-def _among(some: OnSoil, known: Integers, wheel: Integers) -> OnSoil:
-    """Rows of some wheels among those of which nothing is known."""
-    columns = {}
+def _among(
+    some: OnSoil, known: Integers, wheel: Integers, laws: LocalLaws, shown: Array, shown_std: Array
+) -> OnSoil:
+    """Rows of some wheels among those of which the load alone is known."""
+    columns: dict[str, Any] = {}
     for field in fields(some):
         column = getattr(some, field.name)
         blank = np.nan if column.dtype == float else False
         columns[field.name] = np.full((wheel.size, *column.shape[1:]), blank, dtype=column.dtype)
-        columns[field.name][known] = column
-    columns["wheel"] = wheel
+    columns["wheel"], columns["load"] = wheel, laws.load(shown)
+    noise = (shown_std / shown) ** 2
+    for name in ("own", "covariance"):
+        columns[name][:] = 0.0
+        columns[name][:, 3, 3] = noise
+    columns["covariance"][:, 3, 3] += laws.with_load(shown)[:, 3, 3]
+    for name, column in columns.items():
+        column[known] = getattr(some, name)
     return OnSoil(**columns)

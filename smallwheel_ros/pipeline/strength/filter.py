@@ -8,7 +8,7 @@ State x, with the standard deviations of its prior:
                       of phi for the margin as well what any ground differs by 0.25
     rho               motion resistance that the law does not give, over load  0.02
     d                 error of the measured slips, common to all wheels        0.025 in each step
-    eta               share of its rolling displacement by which a wheel shears soil  1, about 0.5
+    eta, mu           share of rolling in the shear, rim's friction over the soil's  as configured
     f                 friction of the drives at the rim, over load             0.01, about 0.005
     b                 zero of the imu, as a force forward per mass             1.5 degrees of g
     d_1 .. d_W        error of each wheel's slip: its radius                   0.01
@@ -41,7 +41,7 @@ from dataclasses import replace
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from smallwheel_ros.physics.wheel import Strength, Wheel
+from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 from smallwheel_ros.pipeline.rows.level import news
 from smallwheel_ros.pipeline.tables import Array
 
@@ -51,6 +51,7 @@ from .forces import (
     LEVEL,
     LOSS,
     OTHER,
+    RIM,
     ROLLING,
     SHEAR,
     SLIP,
@@ -64,9 +65,11 @@ from .steps import CELL
 STRENGTH = 4  # numbers of the state that belong to the soil
 GRIP_STD, SLIP_STD, LEVEL_STD, FORM_SHEAR = 0.25, 0.025, 0.257, 0.3
 _OTHER_STD, _TORQUE_SCALE_STD, _RADIUS_STD = 0.02, 0.1, 0.01
-_LOSS, _LOSS_STD, _ROLLING, _ROLLING_STD = 0.005, 0.01, 1.0, 0.5
+_LOSS, _LOSS_STD = 0.005, 0.01
 _LOW, _HIGH, _MOST = (-300.0, 0.1, math.log(2e-3)), (6000.0, 1.0, math.log(0.1)), 2.0
-_LEAST_STD = (1.0, 1e-4, 1e-3)
+_LEAST_STD = (1.0, 1e-4, 1e-3, 1e-3, 1e-3)
+_OF_WHEEL = (0.0, 0.2), (5.0, 1.5)  # ends of eta and mu, as at the bench
+_MODELLED = [COHESION, FRICTION, SHEAR, ROLLING, RIM]  # numbers that a model has
 _LAW_ERROR, _TORQUE_ERROR, _LEAST_TORQUE = 0.02, 0.05, 0.25  # of the load; N at the rim
 _GRIP_LENGTH, _OPEN_AFTER = 0.7, 200.0  # m
 _ITERATIONS, _EXACT, _SURPRISE = 6, 1e-2, 4.0
@@ -87,20 +90,27 @@ class StrengthFilter:
         self.cells = self._behind
         count = int(self._behind.max(initial=0)) + 1
         self._grip = WHEELS + 2 * len(wheels)
-        shear = min(max(strength.shear_displacement.value, 2e-3), 0.1)
-        own = (
-            strength.cohesion.standard_deviation, strength.friction_angle.standard_deviation,
-            math.hypot(strength.shear_displacement.standard_deviation / shear, FORM_SHEAR),
-        )  # fmt: skip
-        rest = [_OTHER_STD, SLIP_STD, _ROLLING_STD, _LOSS_STD, LEVEL_STD]
-        rest += [_RADIUS_STD] * len(wheels) + [_TORQUE_SCALE_STD] * len(wheels) + [GRIP_STD] * count
-        spread = np.array([*np.maximum(own, _LEAST_STD), *rest])
+        spread = np.zeros(self._grip + count)
+        spread[[OTHER, SLIP, LOSS, LEVEL]] = _OTHER_STD, SLIP_STD, _LOSS_STD, LEVEL_STD
+        spread[WHEELS:] = (
+            [_RADIUS_STD] * len(wheels) + [_TORQUE_SCALE_STD] * len(wheels) + ([GRIP_STD] * count)
+        )
         mean = np.zeros(spread.size)
-        mean[[COHESION, FRICTION]] = strength.cohesion.value, strength.friction_angle.value
-        mean[[SHEAR, ROLLING, LOSS]] = math.log(shear), _ROLLING, _LOSS
+        known = (
+            strength.cohesion, strength.friction_angle, _log(strength.shear_displacement),
+            strength.rolling_share, strength.rim_friction,
+        )  # fmt: skip
+        mean[_MODELLED], spread[_MODELLED] = np.array(known).T
+        mean[LOSS] = _LOSS
+        spread[_MODELLED] = np.maximum(spread[_MODELLED], _LEAST_STD)
         self.prior_mean, self.prior_std = mean[:STRENGTH], spread[:STRENGTH]
+        self._prior, self._wheel_std = mean, spread[[ROLLING, RIM]]
+        P = np.diag(np.square(spread))
+        if strength.correlation is not None:
+            own = spread[_MODELLED]
+            P[np.ix_(_MODELLED, _MODELLED)] = strength.correlation * np.outer(own, own)
         self.kalman = ExtendedKalmanFilter(dim_x=mean.size, dim_z=1)
-        self.kalman.x, self.kalman.P = mean, np.diag(np.square(spread))
+        self.kalman.x, self.kalman.P = mean, P
         self._moved, self._way, self._count, self._begun = 0.0, 1.0, count, False
         self._level, self._drag = (0.0, LEVEL_STD), 0.0
 
@@ -241,12 +251,18 @@ class StrengthFilter:
             straight = value + H @ (before - kalman.x)
             kalman.x, kalman.P = before.copy(), covariance.copy()
             kalman.update(z, lambda _: H, lambda _, v=straight: v, R=np.diag(noise))
-            kalman.x = bounded(kalman.x)
+            kalman.x = bounded(kalman.x, self._prior)
             line = straight + H @ (kalman.x - before)
             value = predict()
             if (np.abs(value - line) < _EXACT * np.sqrt(noise)).all():
                 break
         kalman.P = 0.5 * (kalman.P + kalman.P.T)
+
+    @property
+    def prior(self) -> list[float]:
+        """What it began with: mean and deviation of each number of the soil, and of eta and mu."""
+        of_wheel = self._prior[[ROLLING, RIM]].tolist(), self._wheel_std.tolist()
+        return [*self.prior_mean.tolist(), *self.prior_std.tolist(), *of_wheel[0], *of_wheel[1]]
 
     @property
     def strength(self) -> tuple[Array, Array]:
@@ -267,8 +283,17 @@ class StrengthFilter:
         self.strength = self.prior_mean + _ONE_SITE * off, _ONE_SITE**2 * covariance + left
 
 
-def bounded(x: Array) -> Array:
-    """Return the nearest state in which a soil has a strength."""
+def _log(length: Quantity) -> Quantity:
+    """Ln of the shear displacement, with what forms of the shear curve differ by."""
+    relative = length.standard_deviation / length.value
+    return Quantity(math.log(length.value), math.hypot(relative, FORM_SHEAR))
+
+
+def bounded(x: Array, prior: Array) -> Array:
+    """Return the nearest state in which a soil has a strength, or its prior's."""
     inside = np.clip(x, -_MOST, _MOST)
-    inside[:OTHER] = np.clip(x[:OTHER], _LOW, _HIGH)
+    for place, low, high in ((range(OTHER), _LOW, _HIGH), ([ROLLING, RIM], *_OF_WHEEL)):
+        inside[place] = np.clip(
+            x[place], np.minimum(low, prior[place]), np.maximum(high, prior[place])
+        )
     return inside

@@ -3,32 +3,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.physics.force_slopes import SlopedForces, sloped_forces
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.model.stages import Stages
+from smallwheel_ros.physics.conditions import ROLLING as ROLLS
+from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.force_slopes import SlopedForces, WheelRows, sloped_forces
 from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .contact import OnSoil
 
 # Places in the state; from WHEELS on errors of the wheels' slips, then scales of torques, then grips.
-COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, LOSS, LEVEL, WHEELS = range(9)
-OF_SOIL = [COHESION, FRICTION, SHEAR, ROLLING]
+COHESION, FRICTION, SHEAR, OTHER, SLIP, ROLLING, RIM, LOSS, LEVEL, WHEELS = range(10)
+OF_SOIL = [COHESION, FRICTION, SHEAR, ROLLING, RIM]  # in the order of `sloped_forces`
 _WIDEST = 1.0  # variance of ln thrust up to which it is taken to be lognormal
 _DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
 
 
 @dataclass(frozen=True)
 class Rolling:
-    """Wheels that roll, rows: number among the rolling ones, contact, and slip."""
+    """Wheels that roll, rows: number among the rolling ones, contact, and slip.
+
+    peak: place of the largest pressure at slip 1, of the arc. layers: effects that layer the pressure.
+    """
 
     order: Integers
     on: OnSoil
     diameter: Array
     width: Array
     slip: Array
+    peak: float
+    layers: tuple[Effect, ...] = ()
+
+    def factor(self, times: int) -> Callable[[Array], Array] | None:
+        """Of the effects on the pressure by depth, of these rows so many times; None: without any."""
+        if not self.layers:
+            return None
+        rows = np.tile(np.arange(self.order.size), times)
+        read = {name: getattr(self.on, name)[rows] for name in ("slip", "speed")}
+        of = self.on.load[rows], self.diameter[rows], self.width[rows]
+        contact = np.full(rows.size, ROLLS)
+        return Stages(self.layers, Conditions(*of, contact, None, read)).pressure_factor
 
 
 @dataclass(frozen=True)
@@ -114,12 +133,12 @@ def forces(
             slopes = slopes + (on.factor - 1.0) * made.slopes[0, :, :count]
         value, deeper, slopes = factor * value, factor * deeper, factor * slopes
         row = np.zeros((count, size))
-        row[:, OF_SOIL] = slopes[:4].T
+        row[:, OF_SOIL] = slopes[:-1].T
         row[index, cell] = cohesion * slopes[0] + 0.5 * sine * slopes[1]
         if not exact_slip:
-            row[:, SLIP] = row[index, own] = slopes[4]
+            row[:, SLIP] = row[index, own] = slopes[-1]
         by_load = value - cohesion * slopes[0]
-        found.append(Force(value, row, slopes[4], by_load, (deeper - value) / more))
+        found.append(Force(value, row, slopes[-1], by_load, (deeper - value) / more))
     thrust, pull, rim = found
     beyond = x[:, OTHER] * on.reaching
     pull.row[:, OTHER] = -on.reaching
@@ -144,10 +163,8 @@ def _twice(
     on: OnSoil, at: Rolling, slip: Array, more: Array, x: Array, grip: Array
 ) -> SlopedForces:
     """Forces at the sinkage, and a little deeper, one after the other."""
-    own = (on.reaching, at.diameter, at.width, slip, on.exponent, grip)
-    load, diameter, width, slips, exponent, grips = (np.concatenate([a, a]) for a in own)
-    sinkage = np.concatenate([on.sinkage, on.sinkage + more])
-    c, phi, shear, rolls = np.tile(x[:, OF_SOIL].T, 2)
-    return sloped_forces(
-        load, sinkage, diameter, width, slips, exponent, c, phi, shear, rolls, grips
-    )
+    peak = np.full(slip.size, at.peak)
+    own = on.reaching, on.sinkage, on.diameter, at.width, slip, on.exponent
+    rows = WheelRows(*(np.concatenate([a, a]) for a in (*own, *x[:, OF_SOIL].T, peak, grip)))
+    rows.sinkage[slip.size :] += more
+    return sloped_forces(rows, at.factor(2))

@@ -226,6 +226,7 @@ def _contacts(
         local_laws(soils.versions, settings.wheels, lead, rows.version[row[first]]), load, load_std,
         scatter=settings.estimator.soil_scatter, effects=settings.effects,
         strength=settings.strength if settings.effects else None, slip=slip, speed=speed,
+        geometry=settings.prior.geometry,
     )  # fmt: skip
     return contact.means(within, count)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
+from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.physics.wheel import GRAVITY, Strength, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import Array, Integers
 from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
@@ -31,20 +31,23 @@ class Strengths:
 
     Two filters: `now`, of everything, from the prior of the soil that is named, for the present pull;
     `reserve`, for the margin, from that of any ground, and of the balance alone once there is one: a wheel's
-    torque or pull tells of its own place.
+    torque or pull tells of its own place. measured: whether the strength was, and is that of this ground.
     """
 
     def __init__(
-        self, strength: Strength, wheels: tuple[Wheel, ...], rolling: Integers, mass: float
-    ) -> None:
+        self, strength: Strength, wheels: tuple[Wheel, ...], rolling: Integers, mass: float,
+        effects: tuple[Effect, ...] = (), measured: bool = False, gravity: float = GRAVITY,
+    ) -> None:  # fmt: skip
         self.mass, self._count = mass, rolling.size
         self._order = np.full(len(wheels), -1)  # of each wheel among those that roll
         self._order[rolling] = np.arange(rolling.size)
         self._sizes = np.array([(wheel.diameter, wheel.width) for wheel in wheels]).reshape(-1, 2)
         self._own = tuple(wheels[i] for i in rolling.tolist())
-        named = strength.friction_angle
-        any_ground = Quantity(named.value, math.hypot(named.standard_deviation, _ANY_FRICTION_STD))
-        self._priors = strength, replace(strength, friction_angle=any_ground)
+        any_ground = strength if measured else strength.wider(friction_angle=_ANY_FRICTION_STD)
+        self._priors = strength, any_ground
+        self.measured, self._gravity = measured, gravity
+        self._peak = strength.pressure_peak.value
+        self._layers = tuple(effect for effect in effects if "pressure_factor" in effect.acts)
         self._since = NEVER
         self._begin(0)
         self.believed = Versions(self._now(np.full(rolling.size, np.nan), -math.inf))
@@ -86,7 +89,9 @@ class Strengths:
     def rolling(self, wheel: Integers, on: OnSoil, slip: Array) -> Rolling:
         """Rows of wheels that roll, as the filters' forces take them. wheel: numbers among all wheels."""
         diameter, width = self._sizes[wheel].T
-        return Rolling(self._order[wheel], on, diameter, width, slip)
+        return Rolling(
+            self._order[wheel], on, diameter, width, slip, self._peak, self._layers
+        )  # fmt: skip
 
     def _take(self, steps: Steps, number: int, mine: Integers) -> None:
         at = self.rolling(steps.wheel[mine], steps.contact.take(mine), steps.slip[mine])
@@ -99,7 +104,9 @@ class Strengths:
         forward = bool(steps.forward[number])
         told = force, float(steps.force_std[number])
         zero = None if steps.level is None else steps.level[number]
-        drag = 0.0 if steps.unlisted is None else _DRAG * GRAVITY * float(steps.unlisted[number])
+        drag = (
+            0.0 if steps.unlisted is None else _DRAG * self._gravity * float(steps.unlisted[number])
+        )
         nothing = np.full(mine.size, np.nan)
         for one in (self.now, self.reserve):
             one.move(length, forward, slip_std)
@@ -175,7 +182,7 @@ class Strengths:
     @property
     def _prior_numbers(self) -> list[float]:
         filters = self.now, self.reserve
-        return [n for one in filters for n in (*one.prior_mean.tolist(), *one.prior_std.tolist())]
+        return [n for one in filters for n in one.prior]
 
     def _change(self, soil: int) -> None:
         """Go on on another soil, with what is known of it, or else by what the last one tells."""

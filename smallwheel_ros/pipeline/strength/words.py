@@ -11,7 +11,7 @@ import numpy as np
 
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.soil.identifiability import DETERMINED
-from smallwheel_ros.pipeline.tables import Array
+from smallwheel_ros.pipeline.tables import Array, Flags
 
 from .filter import FORM_SHEAR, STRENGTH
 from .forces import COHESION, FRICTION, OTHER, SHEAR, Believed
@@ -102,10 +102,12 @@ def _deviations(believed: Believed) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.diag(believed.P)[:STRENGTH], 0.0)))
 
 
-def is_determined(P: Array, prior_std: Array) -> bool:
-    """Whether what is held, nearly all of it friction, is: half of the prior's variance is gone."""
-    left = math.sqrt(max(float(P[FRICTION, FRICTION]), 0.0))
-    return left <= _HELD * float(prior_std[FRICTION])
+def is_determined(P: Array, prior_std: Array) -> Flags:
+    """Whether what is held, nearly all of it friction, is: half of the prior's variance is gone.
+
+    P: covariances of the state, (rows, size, size).
+    """
+    return np.asarray(P[:, FRICTION, FRICTION] <= (_HELD * prior_std[FRICTION]) ** 2)
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:

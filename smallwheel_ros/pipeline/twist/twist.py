@@ -19,7 +19,6 @@ from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.ground_speed import SPEED_VARIANCE
 from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
@@ -79,7 +78,7 @@ class TwistState:
                 "twist: no rolling wheel on one side of the vehicle: set lateral_position of the wheels"
                 " (m, positive left), or leave twist.publish false"
             )
-        self.settings = settings
+        self.settings, self.gravity = settings, vehicle.gravity
         self.sides = [[f"{w.name}/wheel_speed" for w in side] for side in sides]
         self.radius = {f"{w.name}/wheel_speed": w.diameter / 2.0 for w in rolling}
         self.ground = {"odometry": ODOMETRY, "topic": VELOCITY}.get(vehicle.velocity, "")
@@ -194,7 +193,7 @@ def _streams(
         good(name, stamps, radius * values[:, :1], _FASTEST)
     stamps, values = read(IMU)
     good(_GYRO, stamps, values[:, :1], _TURNS)
-    good(_FORCE, stamps, values[:, 1:3] - _level(state, GRAVITY * values[:, 4:6]), _SHAKES)
+    good(_FORCE, stamps, values[:, 1:3] - _level(state, state.gravity * values[:, 4:6]), _SHAKES)
     if state.ground:
         stamps, values = read(state.ground)
         variance = values[:, SPEED_VARIANCE] if state.ground == ODOMETRY else np.zeros(stamps.size)
@@ -207,7 +206,7 @@ def _streams(
 
 def _level(state: TwistState, level: Array) -> Array:
     """What gravity has in the accelerometer, (N, 2); of an orientation that is lost, the last one."""
-    known = (np.abs(level) <= 1.1 * GRAVITY).all(axis=1)
+    known = (np.abs(level) <= 1.1 * state.gravity).all(axis=1)
     index = np.maximum.accumulate(np.where(known, np.arange(known.size), -1))
     filled = np.where(index[:, None] >= 0, level[index], state.level)
     state.level = filled[-1] if known.size else state.level

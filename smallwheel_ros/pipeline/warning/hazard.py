@@ -98,7 +98,10 @@ class Warnings:
     the slope where it has an orientation, and what is felt.
     """
 
-    def __init__(self, wheels: tuple[Wheel, ...], with_imu: bool = False) -> None:
+    def __init__(
+        self, wheels: tuple[Wheel, ...], with_imu: bool = False, gravity: float = GRAVITY
+    ) -> None:
+        self._gravity = gravity
         self.with_imu = with_imu
         self.rolling = np.flatnonzero([wheel.contact == ROLLING for wheel in wheels])
         self.side = np.array([wheel.lateral_position for wheel in wheels])[self.rolling]
@@ -170,7 +173,7 @@ class Warnings:
             last = mine[-1]
             speed[k], slope[k] = rows.vehicle_speed[last], rows.slope[last]
             felt[k] = slope[k] + rows.gained[last]
-        rise = slope / GRAVITY
+        rise = slope / self._gravity
         if self.with_imu:
             rise, felt = up, felt_by_imu
         return Instants((kept + 1) * PERIOD, rim, ground, ground_std, speed, rise, felt)
@@ -237,15 +240,17 @@ class Warnings:
         rises = done.rise[b : i + 1]
         rises = rises[np.isfinite(rises)]
         rise = mean(rises) * along if rises.size else 0.0
-        value = slip + SLIP_PER_PULL * (max(rise, 0.0) + max(-gain, 0.0) / GRAVITY)
+        value = slip + SLIP_PER_PULL * (max(rise, 0.0) + max(-gain, 0.0) / self._gravity)
         of_slip = scatter / max(rolls, DRIVES) / np.sqrt(rate * slip_s)
-        of_loss = SLIP_PER_PULL * scatter / GRAVITY * np.sqrt(12.0 / (rate * trend_s)) / trend_s
+        of_loss = (
+            SLIP_PER_PULL * scatter / self._gravity * np.sqrt(12.0 / (rate * trend_s)) / trend_s
+        )
         deviation = float(np.hypot(of_slip, of_loss))
         value -= DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
         runs = bool(rolls > DRIVES and rim.min() > -0.05)
         self._rolled = runs and (self._rolled or slip < ROLLED)
-        judged = self._rolled and -BRAKES * GRAVITY < gain < GAINS and slip > SURELY * unsure
-        if not judged or _unfelt(time, done, along):
+        judged = self._rolled and -BRAKES * self._gravity < gain < GAINS and slip > SURELY * unsure
+        if not judged or _unfelt(time, done, along, self._gravity):
             return np.nan, np.nan, np.nan, np.nan
         return float(value), slip, slip - SURELY * deviation, gain / max(rolls, DRIVES)
 
@@ -274,7 +279,7 @@ def _line(time: Array, values: Array, seconds: float) -> tuple[float, float]:
     return slope, float(np.sqrt(np.sum((v - slope * t) ** 2) / (len(t) - 2)))
 
 
-def _unfelt(time: Array, done: Instants, along: float) -> bool:
+def _unfelt(time: Array, done: Instants, along: float, gravity: float) -> bool:
     """Whether odometry lost over `UNFELT` within `LOSS_S`, and the accelerometer felt under `SEEN` of it."""
     last = len(time)
     begin, first = np.searchsorted(time, [-_KEEP / SECOND, -LOSS_S]).tolist()
@@ -282,7 +287,7 @@ def _unfelt(time: Array, done: Instants, along: float) -> bool:
     if not np.isfinite(felt).all():
         return False
     # Without an orientation the slope is what is felt on the whole.
-    level = GRAVITY * rise if np.isfinite(rise).all() else np.nanmean(done.felt[begin:last])
+    level = gravity * rise if np.isfinite(rise).all() else np.nanmean(done.felt[begin:last])
     felt = (felt - level) * along
     speed = done.speed[first:last] * along
     if not np.isfinite(speed).all():

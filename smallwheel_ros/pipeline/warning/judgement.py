@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.rows.align import Align
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
-from .margin import AnyGround, GroundMargin, Margins
+from .margin import AnyGround, GroundMargin, Margins, unknown_ground
 
 # Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
@@ -55,8 +55,8 @@ class Judgement:
 
     def __init__(self, settings: OnboardSettings, align: Align) -> None:
         self.settings = settings
-        self.warnings = Warnings(settings.wheels, IMU in settings.streams)
-        self.ground = AnyGround(self.warnings.side)
+        self.warnings = Warnings(settings.wheels, IMU in settings.streams, settings.gravity)
+        self.ground = AnyGround(self.warnings.side, settings.reference_slip, settings.gravity)
         self.warned: Warned | None = None
         self.instants: Instants | None = None
         self.stuck: Flags = np.empty(0, dtype=bool)
@@ -129,8 +129,8 @@ class Judgement:
         if self._wheels_since is None:
             return margins
         wrong = margins.stamp > self._wheels_since
-        mean, deviation = GroundMargin().moments()
-        median, lower = GroundMargin().lower_half()
+        mean, deviation = unknown_ground(self.settings.reference_slip)
+        median, lower = GroundMargin(self.settings.reference_slip).lower_half()
         return replace(
             margins,
             margin=np.where(wrong, mean, margins.margin),

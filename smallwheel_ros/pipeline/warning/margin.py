@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Margin of any ground from slip and accelerometer: no mass, no load cell, no torque, no name of the soil.
 
-    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin = p(0.4)
+    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin = p(reference slip)
 
 H grip, K slip at which 63 % of it is used, R motion resistance over load. Pushed by the ground alone, the
 accelerometer along the way over g is net pull over load, slope and gain of speed included. Each second
@@ -16,16 +16,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
 
 from .hazard import Instants
 
-REFERENCE_SLIP = 0.4
 # Prior: (median, standard deviation of the logarithm).
 GRIP = (0.40, 0.70)  # wet ice 0.1, snow 0.3, sand 0.4, grass 0.5, gravel 0.6, asphalt 0.9
 SOFTNESS = (0.10, 0.70)  # rubber on asphalt 0.03, loose sand and snow 0.3
@@ -53,10 +53,24 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 )  # m/s, 1, slip, slip, instants of a step
 
 
-class GroundMargin:
-    """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights."""
+def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
+    """Whether a margin of any ground is its prior's still: over half of the prior's variance is left."""
+    return np.asarray(np.square(deviation) > 0.5 * unknown_ground(reference_slip)[1] ** 2)
 
-    def __init__(self) -> None:
+
+@lru_cache
+def unknown_ground(reference_slip: float) -> tuple[float, float]:
+    """Mean and deviation of the margin of ground of which nothing is known."""
+    return GroundMargin(reference_slip).moments()
+
+
+class GroundMargin:
+    """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights.
+
+    reference_slip: at which the margin is asked for, 1.
+    """
+
+    def __init__(self, reference_slip: float) -> None:
         ranks = np.tile(np.arange(POINTS), (5, 1))  # Latin hypercube (McKay et al. 1979)
         uniform = (np.random.default_rng(44).permuted(ranks, axis=1).T + 0.5) / POINTS
         low = float(ndtr(-REACH))
@@ -67,7 +81,7 @@ class GroundMargin:
         )
         self.offset, self.radius = OFFSET * normal[3], RADIUS * normal[4]
         self.logs = np.zeros(uniform.shape[0])
-        self.margins = self.grip * -np.expm1(-REFERENCE_SLIP / self.softness) - self.resistance
+        self.margins = self.grip * -np.expm1(-reference_slip / self.softness) - self.resistance
         self._order = np.argsort(self.margins)
 
     def forget(self, metres: float) -> None:
@@ -143,10 +157,14 @@ class Margins(Columns):
 
 
 class AnyGround:
-    """The margin at work on the instants of `warnings`. side: places of the rolling wheels, m to the left."""
+    """The margin at work on the instants of `warnings`.
 
-    def __init__(self, side: Array) -> None:
-        self.ground = GroundMargin()
+    side: places of the rolling wheels, m to the left. reference_slip: at which the margin is asked for.
+    """
+
+    def __init__(self, side: Array, reference_slip: float, gravity: float = GRAVITY) -> None:
+        self._gravity = gravity
+        self.ground = GroundMargin(reference_slip)
         self.side = side
         self._open: Instants | None = None
         self._unshared: list[float] = []
@@ -174,7 +192,7 @@ class AnyGround:
 
     def _step(self, rows: Instants, number: int) -> tuple[float, ...]:
         speed, rims = float(np.mean(rows.speed)), rows.rim.mean(axis=0)
-        pull, rise = float(np.mean(rows.felt)) / GRAVITY, float(np.mean(rows.rise))
+        pull, rise = float(np.mean(rows.felt)) / self._gravity, float(np.mean(rows.rise))
         rim = float(np.mean(rims))
         self.ground.forget(abs(speed) * STEP / SECOND if math.isfinite(speed) else 0.0)
         noise = self._noise(number, speed, pull - (rise if math.isfinite(rise) else 0.0))
@@ -218,7 +236,7 @@ class AnyGround:
             and last[0] == number - 1
             and math.isfinite(speed + gain + last[1] + last[2])
         ):
-            self._unshared.append(speed - last[1] - GRAVITY * 0.5 * (gain + last[2]))
+            self._unshared.append(speed - last[1] - self._gravity * 0.5 * (gain + last[2]))
             del self._unshared[:-60]
         self._last = number, speed, gain
         if len(self._unshared) < 5:

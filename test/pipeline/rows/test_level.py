@@ -107,10 +107,10 @@ def test_a_unit_is_no_contradiction_and_what_is_missing_is_on_other_wheels(
     weighing, found = Weighing(len(PLACES), 24.0), None
     for i in range(6):
         columns = {f.name: np.full(4, np.nan) for f in fields(Stretches)}
-        columns |= {"wheel": np.arange(4), "load": np.full(4, 6.0 * 9.81 * ratio)}
+        columns |= {"wheel": np.arange(4), "load": np.full(4, 6.0 * 9.80665 * ratio)}
         columns |= {"pitch": np.zeros(4), "end": np.full(4, i + 1)}
         found = weighing.add(Stretches(**columns)) or found
     assert found is not None
-    assert found.weight == pytest.approx(24.0 * 9.81)
+    assert found.weight == pytest.approx(24.0 * 9.80665)
     assert found.weight_std / found.weight == pytest.approx(doubt, abs=0.002)
     np.testing.assert_allclose(weighing.unlisted(np.array([5, 6])), [0.0, share], atol=1e-12)

@@ -29,18 +29,18 @@ def test_six_stretches_of_each_wheel_are_one_weighing() -> None:
     assert not weigh(weighing, 50.0, 5)
     (found,) = weigh(weighing, 50.0, 20)
     assert found.loads.tolist() == [50.0] * 4
-    assert found.weight == pytest.approx(20.0 * 9.81)
+    assert found.weight == pytest.approx(20.0 * 9.80665)
     assert found.weight_std == pytest.approx(0.02 * found.weight)
 
 
 def test_a_slope_takes_of_the_weight() -> None:
     (found,) = weigh(Weighing(4, 20.0), 50.0, 6, pitch=0.3)
-    assert found.weight == pytest.approx(20.0 * 9.81 * math.cos(0.3))
+    assert found.weight == pytest.approx(20.0 * 9.80665 * math.cos(0.3))
 
 
 def test_loads_and_mass_that_contradict_each_other_are_both_in_doubt() -> None:
     (found,) = weigh(Weighing(4, 20.0), 70.0, 6)
-    assert found.weight_std == pytest.approx(found.weight * math.log(280.0 / (20.0 * 9.81)))
+    assert found.weight_std == pytest.approx(found.weight * math.log(280.0 / (20.0 * 9.80665)))
 
 
 def test_without_a_mass_or_one_of_the_wheels_nothing_is_weighed() -> None:

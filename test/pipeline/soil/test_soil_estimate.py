@@ -86,7 +86,7 @@ def test_a_reset_is_a_new_start_and_the_counts_go_on() -> None:
 
 @pytest.mark.parametrize("name", list(SOILS))
 def test_every_soil_of_the_library_makes_a_prior(name: str) -> None:
-    assert Pipeline(settings(name)).soil.log_reference_pressure == pytest.approx(
+    assert Pipeline(settings(name)).soil.log_pressure == pytest.approx(
         soil(name).log_reference_pressure
     )
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 from scipy.optimize import brentq, minimize
 
-from smallwheel_ros.physics.force_slopes import sloped_forces
+from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 from smallwheel_ros.pipeline.strength.contact import OnSoil
 from smallwheel_ros.pipeline.strength.filter import StrengthFilter
@@ -33,7 +33,11 @@ WHEELS = tuple(
     for end, x in (("front", 0.35), ("rear", -0.35))
     for side, y in (("left", 0.25), ("right", -0.25))
 )
-PRIOR = Strength(Quantity(0.0, 400.0), Quantity(0.5, 0.1), Quantity(0.012, 0.005))
+# A rim of which is known that it grips like soil: the angle takes all that a balance shows.
+PRIOR = Strength(
+    Quantity(0.0, 400.0), Quantity(0.5, 0.1), Quantity(0.012, 0.005), Quantity(1.0, 0.5), Quantity(1.0, 1e-3),
+    Quantity(0.0, 0.0),
+)  # fmt: skip
 MASS, LOAD, DEPTH = 24.0, 59.0, 0.012
 ALL = np.arange(4)
 
@@ -43,8 +47,8 @@ def contact(count: int, load: float = LOAD) -> OnSoil:
     full, none = np.full(count, load), np.zeros(count)
     spread = np.zeros((count, 4, 4))
     return OnSoil(
-        np.arange(count), full, np.full(count, DEPTH), none, none, spread, spread, np.ones(count), full,
-        np.ones(count), np.zeros(count, dtype=bool),
+        np.arange(count), full, np.full(count, DEPTH), none, none, spread, spread, np.full(count, DEPTH),
+        np.ones(count), np.full(count, 0.25), full, np.ones(count), none, none, np.zeros(count, dtype=bool),
     )  # fmt: skip
 
 
@@ -52,8 +56,10 @@ def shown(angle: float, slip: float, grip: float = 1.0) -> Array:
     """Thrust, pull and rim force (N) of a wheel on soil without cohesion, with the prior's displacement."""
     one = np.ones(1)
     made = sloped_forces(
-        LOAD * one, DEPTH * one, 0.25 * one, 0.1 * one, slip * one, one, 0.0 * one, angle * one,
-        math.log(0.012) * one, one, grip * one,
+        WheelRows(
+            LOAD * one, DEPTH * one, 0.25 * one, 0.1 * one, slip * one, one, 0.0 * one, angle * one,
+            math.log(0.012) * one, one, one, 0.0 * one, grip * one,
+        )
     )  # fmt: skip
     return np.asarray(made.values[:, 0])
 
@@ -102,6 +108,22 @@ def test_balance_finds_the_friction_angle() -> None:
     assert strengths.sources == {"balance"}
 
 
+def test_what_a_rim_grips_with_is_not_taken_for_the_angle() -> None:
+    """Where nobody knows mu, the angle is less sure by as much; what is held is as sure."""
+    held = []
+    for mu in (Quantity(1.0, 1e-3), Quantity(1.0, 0.2)):
+        strengths = Strengths(replace(PRIOR, rim_friction=mu), WHEELS, ALL, MASS)
+        drive(strengths, 0.42)
+        now = strengths.believed[-1][0]
+        at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0)
+        push = now.forces(at)[0]
+        spread = float(np.sqrt(now.product(push.row, push.row))[0]) / float(push.value[0])
+        held.append((angle_of(strengths).standard_deviation, spread))
+    (sure, of_sure), (unsure, of_unsure) = held
+    assert unsure > 1.15 * sure
+    assert of_unsure < 1.1 * of_sure
+
+
 def test_each_soil_keeps_its_strength() -> None:
     strengths = fresh()
     drive(strengths, 0.40)
@@ -140,7 +162,7 @@ def test_a_slippery_place_is_grip_and_not_strength() -> None:
     push = float(shown(0.5, 0.3, grip=0.4)[0])
     for i in range(6):
         strengths.take(step(60 + i, 0.3, balance(0.5, 0.3, grip=0.4)))
-    at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3))
+    at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0)
     found = strengths.believed[-1][0].forces(at)[0].value
     assert (push < found).all()
     assert (found < 1.7 * push).all()
@@ -171,7 +193,7 @@ def test_without_a_mass_or_one_of_the_wheels_there_is_no_balance(count: int) -> 
 
 def _one_wheel(slip: float) -> tuple[StrengthFilter, Rolling]:
     size = np.array([0.25]), np.array([0.1])
-    at = Rolling(np.array([0]), contact(1), *size, np.array([slip]))
+    at = Rolling(np.array([0]), contact(1), *size, np.array([slip]), 0.0)
     return StrengthFilter(PRIOR, WHEELS[:1], 0.0), at
 
 
@@ -287,7 +309,7 @@ def test_slopes_of_forces_are_those_of_differences(
 
     def at(slip: float) -> Rolling:
         on = replace(contact(1), factor=np.array([1.2]), other=np.array([1.0]))
-        return Rolling(np.array([1]), on, np.array([0.25]), np.array([0.1]), np.array([slip]))
+        return Rolling(np.array([1]), on, np.array([0.25]), np.array([0.1]), np.array([slip]), 0.1)
 
     here = forces(x, made.cells, at(slip))
     for place, unit in enumerate(np.eye(len(x))):

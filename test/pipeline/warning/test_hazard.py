@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from raw_drives import NAMES, START, real_folder, settings
 
+from smallwheel_ros.onboard.declared import REFERENCE_SLIP
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.rows.align import Align, rules_of, widths_of
@@ -262,7 +263,7 @@ def test_on_real_ground_on_which_no_vehicle_got_stuck(
     made = stage.take(rows, drive.rows[ODOMETRY][0], (stamps, imu), streams.latest)
     assert made is not None
     assert (made[1].told > 0).sum() <= at_most
-    margins = AnyGround(stage.side).take(made[0])
+    margins = AnyGround(stage.side, REFERENCE_SLIP).take(made[0])
     assert margins is not None
     assert np.nanmean(margins.risk) < risk_at_most
     # The bands hold what grass, floor and sand give at a slip of 0.3 to 0.6: 0.25 to 0.95.

@@ -11,8 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from rows_of_drives import drive, give, rover, static_rover
 
+from smallwheel_ros.drive.messages import margin_before_driving
+from smallwheel_ros.onboard.declared import REFERENCE_SLIP
 from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import Instants
 from smallwheel_ros.pipeline.warning.margin import (
     GRIP,
@@ -35,7 +40,7 @@ def driven(
     grip: float, softness: float, resistance: float, steps: int = 60, seed: int = 0
 ) -> GroundMargin:
     """Steps at pulls from 0 to what slip 0.5 gives."""
-    rng, ground = np.random.default_rng(seed), GroundMargin()
+    rng, ground = np.random.default_rng(seed), GroundMargin(REFERENCE_SLIP)
     for slip in rng.uniform(0.0, 0.5, steps):
         pull = law(slip, grip, softness, resistance) + 0.01 * rng.standard_normal()
         ground.update(float(slip + 0.03 * rng.standard_normal()), 0.04, pull, 1.0)
@@ -56,7 +61,7 @@ def instants(
 
 
 def test_before_any_drive_it_is_the_prior() -> None:
-    ground = GroundMargin()
+    ground = GroundMargin(REFERENCE_SLIP)
     low, middle, high = ground.quantiles()
     assert middle == pytest.approx(0.31, abs=0.02)  # WARNING: 0.31 [0.00, 1.27]
     assert low == pytest.approx(0.0, abs=0.02)
@@ -80,7 +85,7 @@ def test_a_drive_that_pulls_tells_the_margin(
 
 
 def test_what_the_vehicle_does_bounds_the_margin_from_below() -> None:
-    ground = GroundMargin()
+    ground = GroundMargin(REFERENCE_SLIP)
     before = ground.quantiles()[0]
     for _ in range(10):
         ground.update(0.04, 0.04, 0.35, 1.0)
@@ -89,10 +94,10 @@ def test_what_the_vehicle_does_bounds_the_margin_from_below() -> None:
 
 
 def test_a_steady_drive_on_firm_ground_is_no_risk_and_ice_on_a_slope_is() -> None:
-    made = AnyGround(SIDE).take(instants())
+    made = AnyGround(SIDE, REFERENCE_SLIP).take(instants())
     assert made is not None
     assert np.nanmean(made.risk) < 0.05
-    steep = AnyGround(SIDE).take(instants(slip=0.45, pull=0.12))
+    steep = AnyGround(SIDE, REFERENCE_SLIP).take(instants(slip=0.45, pull=0.12))
     assert steep is not None
     assert steep.risk[-1] > 3.0 * made.risk[-1]
     assert steep.risk[-1] > 0.1
@@ -104,14 +109,14 @@ def test_ground_behind_is_forgotten() -> None:
     ground.forget(1.0)
     assert np.allclose(ground.quantiles(), known, atol=0.05)
     ground.forget(200.0)
-    assert np.allclose(ground.quantiles(), GroundMargin().quantiles(), atol=1e-6)
+    assert np.allclose(ground.quantiles(), GroundMargin(REFERENCE_SLIP).quantiles(), atol=1e-6)
 
 
 @pytest.mark.parametrize("column", ["felt", "speed", "rim"])
 def test_where_nothing_is_known_the_risk_is_unknown(column: str) -> None:
     rows = instants(10)
     nothing = np.full(getattr(rows, column).shape, np.nan)
-    made = AnyGround(SIDE).take(Instants(**{**rows.__dict__, column: nothing}))
+    made = AnyGround(SIDE, REFERENCE_SLIP).take(Instants(**{**rows.__dict__, column: nothing}))
     assert made is not None
     assert np.isnan(made.risk).all()
     assert np.isfinite(made.margin).all()
@@ -119,16 +124,19 @@ def test_where_nothing_is_known_the_risk_is_unknown(column: str) -> None:
 
 def test_turns_on_the_spot_and_standstills_teach_nothing() -> None:
     rows = instants(10)
-    stage = AnyGround(SIDE)
+    stage = AnyGround(SIDE, REFERENCE_SLIP)
     stage.take(Instants(**{**rows.__dict__, "rim": rows.rim * np.array([-1.0, 1.0, -1.0, 1.0])}))
     stage.take(Instants(**{**rows.__dict__, "rim": 0.0 * rows.rim, "stamp": rows.stamp + 10**10}))
     assert stage.steps == 0
 
 
 def test_backwards_is_as_forwards_but_for_the_tilt() -> None:
-    ahead, rows = AnyGround(SIDE).take(instants(slip=0.2, pull=0.1)), instants(slip=0.2, pull=0.1)
+    ahead, rows = (
+        AnyGround(SIDE, REFERENCE_SLIP).take(instants(slip=0.2, pull=0.1)),
+        instants(slip=0.2, pull=0.1),
+    )
     back = Instants(**{**rows.__dict__, "rim": -rows.rim, "speed": -rows.speed, "felt": -rows.felt})
-    made = AnyGround(SIDE).take(back)
+    made = AnyGround(SIDE, REFERENCE_SLIP).take(back)
     assert ahead is not None
     assert made is not None
     assert made.margin[-1] == pytest.approx(ahead.margin[-1], abs=0.03)
@@ -138,8 +146,8 @@ def test_backwards_is_as_forwards_but_for_the_tilt() -> None:
 @given(st.lists(st.integers(1, 199), max_size=8))
 def test_margins_do_not_depend_on_where_blocks_are_cut(edges: list[int]) -> None:
     rows = instants(20, slip=0.2, pull=0.1)
-    whole = AnyGround(SIDE).take(rows)
-    stage = AnyGround(SIDE)
+    whole = AnyGround(SIDE, REFERENCE_SLIP).take(rows)
+    stage = AnyGround(SIDE, REFERENCE_SLIP)
     ends = [0, *sorted(set(edges)), len(rows)]
     parts = [stage.take(rows.take(slice(a, b))) for a, b in pairwise(ends)]
     made = Margins.joined([part for part in parts if part is not None])
@@ -149,7 +157,7 @@ def test_margins_do_not_depend_on_where_blocks_are_cut(edges: list[int]) -> None
 
 
 def test_a_step_costs_under_two_milliseconds() -> None:
-    ground, costs = GroundMargin(), []
+    ground, costs = GroundMargin(REFERENCE_SLIP), []
     for _ in range(30):
         begin = time.process_time()
         ground.update(0.1, 0.05, 0.05, 1.0)
@@ -159,3 +167,19 @@ def test_a_step_costs_under_two_milliseconds() -> None:
         ground.risk(0.1)
         costs.append(time.process_time() - begin)
     assert min(costs) < 2e-3  # the smallest: others on this machine only make it slower
+
+
+@pytest.mark.parametrize("soil", [True, False])
+def test_the_margin_is_that_at_the_reference_slip(soil: bool) -> None:
+    shown = []
+    for slip in (0.05, 0.2, 0.4, 0.9):
+        vehicle = (rover if soil else static_rover)(reference_slip=slip)
+        pipeline = Pipeline(vehicle.onboard)
+        give(pipeline.streams, drive(soil=soil))
+        found = Estimates.joined([turn.estimates for turn in pipeline.turns(last=True)])
+        before = margin_before_driving(vehicle.onboard)
+        assert before is not None
+        shown.append((float(found.margin[-1]), before.value))
+    for less, more in pairwise(shown):
+        assert more[0] > less[0] + 0.01
+        assert more[1] > less[1] + 0.01

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a joint's velocity is in rad/s: against what its position turns in the same messages."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SECOND = 1_000_000_000  # ns
+_BLOCK = SECOND // 10  # ns: ticks of an encoder and its delay are small against what turns in it
+_LONGEST = SECOND  # ns: over a longer gap nothing is added up
+_TURNED = 2.0  # rad, by positions, after which it is judged: a filter's delay is small against that
+_FEWEST = 10  # blocks
+_STANDS = 30.0  # rad by velocities without positions that follow: these tell nothing
+# Units differ by 6 and more, rims of small wheels turn by 2 rad and more in a metre; no delay makes a half.
+_APART = 2.0
+_LITTLE, _FAR = (
+    0.05,
+    4.0,
+)  # rad, and a factor that no start from rest gives: then nothing is used yet
+_STARTED = 5  # blocks, after which a filter's delay no longer makes a fourth of a speed
+_ALIKE = 0.9  # correlation of the two, under which they are not of one joint
+_NEAR = 0.04  # of a known factor
+# What a velocity is in whose factor to rad/s is this, where positions are in rad.
+_VELOCITIES = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi, "turns/s": 0.5 / math.pi}
+_POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in turns or degrees
+
+
+class VelocityUnit:
+    """A joint's messages, until it is known whether its velocities are in rad/s.
+
+    wrong: what is wrong with them, in words; empty while nothing is known to be.
+    """
+
+    def __init__(self) -> None:
+        self.wrong = ""
+        self._known = False
+        self._last: tuple[int, float, float] | None = None
+        self._block = [0, 0.0, 0.0]  # how long (ns), turned by positions and by velocities, rad
+        self._count, self._pp, self._vv, self._pv = 0, 0.0, 0.0, 0.0
+        self._by_position = self._by_velocity = 0.0
+        self._suspect = False  # far from rad/s by the little that has turned so far
+
+    def usable(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
+        """Which messages, in the order in which they came, may be used: not those of a wrong velocity.
+
+        stamps: ns. velocity, position: rad/s and rad, NaN where a message has none; all (messages,).
+        """
+        found = np.ones(stamps.size, dtype=bool)
+        rows = zip(stamps.tolist(), velocity.tolist(), position.tolist(), strict=True)
+        for number, row in enumerate(rows):
+            if self._known:
+                found[number:] = not self.wrong
+                break
+            self._add(*row)
+            found[number] = not (self.wrong or self._suspect)
+        return found
+
+    def _add(self, stamp: int, velocity: float, position: float) -> None:
+        if not (math.isfinite(velocity) and math.isfinite(position)):
+            return
+        last, self._last = self._last, (stamp, velocity, position)
+        if last is None or not 0 < stamp - last[0] <= _LONGEST:
+            return
+        turned = position - last[2]
+        if abs(turned) > math.pi:  # it begins anew at each turn
+            return
+        block = self._block
+        block[0] += stamp - last[0]
+        block[1] += turned
+        block[2] += 0.5 * (velocity + last[1]) * (stamp - last[0]) / SECOND
+        if block[0] < _BLOCK:
+            return
+        _, by_position, by_velocity = block
+        self._block = [0, 0.0, 0.0]
+        if by_velocity == 0.0:
+            return
+        self._count += 1
+        self._pp += by_position**2
+        self._vv += by_velocity**2
+        self._pv += by_position * by_velocity
+        self._by_position += abs(by_position)
+        self._by_velocity += abs(by_velocity)
+        factor = abs(self._pv) / self._pp if self._by_position > _LITTLE else 1.0
+        slow = self._count >= _STARTED and factor < 1.0 / _FAR
+        self._suspect = factor > _FAR or slow
+        if self._by_position >= _TURNED and self._count >= _FEWEST:
+            self._judge()
+        elif self._by_velocity > _STANDS > 100.0 * self._by_position:
+            self._known = True
+
+    def _judge(self) -> None:
+        self._known = True
+        if abs(self._pv) < _ALIKE * math.sqrt(self._pp * self._vv):
+            return
+        factor = abs(self._pv) / self._pp
+        if 1.0 / _APART <= factor <= _APART:
+            return
+        if any(abs(factor / known - 1.0) < _NEAR for known in _POSITIONS):
+            return  # velocities are right, and nothing else is needed
+        near = [u for u, known in _VELOCITIES.items() if abs(factor / known - 1.0) < _NEAR]
+        other = "in m/s at the rim" if factor < 1.0 else "of a motor before its gear"
+        perhaps = f"in {near[0]}" if near else other
+        times = f"its velocity is {factor:.3g} times what its position turns"
+        self.wrong = f"{times}, perhaps {perhaps}: expected rad/s"

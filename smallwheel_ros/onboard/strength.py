@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The strength that the robot begins with: of a model file, of a soil of the library, or of any ground.
+
+The means are those that the bench predicts with, so that both give one pull. The deviations are what a fit
+has found, with what a field adds, or where nothing was measured the spread of what is published.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from smallwheel_ros.fitting.parameters import STRENGTH_PARAMETERS
+from smallwheel_ros.model.model import CalibratedModel
+from smallwheel_ros.physics.soil import Soil, usual_strength
+from smallwheel_ros.physics.wheel import Quantity, Strength
+
+# What the soil of a field differs by from its own sample in a laboratory, from place to place: friction
+# angles of sand by 9 %, cohesions by 30 % (Phoon and Kulhawy 1999, inherent variability).
+_FIELD_FRICTION, _FIELD_COHESION = 0.09, 0.3
+# As a model's covariance calls c, phi, ln K, eta and mu.
+_FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_share", "rim_friction")
+
+
+def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
+    """Strength of a soil of a model, and whether it was measured: whether its friction angle was fitted."""
+    usual = _with_or_without_lugs(usual_strength(soil))
+    measured = [name for name in _FITTED if f"{soil.name}.{name}" in model.names]
+    if "friction_angle" not in measured:
+        return usual, False
+    before = (
+        usual.cohesion.standard_deviation, usual.friction_angle.standard_deviation,
+        usual.shear_displacement.standard_deviation / soil.shear_displacement,
+        usual.rolling_share.standard_deviation, usual.rim_friction.standard_deviation,
+    )  # fmt: skip
+    covariance = np.diag(np.square(before))
+    places = [_FITTED.index(name) for name in measured]
+    at = [model.names.index(f"{soil.name}.{name}") for name in measured]
+    covariance[np.ix_(places, places)] = model.covariance[np.ix_(at, at)]
+    deviations = np.sqrt(np.diag(covariance))
+    safe = np.where(deviations > 0.0, deviations, 1.0)
+    c, phi, log_shear, eta, mu = deviations.tolist()
+    found = Strength(
+        Quantity(soil.cohesion, c),
+        Quantity(soil.friction_angle, phi),
+        Quantity(soil.shear_displacement, soil.shear_displacement * log_shear),
+        Quantity(soil.rolling_share, eta),
+        Quantity(soil.rim_friction, mu),
+        usual.pressure_peak,
+        covariance / np.outer(safe, safe) + np.diag(np.where(deviations > 0.0, 0.0, 1.0)),
+    )
+    field = {"friction_angle": _FIELD_FRICTION * soil.friction_angle}
+    if "cohesion" in measured:
+        field["cohesion"] = _FIELD_COHESION * soil.cohesion
+    return found.wider(**field), True
+
+
+def any_strength() -> Strength:
+    """Of ground of which nobody has said what it is: the prior of a fit."""
+    c, phi, log_shear = (
+        STRENGTH_PARAMETERS[name][1]
+        for name in ("cohesion", "friction_angle", "log_shear_displacement")
+    )
+    shear = math.exp(log_shear.centre)
+    return _with_or_without_lugs(
+        Strength(
+            Quantity(c.centre, c.deviation),
+            Quantity(phi.centre, phi.deviation),
+            Quantity(shear, shear * log_shear.deviation),
+        )
+    )
+
+
+def _with_or_without_lugs(strength: Strength) -> Strength:
+    """On board nobody says whether a wheel has lugs, between which mu is 1."""
+    return strength.wider(rim_friction=1.0 - strength.rim_friction.value)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What applies to an estimate of a wheel, and the one status of it that a message carries.
+
+The only place of the numbers of MobilityEstimate.msg and SoilEstimate.msg: a test compares both with it.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Integers
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+
+class Condition(IntFlag):
+    """What applies to a row; a bit each in `Estimates.conditions`."""
+
+    PRIOR_ONLY = 1
+    LAW_UNKNOWN = 2
+    SLIP_UNKNOWN = 4
+    STANDS = 8
+    DOES_NOT_FIT = 16
+    NOT_USED = 32
+    LOAD_MISSING = 64
+    NOTHING_PREDICTED = 128
+    SUNK_TO_AXLE = 256
+    LOAD_STATIC = 512
+    DIGS = 1024
+    WARNED = 2048
+    MARGIN_OF_PRIOR = 4096
+    STRENGTH_OF_PRIOR = 8192
+
+
+class _Explained(IntEnum):
+    """A number with its meaning, in the words of the message's comment and of docs/node.md."""
+
+    meaning: str
+
+    def __new__(cls, number: int, meaning: str = "") -> Self:
+        one = int.__new__(cls, number)
+        one._value_, one.meaning = number, meaning
+        return one
+
+
+class Status(_Explained):
+    """The most serious of the conditions that apply; numbers of MobilityEstimate.msg."""
+
+    OK = 0, "nothing of what follows"
+    PRIOR_ONLY = 1, "no sinkage has been used yet: the soil is the configured one"
+    SLIP_UNKNOWN = 2, "the wheel stands, or a speed is not known: no thrust, no drawbar pull"
+    REJECTED = 3, "the measured sinkage does not fit, or its sensor is doubted"
+    LOAD_MISSING = 4, "no usable load near this instant: no sinkage, no forces"
+    SUNK_TO_AXLE = 5, "the soil does not carry the load before the axle reaches it"
+    NOTHING_PREDICTED = 6, "the model gives no sinkage for this wheel"
+
+
+class SoilStatus(_Explained):
+    """Numbers of SoilEstimate.msg."""
+
+    OK = 0, "at least one measurement was accepted"
+    PRIOR_ONLY = 1, "no measurement yet: the configured soil and its uncertainty"
+
+
+# From the least serious to the most serious. A condition that is not listed is no status.
+_STATUS_OF = (
+    (Condition.PRIOR_ONLY, Status.PRIOR_ONLY),
+    (Condition.SLIP_UNKNOWN, Status.SLIP_UNKNOWN),
+    (Condition.DOES_NOT_FIT, Status.REJECTED),
+    (Condition.NOT_USED, Status.REJECTED),
+    (Condition.NOTHING_PREDICTED, Status.NOTHING_PREDICTED),
+    (Condition.LOAD_MISSING, Status.LOAD_MISSING),
+    (Condition.SUNK_TO_AXLE, Status.SUNK_TO_AXLE),
+)
+
+
+def status_of(conditions: Integers) -> Integers:
+    """Status of rows with these conditions, shape (rows,)."""
+    found = np.full(conditions.shape, int(Status.OK), dtype=np.int64)
+    for condition, status in _STATUS_OF:
+        found[conditions & int(condition) != 0] = int(status)
+    return found

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One model file, two doors: the bench's prediction and the robot's estimate are one number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_examples import examples
+
+from smallwheel_ros.api.predict import predict
+from smallwheel_ros.model.model import Geometry, Model
+from smallwheel_ros.model.model_file import CalibratedModel, write_model
+from smallwheel_ros.onboard.parameters import ParametersError, settings_from
+from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, SOILS, Soil, soil
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.tables import Estimates
+
+SPEED = 0.1  # m/s
+WHEELS = st.fixed_dictionaries(
+    {
+        "load": st.floats(5.0, 300.0),
+        "diameter": st.floats(0.1, 0.6),
+        "width": st.floats(0.05, 0.25),
+        "slip": st.one_of(st.floats(0.0, 0.9), st.floats(-0.8, -0.05)),
+    }
+)
+
+
+@st.composite
+def soils(draw: st.DrawFn) -> Soil:
+    """Soils as files have them; k from a pressure of 5 to 300 kPa at the reference."""
+    n, m = draw(st.floats(0.2, 1.8)), draw(st.floats(-0.8, 0.8))
+    pressure = np.exp(draw(st.floats(np.log(5e3), np.log(3e5))))
+    k = pressure * REFERENCE_SINKAGE**-n * REFERENCE_DIAMETER**-m
+    return Soil(
+        "own", float(k), n, m, draw(st.floats(0.0, 8e3)), draw(st.floats(0.2, 0.9)),
+        draw(st.floats(1e-3, 0.06)), "", draw(st.floats(0.0, 3.0)), draw(st.floats(0.4, 1.2)),
+        draw(st.floats(0.0, 0.6)),
+    )  # fmt: skip
+
+
+EFFECTS = st.sampled_from(
+    [(), ("slip_sinkage",), ("bulldozing",), ("hardpan",), ("sinkage_offset",), ("load_gain",),
+     ("load_dependent_modulus", "slip_sinkage"), ("hardpan", "skid_sinkage")]
+)  # fmt: skip
+
+
+def on_board(wheel: dict[str, float], **parameters: object) -> Estimates:
+    """The newest estimate of one wheel that nothing is measured of but load and slip."""
+    given = {
+        "wheels": ["w"], "w.diameter": wheel["diameter"], "w.width": wheel["width"], "w.sinkage_topic": "",
+        **parameters,
+    }  # fmt: skip
+    pipeline = Pipeline(settings_from(given).onboard)
+    slip = wheel["slip"]
+    ratio = 1.0 / (1.0 - slip) if slip >= 0.0 else 1.0 + slip
+    for i in range(1, 120):
+        stamp = 20_000_000 * i + 10**9
+        pose = 0.02 * SPEED * i
+        pipeline.streams.add("odom", stamp, (SPEED, 0, pose, 0, 1, 0, 0, 0, 0, 0))
+        pipeline.streams.add("w/wheel_speed", stamp, (SPEED * ratio / (0.5 * wheel["diameter"]),))
+        pipeline.streams.add("w/load", stamp, (wheel["load"],))
+    return Estimates.joined([turn.estimates for turn in pipeline.turns(last=True)]).take(
+        slice(-1, None)
+    )
+
+
+def assert_one_number(wheel: dict[str, float], model: object, found: Estimates) -> None:
+    row = predict(model=model, **wheel).to_frame().iloc[0]
+    if row["status"] != "ok":
+        assert np.isnan(found.sinkage[0])
+        assert np.isnan(found.drawbar_pull[0])
+        return
+    assert found.slip[0] == pytest.approx(wheel["slip"], abs=1e-9)
+    for name in ("sinkage", "compaction_resistance", "thrust", "drawbar_pull"):
+        size = 1e-3 if name == "sinkage" else wheel["load"]
+        value = float(getattr(found, name)[0])
+        assert value == pytest.approx(row[name], rel=1e-6, abs=1e-6 * size), name
+
+
+@settings(max_examples=examples(200), deadline=None)
+@given(
+    wheel=WHEELS,
+    own=soils(),
+    effects=EFFECTS,
+    geometry=st.sampled_from(["contact_integral", "closed_form"]),
+)
+def test_bench_and_robot_give_one_number(
+    tmp_path_factory: pytest.TempPathFactory,
+    wheel: dict[str, float],
+    own: Soil,
+    effects: tuple[str, ...],
+    geometry: Geometry,
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "model.yaml"
+    write_model(path, Model(own, geometry, effects))
+    assert_one_number(wheel, path, on_board(wheel, model_file=str(path)))
+
+
+@pytest.mark.parametrize("name", SOILS)
+@pytest.mark.parametrize("slip", [-0.2, 0.0, 0.3])
+def test_so_they_do_on_a_soil_of_the_library(name: str, slip: float) -> None:
+    wheel = {"load": 60.0, "diameter": 0.25, "width": 0.1, "slip": slip}
+    assert_one_number(wheel, name, on_board(wheel, **{"soil.name": name}))
+
+
+def test_the_paper_s_moist_earth_pulls_by_the_paper_s_strength() -> None:
+    row = predict(soil="moist_earth", load=60, diameter=0.2, width=0.1, slip=0.3).to_frame().iloc[0]
+    assert row["drawbar_pull"] == pytest.approx(18.4, abs=0.05)
+
+
+def of_file(tmp_path: Path, model: Model) -> dict[str, object]:
+    write_model(tmp_path / "model.yaml", model)
+    return {"model_file": str(tmp_path / "model.yaml")}
+
+
+def test_a_measured_strength_gives_the_margin_from_the_first_metre(tmp_path: Path) -> None:
+    own = soil("moist_earth")
+    names = ("moist_earth.cohesion", "moist_earth.friction_angle", "moist_earth.rim_friction")
+    fitted = CalibratedModel(Model(own), names, np.diag([50.0**2, 0.003**2, 0.02**2]))
+    wheel = {"load": 60.0, "diameter": 0.25, "width": 0.1, "slip": 0.4}
+    measured = on_board(wheel, **of_file(tmp_path, fitted))
+    assumed = on_board(wheel, **of_file(tmp_path, Model(own)))
+    row = predict(model=fitted, **wheel).to_frame().iloc[0]
+    # At the reference slip, at the depth at which this wheel pulls most if it sinks less than that.
+    assert measured.margin[0] >= row["drawbar_pull"] / 60.0 - 1e-6
+    assert assumed.margin[0] < measured.margin[0]  # that of any ground
+    assert measured.drawbar_pull_std[0] < assumed.drawbar_pull_std[0]
+
+
+def test_what_the_robot_cannot_honour_is_refused_in_words(tmp_path: Path) -> None:
+    with pytest.raises(
+        ParametersError, match="thrust_form is wong_reece, expected stress_integral"
+    ):
+        on_board(
+            {"diameter": 0.25, "width": 0.1, "load": 60.0, "slip": 0.1},
+            **of_file(tmp_path, Model("dry_sand", thrust_form="wong_reece")),
+        )
+    with pytest.raises(ParametersError, match="write geometry: contact_integral"):
+        on_board(
+            {"diameter": 0.25, "width": 0.1, "load": 60.0, "slip": 0.1},
+            **of_file(
+                tmp_path, Model("dry_sand", "closed_form", ("penetration_rate/penetration_speed",))
+            ),
+        )
