@@ -8,7 +8,7 @@ from pathlib import Path
 
 from node_peer import documented_reasons
 
-from smallwheel_ros.drive.messages import Status
+from smallwheel_ros.pipeline.mobility.status import Status
 
 # As the pipeline counts: `note(stream, "reason", ...)`, or `return "reason", words` for who notes it.
 _REASON = re.compile(
