@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.simulate.sensors import Integers, Measured, Rows
+from smallwheel_ros.simulate.sensors import Integers, MeasuredRows, Rows
 from smallwheel_ros.simulate.vehicle import EPOCH, Truth, driven
 from smallwheel_ros.simulate.world import PLAIN, VEHICLES, Feature, Sensors, SimulatedRover, World
 from smallwheel_ros.simulate.world_ground import (
@@ -61,7 +61,7 @@ def make_drive(world: World, seed: int) -> WorldDrive:
         settle(ground)
         truth = driven(world, rover, ground, rng)
         if truth is not None:
-            rows = Measured(world, rover, truth, rng).rows()
+            rows = MeasuredRows(world, rover, truth, rng).rows()
             told = parameters_of(world, rover, rng) | dict(world.told)
             return WorldDrive(world, rover, ground, truth, told, rows)
     raise RuntimeError(f"{world.name}: no ground carries this vehicle")

@@ -20,10 +20,10 @@ from rates.drive_worlds import WorldDrive, make_drive
 from rates.judges import Judge, Line, Subject, middle, share
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
-from smallwheel_ros.pipeline.checks.ground_speed import GroundSpeed
-from smallwheel_ros.pipeline.checks.rules import Checks, Finding
-from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
+from smallwheel_ros.pipeline.checks.believed import RawRows
+from smallwheel_ros.pipeline.checks.rules import Finding
+from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
+from smallwheel_ros.pipeline.intake.buffer import Samples
 from smallwheel_ros.pipeline.tables import Array, Integers
 from smallwheel_ros.simulate.sensors import Rows
 from smallwheel_ros.simulate.world import GRAVITY, World
@@ -62,16 +62,12 @@ class Raw:
 
 def heard(drive: Raw) -> list[tuple[Finding, float]]:
     """What is reported of a drive, with the way at which it is."""
-    streams = Streams(widths_of(drive.settings), rules_of(drive.settings))
-    for name, stream in streams.all.items():
-        stream.extend(*drive.rows[name])
     until = max(int(stamps[-1]) for stamps, _ in drive.rows.values() if stamps.size)
-    ground = GroundSpeed(drive.settings, streams)
-    ground.advance(until)
-    checks = Checks(drive.settings, ground)
-    found = [*checks.take(drive.rows, until), *checks.flush()]
+    checks = SensorChecks(drive.settings)
+    streams = {name: Samples(*drive.rows[name]) for name in drive.settings.streams}
+    checks.take(RawRows(streams, until), last=True)
     stamps, way = drive.way()
-    return [(finding, float(np.interp(finding.stamp, stamps, way))) for finding in found]
+    return [(one, float(np.interp(one.stamp, stamps, way))) for one in checks.findings]
 
 
 # --- Faults

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
 from smallwheel_ros.pipeline.tables import SECOND, Columns, Estimates, Readings
 from smallwheel_ros.simulate import Drive
 from smallwheel_ros.simulate.drive_bag import recorded

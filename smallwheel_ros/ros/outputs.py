@@ -28,10 +28,10 @@ from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
 from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
 from smallwheel_ros.pipeline.twist.twist import Twists, messages

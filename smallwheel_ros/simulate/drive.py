@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.simulate.hidden import HiddenEffect
-from smallwheel_ros.simulate.sensors import Integers, Measured, Rows
+from smallwheel_ros.simulate.sensors import Integers, MeasuredRows, Rows
 from smallwheel_ros.simulate.settings import (
     DriveSettings,
     SimulationError,
@@ -226,7 +226,7 @@ def _recorded(
     world: World, rover: SimulatedRover, truth: Truth, settings: DriveSettings
 ) -> tuple[Rows, dict[str, NDArray[np.bool_]]]:
     """What the sensors show, less what is missing; and which of it are gross errors."""
-    measured = Measured(world, rover, truth, _stream(settings, 1))
+    measured = MeasuredRows(world, rover, truth, _stream(settings, 1))
     rows, outliers = measured.rows(), {}
     for j, wheel in enumerate(rover.wheels):
         for number, what in enumerate(("load", "sinkage"), 2):

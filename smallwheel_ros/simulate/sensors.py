@@ -32,7 +32,7 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
     return np.asarray(lfilter([1.0], [1.0, -keep], shocks))
 
 
-class Measured:
+class MeasuredRows:
     """The sensors of a drive. outliers: of each wheel, which of its sinkages are gross errors."""
 
     def __init__(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict is never calm over a misfit: lack of fit, bad runs, drifts, laws that the library lacks.
 
-Tests `curves.py` and `misfit.py`.
+Tests `bad_runs.py`, `curves.py` and `misfit.py`.
 """
 
 from __future__ import annotations

@@ -18,10 +18,10 @@ from smallwheel_ros.drive.messages import (
 )
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.rows.align import widths_of
 from smallwheel_ros.pipeline.tables import SECOND, Estimates
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers of a fit by name, and those that follow from its parameters, with their deviations.
 
-Tests `named.py`.
+Tests `measured.py`, `named.py` and `remedies.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model files: exact round trips, and refusals that say what is wrong where."""
+"""Model files: exact round trips, and refusals that say what is wrong where.
+
+Tests `measured.py`.
+"""
 
 from __future__ import annotations
 

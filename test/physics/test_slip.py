@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from smallwheel_ros.physics.wheel import Quantity, wheel_slip
-from smallwheel_ros.pipeline.rows.align import slip_of
+from smallwheel_ros.pipeline.rows.slip import slip_of
 
 STANDSTILL = 0.01
 

@@ -89,7 +89,7 @@ def test_what_millimetres_have_taught_does_not_stay() -> None:
     wrong, right = Pipeline(vehicle.onboard), Pipeline(vehicle.onboard)
     _, estimates = run(vehicle, in_millimetres(rows, "fl"), pipeline=wrong)
     run(vehicle, rows, pipeline=right)
-    (found,) = wrong.align.checks.anew
+    (found,) = wrong.checks.rules.anew
     assert "what the soil has learnt until then is dropped" in wrong.findings[0]
     soil, good = wrong.soil, right.soil
     assert abs(soil.log_pressure - good.log_pressure) < 0.1
@@ -104,5 +104,5 @@ def test_nothing_begins_anew_where_all_cells_are_off_alike() -> None:
     pipeline = Pipeline(vehicle.onboard)
     run(vehicle, rows, pipeline=pipeline)
     assert any("times the weight" in text for text in pipeline.findings)
-    assert not pipeline.align.checks.anew
+    assert not pipeline.checks.rules.anew
     assert pipeline.soil.accepted

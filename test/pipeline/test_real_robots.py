@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from rows_of_drives import PLACES, SECOND, START, Row, drive, rover, run, static_rover
 
+from smallwheel_ros.pipeline.checks.believed import Trust
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Readings
 
@@ -72,6 +73,11 @@ def test_the_deviation_of_a_speed_is_learnt(noise: float, rate: float) -> None:
     assert np.isfinite(steady.slip).mean() > 0.98
 
 
+def trust_of(pipeline: Pipeline, stamp: int) -> Trust:
+    """What is believed of the speed at a stamp."""
+    return pipeline.checks.ground.believed(stamp, stamp).trust(np.array([stamp]))
+
+
 def test_late_poses_are_not_taken_for_slip() -> None:
     """0.5 s late: in starts and stops the speed is not that of the rims, and the deviation says so."""
 
@@ -82,7 +88,7 @@ def test_late_poses_are_not_taken_for_slip() -> None:
         return 0.8 * np.sin(1.5 * t)
 
     rows, pipeline = _drive(seconds=60.0, late=0.5, speed=speed, turn=turn, noise=0.01)
-    lag = pipeline.align.ground.trust(np.array([rows.stamp[-1]])).lag[0]
+    lag = trust_of(pipeline, int(rows.stamp[-1])).lag[0]
     assert lag == pytest.approx(0.5, abs=0.11)
     # Before it is known how late they come, they may be late.
     first = _while(rows, 0.5, 12.0)
@@ -95,7 +101,7 @@ def test_late_poses_are_not_taken_for_slip() -> None:
     inside = np.abs(learnt.slip - 0.1) <= 1.96 * learnt.slip_std
     assert inside[known & moves & (learnt.slip >= 0.0)].mean() > 0.85
     _, on_time = _drive(seconds=60.0, speed=speed, turn=turn, noise=0.01)
-    assert on_time.align.ground.trust(np.array([rows.stamp[-1]])).lag[0] == 0.0
+    assert trust_of(on_time, int(rows.stamp[-1])).lag[0] == 0.0
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.4])
@@ -141,9 +147,7 @@ def test_a_lag_that_is_known_stays_known_when_the_ground_gives_way() -> None:
             values = (0.25 - 0.2 * np.sin(seconds), *values[1:])
         rows.append((name, stamp, values, now))
     found, _ = run(vehicle, rows, range(0, len(rows), 500), pipeline=pipeline)
-    ground = pipeline.align.ground
-    at = np.array([START + k * SECOND for k in (2, 58)])
-    assert ground.trust(at[1:]).lag[0] == 0.0
+    assert trust_of(pipeline, START + 58 * SECOND).lag[0] == 0.0
     sure = _while(found, 20.0, 59.0)
     assert np.median(sure.slip_std) < 0.1
 

@@ -9,51 +9,63 @@ that is derived.
 from __future__ import annotations
 
 from collections.abc import Set
+from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
 # Of an odometry made of the wheels: its places are of use all the same.
 SHOWS_NO_SLIP = "odometry/speed"
 
 
-class Doubts:
-    """Sets of streams, each from a stamp (ns) on.
+@dataclass(frozen=True)
+class Doubted:
+    """Sets of streams that are not believed, each after a stamp (ns) and up to the next.
 
-    began: stamps from which on a stream is doubted that was not before.
+    stamps: of all but the first set, which is that of the time before them.
     """
 
-    def __init__(self) -> None:
-        self._stamps: list[int] = [NEVER]
-        self._streams: list[frozenset[str]] = [frozenset()]
-        self.began: list[tuple[int, frozenset[str]]] = []
-
-    def hold(self, stamp: int, streams: Set[str]) -> None:
-        """Behind a stamp these streams are doubted, and no others."""
-        before, now = self._streams[-1], frozenset(streams)
-        if now == before:
-            return
-        self._stamps.append(stamp)
-        self._streams.append(now)
-        if now - before:
-            self.began.append((stamp, now - before))
-
-    def forget(self, before: int) -> None:
-        """Keep what holds behind a stamp (ns)."""
-        while len(self._stamps) > 1 and self._stamps[1] < before:
-            del self._stamps[0], self._streams[0]
-        self.began = [one for one in self.began if one[0] >= before]
+    stamps: tuple[int, ...] = ()
+    streams: tuple[frozenset[str], ...] = (frozenset(),)
 
     def at(self, stream: str, stamps: Integers) -> Flags:
         """At which of some stamps a stream is doubted."""
-        flags = np.array([stream in streams for streams in self._streams])
-        if not flags.any():
+        flags = [stream in streams for streams in self.streams]
+        if not any(flags):
             return np.zeros(stamps.shape, dtype=bool)
-        return np.asarray(flags[np.searchsorted(self._stamps[1:], stamps, side="left")])
+        return np.array(flags)[np.searchsorted(self.stamps, stamps, side="left")]
 
     def believed(self, stream: str, stamps: Integers, values: Array) -> Array:
         """Rows of a stream, NaN where it is doubted."""
         doubted = self.at(stream, stamps)
         return np.where(doubted[:, None], np.nan, values) if doubted.any() else values
+
+
+NO_DOUBT = Doubted()
+
+
+class Doubts:
+    """What checks put down of doubted streams.
+
+    now: as of the newest stamp. began: stamps from which on a stream is doubted that was not before.
+    """
+
+    def __init__(self) -> None:
+        self.now = NO_DOUBT
+        self.began: list[int] = []
+
+    def hold(self, stamp: int, streams: Set[str]) -> None:
+        """After a stamp (ns) these streams are doubted, and no others."""
+        before, now = self.now.streams[-1], frozenset(streams)
+        if now == before:
+            return
+        self.now = Doubted((*self.now.stamps, stamp), (*self.now.streams, now))
+        if now - before:
+            self.began.append(stamp)
+
+    def forget(self, before: int) -> None:
+        """Keep what holds after a stamp (ns)."""
+        old = sum(stamp < before for stamp in self.now.stamps)
+        self.now = Doubted(self.now.stamps[old:], self.now.streams[old:])
+        self.began = [stamp for stamp in self.began if stamp >= before]

@@ -4,23 +4,24 @@
     speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
               the heading, in the middle of both
     spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
-              the same of three messages in a row; the larger one, as a share of sqrt(v^2 + 1): it is the more
-              the faster a vehicle drives, since stamps are off. Of poses also by their stamps: how far one
-              is from the line between its neighbours, over the rims' speed, is how much its stamp is off
+              the same of three messages in a row, as shares of sqrt(v^2 + 1): it is the more the faster a
+              vehicle drives, since stamps are off. The larger of what 0.8 of them keep to. Of poses also by
+              their stamps: how far one is from the line between its neighbours, over the rims' speed, is how
+              much its stamp is off
     lag       by how much the turning and the speed follow gyro and rims: largest correlation, as last found;
               until anything follows, it may be half a second
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
     imu       turned over where its z axis looks down
 
-Each row depends on messages up to its own stamp alone, and sums go on over cuts. What checks doubt is NaN
-here (`doubts`): speeds, rims and imu are read through `speeds`, `each_rim` and `imu`, by all stages.
+Each row depends on messages up to its own stamp alone, and sums go on over cuts.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,13 +33,14 @@ from smallwheel_ros.onboard.settings import (
     VELOCITY,
     OnboardSettings,
 )
-from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.intake.buffer import NEVER, Stream
-from smallwheel_ros.pipeline.intake.streams import Streams
+from smallwheel_ros.pipeline.intake.buffer import NEVER, Samples, Stream
+from smallwheel_ros.pipeline.intake.layout import rules_of
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, steps_of, unknown
 
+from .believed import NO_ROWS, BelievedRows, RawRows
 from .doubts import Doubts
 from .lateness import LAGS, Lag, OfWheels
+from .sums import RunningDeviation
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL = range(10)
 WINDOW = (
@@ -58,7 +60,11 @@ _SMOOTH = (
     0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
 )
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
-_TOLD, _GUESSED = 10, 3  # readings that the parameters' deviation, and `_SCAN`, count for
+_NEAR = 6  # lags of 0.1 s that three messages in a row span, of an odometry of 4 Hz and more
+_GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
+_UNTRIED = (
+    0.1  # m/s at rest, as a share like `_SLOW`: six odometries of real robots had 0.04 to 0.2
+)
 
 
 @dataclass(frozen=True)
@@ -85,28 +91,12 @@ class Known:
 
 
 @dataclass
-class Trust:
-    """What is known of the speed at each of some instants.
-
-    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
-    whether it is made of them; may_be: whether it is not known yet to be, or not to be; since: s for which
-    the message has been the same; way: m by the rims meanwhile.
-    """
-
-    variance: Array
-    lag: Array
-    of_wheels: Flags
-    may_be: Flags
-    since: Array
-    way: Array
-    mean: Array
-
-
-@dataclass
 class _Sums:
     """Running sums of what is learnt, and what they were at the end of the last piece of way."""
 
-    spread: list[Array] = field(default_factory=lambda: [np.zeros(2) for _ in range(3)])
+    quick: RunningDeviation = field(default_factory=lambda: RunningDeviation(_GUESSED))
+    lasting: RunningDeviation = field(default_factory=lambda: RunningDeviation(_GUESSED))
+    late: Array = field(default_factory=lambda: np.zeros(2))
     speed: Array = field(default_factory=lambda: unknown(2))
     way: float = 0.0
     changed: int = NEVER
@@ -121,13 +111,11 @@ class GroundSpeed:
     pose.
     """
 
-    def __init__(
-        self, settings: OnboardSettings, streams: Streams, doubts: Doubts | None = None
-    ) -> None:
-        self.settings, self.streams = settings, streams
+    def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
+        self.settings, self.rules = settings, rules_of(settings)
         self.doubts = Doubts() if doubts is None else doubts
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
-        self._rolling = [wheel for wheel in settings.wheels if wheel.contact == ROLLING]
+        self._raw: Mapping[str, Samples] = {}
         self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
         self._own = Stream(
             "own", 6
@@ -140,98 +128,48 @@ class GroundSpeed:
         self._sums = _Sums()
         self._turns_late, self._speed_late, self._of_wheels = Lag(), Lag(), OfWheels()
 
-    def advance(self, until: int) -> None:
-        """Take what came, and learn of it up to a stamp (ns) at which all is there."""
-        self.take()
-        self.learn(until)
-
-    def take(self) -> None:
-        """Take what came."""
+    def take(self, raw: Mapping[str, Samples]) -> None:
+        """Take what came: raw rows by stream."""
+        self._raw = raw
         self._turn_over()
         self._speeds()
 
-    def bound(self, until: int) -> int:
+    def bound(self, raw: RawRows) -> int:
         """Stamp (ns) up to which speeds are there: those of poses are in the middle between two."""
-        source = self.streams.all.get(self.source)
-        if source is None or not self.posed or not source.received or self.streams.silent(source):
-            return until
-        return min(until, self.moves.newest)
+        waits = self._own.newest != NEVER and self.source not in raw.silent
+        return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
 
     def forget(self, before: int) -> None:
         """Drop what nothing asks for any more."""
         for stream in (self.moves, self.felt, self._own, self._trust):
             stream.forget(before)
 
-    def trust(self, instants: Integers) -> Trust:
-        """How far the speed is believed at instants up to which has been learnt."""
-        stamps, (variance, lag, of_wheels, may_be, since, way, mean, *_) = self._last(instants)
-        seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)
-        usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
-        return Trust(
-            usual,
-            np.where(np.isnan(lag), _LATE, lag),
-            of_wheels > 0.0,
-            (may_be != 0.0) & (self.source == ODOMETRY),
-            np.nan_to_num(since) + seconds,
-            np.nan_to_num(way),
-            np.nan_to_num(mean),
+    def believed(
+        self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
+    ) -> BelievedRows:
+        """What is believed, of rows up to which has been learnt."""
+        own = self.moves.samples, self.felt.samples, self._trust.samples
+        return BelievedRows(
+            self.settings, self._raw, *own, self.doubts.now, since, done, began, anew
         )
 
     def known(self, stamp: int) -> Known:
         """What has turned out up to a stamp (ns) up to which has been learnt."""
         down = bisect_right(self._turned, stamp) % 2 == 0
-        stamps, values = self._last(np.array([stamp], dtype=np.int64))
+        stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
             return Known(down=down)
-        of_wheels, no_twist, share = values[[2, 7, 8], 0].tolist()
+        of_wheels, no_twist, share = values[0, [2, 7, 8]].tolist()
         return Known(share if of_wheels else math.nan, no_twist, down)
-
-    def _last(self, instants: Integers) -> tuple[Integers, Array]:
-        stamps, values = self._trust.last(instants)
-        return stamps, values.T
-
-    def believed(self, name: str, instants: Integers) -> Array:
-        """Values of a stream at instants, (instants, width); NaN where it is doubted."""
-        values = self.streams.all[name].at(instants, self.streams.rules)
-        return self.doubts.believed(name, instants, values)
-
-    def speeds(self, instants: Integers) -> Array:
-        """Speed (m/s) and yaw rate (rad/s) as measured over ground, (instants, 2)."""
-        values = self.moves.at(instants, self.streams.rules)
-        return self.doubts.believed(self.source, instants, values)
-
-    def imu(self, instants: Integers) -> Array:
-        """Rows of the imu, z up, (instants, 7)."""
-        return self.doubts.believed(IMU, instants, self.felt.at(instants, self.streams.rules))
-
-    def each_rim(self, instants: Integers) -> Array:
-        """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
-        found = np.empty((len(self._rolling), instants.size))
-        for row, wheel in zip(found, self._rolling, strict=True):
-            row[:] = (
-                self.believed(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
-            )
-        return found
-
-    def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
-        """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left."""
-        if not self._rolling:
-            return unknown(instants.size), unknown(instants.size), unknown(instants.size)
-        rims = self.each_rim(instants)
-        side = np.array([wheel.lateral_position for wheel in self._rolling])
-        turn = unknown(instants.size)
-        if (side > 0.0).any() and (side < 0.0).any():
-            turn = 0.5 * (_mean(rims[side < 0.0]) - _mean(rims[side > 0.0]))
-        return _mean(rims), _mean(np.abs(rims)), turn
 
     # --- What came
 
     def _turn_over(self) -> None:
         """Give the imu's rows with z up: most of those so far say where down is."""
-        stream = self.streams.all.get(IMU)
-        if stream is None or stream.newest <= self.felt.newest:
+        stream = self._raw.get(IMU, NO_ROWS)
+        stamps, values = stream.after(self.felt.newest)
+        if not stamps.size:
             return
-        stamps, values = stream.between(self.felt.newest, stream.newest)
         # Gravity is felt; a driver without it in its acceleration may have it in the orientation.
         felt, told = values[:, 3] / self.settings.gravity, values[:, 6]
         along = np.where(np.abs(felt) > DOWN, felt, told)
@@ -248,8 +186,8 @@ class GroundSpeed:
 
     def _speeds(self) -> None:
         """Give the rows of speed and yaw rate."""
-        stream = self.streams.all.get(self.source)
-        if stream is None or stream.newest <= self._own.newest:
+        stream = self._raw.get(self.source, NO_ROWS)
+        if not stream.after(self._own.newest)[0].size:
             return
         all_stamps, all_values = stream.stamps, stream.values
         first = int(np.searchsorted(all_stamps, self._own.newest, side="right"))
@@ -263,7 +201,7 @@ class GroundSpeed:
         if self.source == ODOMETRY and self.posed:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
-            rules, rows = self.streams.rules, np.arange(all_stamps.size)
+            rules, rows = self.rules, np.arange(all_stamps.size)
             longest = np.maximum(stream.gaps(all_stamps, rules), rules.silence - rules.reorder)
             apart = np.diff(all_stamps) > longest[:-1]  # it may have been silent meanwhile
             begin = np.maximum.accumulate(np.where(np.concatenate([[True], apart]), rows, 0))
@@ -309,17 +247,17 @@ class GroundSpeed:
         stamps, own = self._own.between(after, until)
         if not stamps.size:
             return
-        sums = self._sums
+        sums, now = self._sums, self.believed(after, until)
         back, speed, turn, new, no_twist, off = own.T
         middle = stamps - back.astype(np.int64)
         back_to = np.array([*LAGS, _APART, 2 * _APART])
         mean, size, half_turn = (
-            each.reshape(middle.size, -1) for each in self.rims((middle[:, None] - back_to).ravel())
+            each.reshape(middle.size, -1) for each in now.rims((middle[:, None] - back_to).ravel())
         )
         before = np.concatenate([[sums.stamp], stamps[:-1]])
         passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
         sums.stamp = int(stamps[-1])
-        doubted = self.doubts.at(self.source, stamps)
+        doubted = now.doubted.at(self.source, stamps)
         speed, turn, off = (np.where(doubted, np.nan, each) for each in (speed, turn, off))
         passed[doubted] = 0.0
         step = np.nan_to_num(size[:, 0]) * passed
@@ -333,8 +271,8 @@ class GroundSpeed:
         changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
         changed_way = np.maximum(changed_way, sums.changed_way)
         sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
-        variance = self._spread(middle, back, speed, off, mean[:, [0, -2, -1]])
-        lag = self._lag(middle, speed, turn, mean[:, : LAGS.size])
+        variance = self._spread(now, middle, back, speed, off, mean)
+        lag = self._lag(now, middle, speed, turn, mean[:, : LAGS.size])
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
         made, may_be, share = self._made_of_wheels(ways_before, way, parts)
@@ -344,55 +282,67 @@ class GroundSpeed:
         self._trust.extend(stamps, np.column_stack(rows))
 
     def _spread(
-        self, middle: Integers, back: Array, speed: Array, off: Array, rims: Array
+        self,
+        now: BelievedRows,
+        middle: Integers,
+        back: Array,
+        speed: Array,
+        off: Array,
+        rims: Array,
     ) -> Array:
         """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
 
         off: m, of a place from the line between its neighbours, as `_off_line` has it. rims: their mean
-        speed then, `_APART` and twice that before, (rows, 3).
+        speed `LAGS`, `_APART` and twice that before, (rows, lags + 2).
         """
         sums = self._sums
-        apart = [self.speeds(middle - k * _APART)[:, 0] for k in (1, 2)]
+        apart = [now.speeds(middle - k * _APART)[:, 0] for k in (1, 2)]
         with np.errstate(invalid="ignore"):
-            most = np.abs(rims).max(axis=1)
-            change = np.where(most > STANDSTILL_SPEED, np.ptp(rims, axis=1) / most, np.nan)
+            whole, near = rims[:, [0, -2, -1]], rims[:, :_NEAR]
+            most = np.abs(whole).max(axis=1)
+            size = np.where(most > STANDSTILL_SPEED, most, np.nan)
+            change, change_near = np.ptp(whole, axis=1) / size, np.ptp(near, axis=1) / size
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
-        bends = speed - 2.0 * apart[0] + apart[1], speed - 2.0 * before[1:-1] + before[:-2]
+        lasting = speed - 2.0 * apart[0] + apart[1]
+        quick = speed - 2.0 * before[1:-1] + before[:-2]
         told: Array = np.full(back.size, self.settings.noise.speed**2)
         with np.errstate(invalid="ignore", divide="ignore"):
             late2 = (off**2 - _PLACE**2) / rims[:, 0] ** 2
         good = (change < _SMOOTH) & np.isfinite(off)
-        late2 = np.maximum(self._mean(2, good, late2, _SCAN**2, _GUESSED), _SCAN**2)
-        place = np.sqrt(_PLACE**2 + late2 * np.nan_to_num(speed) ** 2)
+        place = np.sqrt(_PLACE**2 + self._late2(good, late2) * np.nan_to_num(speed) ** 2)
         posed = 2.0 * (place * SECOND / np.maximum(2.0 * back, WINDOW)) ** 2
         told = np.where(back > 0.0, np.maximum(told, posed), told)
         found = told
         # Errors of stamps grow with the speed: fast and slow rows tell of each other by this share.
         with np.errstate(invalid="ignore"):
             share = _SLOW**2 + np.nan_to_num(np.fmax(most, np.abs(speed))) ** 2
-        for i, bend in enumerate(bends):
-            good = (change < _STEADY) & np.isfinite(bend)
-            squares = bend**2 / 6.0 / share
-            found = np.maximum(found, share * self._mean(i, good, squares, told / share, _TOLD))
+        # What three messages in a row show is there first, and as much goes for errors that last.
+        learnt = np.sqrt(np.maximum(told / share, _UNTRIED**2))
+        kinds = (quick, change_near, sums.quick), (lasting, change, sums.lasting)
+        for bend, changes, deviation in kinds:
+            good = (changes < _STEADY) & np.isfinite(bend)
+            learnt = deviation.take(good, np.abs(bend) / np.sqrt(6.0 * share), learnt)
+            found = np.maximum(found, share * learnt**2)
         return np.asarray(found)
 
-    def _mean(
-        self, i: int, good: Flags, squares: Array, before: Array | float, count: int
-    ) -> Array:
-        """Mean of the good squares so far, in which what was before counts for `count` of them."""
+    def _late2(self, good: Flags, squares: Array) -> Array:
+        """Square of what stamps of poses are off by, s^2: mean so far, with what is usual of a lidar."""
         rows = np.column_stack([good, np.where(good, squares, 0.0)])
-        total = np.cumsum(np.concatenate([self._sums.spread[i][None], rows]), axis=0)[1:]
-        self._sums.spread[i] = total[-1]
-        return np.asarray((count * before + total[:, 1]) / (count + total[:, 0]))
+        total = np.cumsum(np.concatenate([self._sums.late[None], rows]), axis=0)[1:]
+        self._sums.late = total[-1]
+        mean = (_GUESSED * _SCAN**2 + total[:, 1]) / (_GUESSED + total[:, 0])
+        return np.asarray(np.maximum(mean, _SCAN**2))
 
-    def _lag(self, middle: Integers, speed: Array, turn: Array, rims: Array) -> Array:
+    def _lag(
+        self, now: BelievedRows, middle: Integers, speed: Array, turn: Array, rims: Array
+    ) -> Array:
         """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
 
         rims: their mean speed `LAGS` before, (rows, lags).
         """
         instants = (middle[:, None] - LAGS).ravel()
-        gyro = self.imu(instants)[:, 0].reshape(middle.size, -1)
+        gyro = now.imu(instants)[:, 0].reshape(middle.size, -1)
         found = np.fmax(self._turns_late.take(turn, gyro), self._speed_late.take(speed, rims))
         return np.where(np.isnan(found), _LATE, found)
 
@@ -404,14 +354,6 @@ class GroundSpeed:
             no = np.zeros(way.size, dtype=bool)
             return no, no, unknown(way.size)
         return self._of_wheels.take(before, way, parts)
-
-
-def _mean(wheels: Array) -> Array:
-    """Mean over the wheels that are known, (instants,)."""
-    known = np.isfinite(wheels)
-    count = known.sum(axis=0)
-    total = np.where(known, wheels, 0.0).sum(axis=0)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:

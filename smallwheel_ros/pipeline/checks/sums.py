@@ -10,10 +10,16 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erf, ndtri
 
 from smallwheel_ros.pipeline.tables import Array, Flags
 
 MOST_PIECES = 400  # that are kept: what a tyre or a zero was long ago does not count
+WITHIN = 0.8  # of the sizes: a third are touched where every ninth reading of three is far off
+_OF_NORMAL = float(
+    ndtri(0.5 + 0.5 * WITHIN)
+)  # deviations within which so many are, of normal errors
+_EDGES = np.geomspace(1e-4, 1e2, 77)  # of the bins, a fifth apart
 MOST_SPANS = 300  # medians of spans that are kept: ten minutes
 
 
@@ -111,6 +117,36 @@ class RunningAgreement:
         """The correlation, -1 to 1."""
         both, first, second, way, turned = self._sums
         return float(both / np.sqrt(first * second)) if turned > self.least and way > 0.0 else 0.0
+
+
+class RunningDeviation:
+    """Standard deviation of errors by the size that `WITHIN` of them keep to, row by row.
+
+    Errors of odometries have heavier tails than normal: a mean of squares is that of the worst few. Sizes are
+    counted in bins of a fifth, so that a row depends on all before it and on no cut.
+    """
+
+    def __init__(self, count: float) -> None:
+        """count: sizes that what was known before counts for."""
+        self._prior = count
+        self._counts = np.zeros(_EDGES.size + 1)
+
+    def take(self, good: Flags, sizes: Array, before: Array) -> Array:
+        """Deviation at each row by the good sizes up to it. before: what it is without any, > 0."""
+        rows = np.zeros((sizes.size, _EDGES.size + 1))
+        chosen = np.flatnonzero(good)
+        rows[chosen, np.searchsorted(_EDGES, sizes[chosen])] = 1.0
+        total = np.cumsum(np.concatenate([self._counts[None], rows]), axis=0)[1:]
+        self._counts = total[-1] if len(total) else self._counts
+        within = np.cumsum(total, axis=1)[:, :-1]
+        within = within + self._prior * erf(_EDGES / (np.sqrt(2.0) * before[:, None]))
+        asked = WITHIN * (self._prior + total.sum(axis=1))
+        upper = np.clip((within < asked[:, None]).sum(axis=1), 1, _EDGES.size - 1)
+        row = np.arange(sizes.size)
+        low, high = within[row, upper - 1], within[row, upper]
+        share = np.clip((asked - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+        size = _EDGES[upper - 1] * (_EDGES[upper] / _EDGES[upper - 1]) ** share
+        return np.asarray(size / _OF_NORMAL)
 
 
 class Medians:

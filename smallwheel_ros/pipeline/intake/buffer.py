@@ -39,7 +39,89 @@ class StampRules:
         return max(self.gap, _WIDEST)
 
 
-class Stream:
+class Sampled:
+    """Rows in the order of their stamps, looked at by instants. stamps: ns; values: (rows, width)."""
+
+    stamps: Integers
+    values: Array
+
+    def between(self, after: int, until: int) -> tuple[Integers, Array]:
+        """Rows as they came, behind a stamp (ns) and up to another."""
+        stamps = self.stamps
+        rows = slice(*np.searchsorted(stamps, [after, until], side="right").tolist())
+        return stamps[rows], self.values[rows]
+
+    def after(self, stamp: int) -> tuple[Integers, Array]:
+        """Rows as they came, behind a stamp (ns)."""
+        first = int(np.searchsorted(self.stamps, stamp, side="right"))
+        return self.stamps[first:], self.values[first:]
+
+    def periods(self, stamps: Integers) -> Integers:
+        """Time (ns) between the messages up to each of `stamps`, all that there are: the second longest of 8.
+
+        One message that is missing does not make a stream slow. 0: of the first two.
+        """
+        between = np.concatenate([np.zeros(_PERIODS), np.diff(stamps)]).astype(np.int64)
+        windows = np.lib.stride_tricks.sliding_window_view(between, _PERIODS)
+        return np.partition(windows, -2, axis=1)[: stamps.size, -2]
+
+    def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
+        """How far (ns) the value at each of `stamps` is held."""
+        if stamps.size < 2 or _HOLDS * int((stamps[1:] - stamps[:-1]).max()) <= rules.gap:
+            return np.full(stamps.size, rules.gap)
+        held = (_HOLDS * self.periods(stamps)).astype(np.int64)
+        return np.clip(held, rules.gap, rules.widest)
+
+    def hold(self, rules: StampRules) -> int:
+        """How far (ns) the newest value is held."""
+        newest = self.stamps[-1 - _PERIODS :]
+        return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
+
+    def at(self, instants: Integers, rules: StampRules) -> Array:
+        """Values at instants, interpolated, or held within its gap; else NaN. Shape (rows, width)."""
+        if not self.stamps.size or not instants.size:
+            return np.full((instants.size, self.values.shape[1]), np.nan)
+        after = self.stamps.searchsorted(instants)
+        first = max(int(after.min()) - 1 - _PERIODS, 0)  # no row depends on what is before it
+        part = slice(first, int(after.max()) + 1)
+        stamps, values = self.stamps[part], self.values[part]
+        after -= first
+        later = np.minimum(after, stamps.size - 1)
+        end = stamps[later]
+        exact = end == instants
+        if exact.all():
+            return np.asarray(values[later])
+        before = np.maximum(after - 1, 0)
+        start = stamps[before]
+        gap = self.gaps(stamps, rules)[before]
+        from_start, to_end = instants - start, end - instants
+        holds = (from_start >= 0) & (from_start <= gap)
+        comes = (to_end >= 0) & (to_end <= gap)
+        # Between two rows where both are near; else both are the one that is.
+        low = values[np.where(holds & ~exact, before, later)]
+        high = values[np.where(comes, later, before)]
+        share = from_start / np.maximum(end - start, 1)
+        found: Array = low + share[:, None] * (high - low)
+        found[~(holds | comes)] = np.nan
+        return found
+
+    def last(self, instants: Integers) -> tuple[Integers, Array]:
+        """Stamp and values of the newest row at or before each instant; NEVER and NaN before the first."""
+        row = np.searchsorted(self.stamps, instants, side="right")
+        stamps = np.append(np.int64(NEVER), self.stamps)
+        values = np.vstack([np.full((1, self.values.shape[1]), np.nan), self.values])
+        return stamps[row], values[row]
+
+
+@dataclass(frozen=True)
+class Samples(Sampled):
+    """Rows of a stream as they were at one time: they stay while the stream grows."""
+
+    stamps: Integers
+    values: Array
+
+
+class Stream(Sampled):
     """Stamps (ns) and rows of values of one stream, in the order of the stamps.
 
     width: values in a row. newest: the newest stamp that was kept.
@@ -80,20 +162,14 @@ class Stream:
         return kept, kept + more
 
     @property
-    def stamps(self) -> Integers:
+    def stamps(self) -> Integers:  # type: ignore[override]
         """The stamps: a view, which stays as it is while the stream grows."""
         return self._stamps[self._begin : self._end]
 
     @property
-    def values(self) -> Array:
+    def values(self) -> Array:  # type: ignore[override]
         """The values, shape (rows, width): a view, as that of the stamps."""
         return self._values[self._begin : self._end]
-
-    def between(self, after: int, until: int) -> tuple[Integers, Array]:
-        """Rows as they came, behind a stamp (ns) and up to another."""
-        stamps = self.stamps
-        rows = slice(*np.searchsorted(stamps, [after, until], side="right").tolist())
-        return stamps[rows], self.values[rows]
 
     def forget(self, before: int) -> None:
         """Drop rows that nothing asks for any more: all but the last ones before a stamp."""
@@ -105,58 +181,7 @@ class Stream:
         self._begin = self._end
         self.newest = NEVER
 
-    def periods(self, stamps: Integers) -> Integers:
-        """Time (ns) between the messages up to each of `stamps`, all that there are: the second longest of 8.
-
-        One message that is missing does not make a stream slow. 0: of the first two.
-        """
-        between = np.concatenate([np.zeros(_PERIODS), np.diff(stamps)]).astype(np.int64)
-        windows = np.lib.stride_tricks.sliding_window_view(between, _PERIODS)
-        return np.partition(windows, -2, axis=1)[: stamps.size, -2]
-
-    def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
-        """How far (ns) the value at each of `stamps` is held."""
-        if stamps.size < 2 or _HOLDS * int((stamps[1:] - stamps[:-1]).max()) <= rules.gap:
-            return np.full(stamps.size, rules.gap)
-        held = (_HOLDS * self.periods(stamps)).astype(np.int64)
-        return np.clip(held, rules.gap, rules.widest)
-
-    def hold(self, rules: StampRules) -> int:
-        """How far (ns) the newest value is held."""
-        newest = self.stamps[-1 - _PERIODS :]
-        return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
-
-    def at(self, instants: Integers, rules: StampRules) -> Array:
-        """Values at instants, interpolated, or held within its gap; else NaN. Shape (rows, width)."""
-        if not self.stamps.size or not instants.size:
-            return np.full((instants.size, self.width), np.nan)
-        after = self.stamps.searchsorted(instants)
-        first = max(int(after.min()) - 1 - _PERIODS, 0)  # no row depends on what is before it
-        part = slice(first, int(after.max()) + 1)
-        stamps, values = self.stamps[part], self.values[part]
-        after -= first
-        later = np.minimum(after, stamps.size - 1)
-        end = stamps[later]
-        exact = end == instants
-        if exact.all():
-            return np.asarray(values[later])
-        before = np.maximum(after - 1, 0)
-        start = stamps[before]
-        gap = self.gaps(stamps, rules)[before]
-        from_start, to_end = instants - start, end - instants
-        holds = (from_start >= 0) & (from_start <= gap)
-        comes = (to_end >= 0) & (to_end <= gap)
-        # Between two rows where both are near; else both are the one that is.
-        low = values[np.where(holds & ~exact, before, later)]
-        high = values[np.where(comes, later, before)]
-        share = from_start / np.maximum(end - start, 1)
-        found: Array = low + share[:, None] * (high - low)
-        found[~(holds | comes)] = np.nan
-        return found
-
-    def last(self, instants: Integers) -> tuple[Integers, Array]:
-        """Stamp and values of the newest row at or before each instant; NEVER and NaN before the first."""
-        row = np.searchsorted(self.stamps, instants, side="right")
-        stamps = np.append(np.int64(NEVER), self.stamps)
-        values = np.vstack([np.full((1, self.width), np.nan), self.values])
-        return stamps[row], values[row]
+    @property
+    def samples(self) -> Samples:
+        """The rows that are kept now."""
+        return Samples(self.stamps, self.values)

@@ -29,7 +29,7 @@ import numpy as np
 
 from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
 
-from .buffer import NEVER, StampRules, Stream
+from .buffer import NEVER, Samples, StampRules, Stream
 from .plausible import fault, flaw, sound
 
 Arrivals = Mapping[
@@ -264,6 +264,14 @@ class Streams:
                 newest = self.latest - rules.reorder - stream.hold(rules)
             found = min(found, newest)
         return found
+
+    def samples(self) -> dict[str, Samples]:
+        """Raw rows by stream, as far as they are kept."""
+        return {name: stream.samples for name, stream in self.all.items()}
+
+    def silent_ones(self) -> frozenset[str]:
+        """The streams that are not waited for any more."""
+        return frozenset(name for name, stream in self.all.items() if self.silent(stream))
 
     def forget(self, before: int) -> None:
         """Drop what lies so far back that nothing asks for it."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, ndtr
@@ -18,8 +19,7 @@ from scipy.special import chdtri, ndtr
 from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.soil.borders import Soils
+from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.soil.stretches import Loads
 from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import is_determined
@@ -33,6 +33,7 @@ from smallwheel_ros.pipeline.tables import (
     Readings,
     none_of,
 )
+from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import AHEAD, is_prior
@@ -48,6 +49,28 @@ _NEWEST, _FAR = (
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 _GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
 _SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
+
+
+@dataclass(frozen=True)
+class OnGround(Loads):
+    """What is known of the ground at each row.
+
+    load, load_std: N, without the cell's noise. soil_version, newest, strength_version: of the soil under the
+    wheel, of that which the first wheels are on, and of the strength. refused: measured sinkages that were of
+    no use until then.
+    """
+
+    soil_version: Integers
+    newest: Integers
+    strength_version: Integers
+    refused: Integers
+
+
+class KnownGround(NamedTuple):
+    """What the versions that rows name are."""
+
+    soils: Versions[Version]
+    strengths: Strengths
 
 
 @dataclass
@@ -67,25 +90,21 @@ class AnswerState:
 
 
 def answer(
-    state: AnswerState, rows: Readings, loads: Loads, judged: Judged, soil_version: Integers,
-    newest: Integers, strength_version: Integers, streams: Streams, soils: Soils, strengths: Strengths,
+    state: AnswerState, rows: Readings, judged: Judged, ground: OnGround, known: KnownGround,
     settings: OnboardSettings,
 ) -> Estimates:  # fmt: skip
-    """Estimates of those rows that are due.
-
-    soil_version, newest, strength_version: of the soil under each row, of that which the first wheels are
-    on, and of the strength. streams: know which measured sinkages were of no use.
-    """
+    """Estimates of those rows that are due: by what was measured, what is warned of, and the ground."""
     due = np.flatnonzero(rows.due)
     if not due.size:
         return none_of(Estimates)
-    rows, loads, judged = rows.take(due), loads.take(due), judged.take(due)
-    soil_version, newest, strength_version = soil_version[due], newest[due], strength_version[due]
+    rows, judged, ground = rows.take(due), judged.take(due), ground.take(due)
+    soils, strengths, loads = known.soils, known.strengths, ground
+    soil_version, strength_version = ground.soil_version, ground.strength_version
     wheels, count = settings.wheels, len(rows)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = [soils.versions[number] for number in soil_version.tolist()]
+    of = [soils[number] for number in soil_version.tolist()]
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -128,11 +147,11 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soils.versions[number].number for number in newest.tolist()]
-    known = {column.name: getattr(can, column.name) for column in fields(Mobility)}
-    known |= {"margin": margin, "margin_std": margin_std}
+    numbers = [soils[number].number for number in ground.newest.tolist()]
+    columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
+    columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
-        **known, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
+        **columns, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
         sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
         x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows, settings.gravity),
         status=status_of(conditions), conditions=conditions,
@@ -142,7 +161,7 @@ def answer(
         digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
         margin_by_soil=by_soil,
-        rejected=streams.refused(rows.stamp) + np.array([v.outliers for v in of], dtype=np.int64),
+        rejected=ground.refused + np.array([v.outliers for v in of], dtype=np.int64),
         soil_version=soil_version, strength_version=strength_version,
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.soil.borders import Soils
+from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.tables import (
     SECOND,
     Array,
@@ -27,6 +27,7 @@ from smallwheel_ros.pipeline.tables import (
     Readings,
     none_of,
 )
+from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
@@ -112,16 +113,16 @@ class VehicleState:
 
     def take(
         self, instants: Instants | None, warned: Warned | None, stuck: Flags, rows: Readings,
-        judged: Judged, estimates: Estimates, soils: Soils,
+        judged: Judged, estimates: Estimates, soils: Versions[Version],
     ) -> VehicleEstimates:  # fmt: skip
         """Go on with a block.
 
         instants, warned, stuck: tenths of a second that are over, what is warned of at each, whether the rims
         run and the vehicle does not. rows, judged: of all wheels, and what holds at each. estimates: of rows
-        that were due. soils: know the soil of each version.
+        that were due. soils: of each version.
         """
         every = Estimates.joined([self._wheels, estimates])
-        own = [soils.versions[one].number for one in estimates.soil_version.tolist()]
+        own = [soils[one].number for one in estimates.soil_version.tolist()]
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
         felt = np.hstack([self._felt[1], np.stack([rows.slope, rows.across, judged.asked])])

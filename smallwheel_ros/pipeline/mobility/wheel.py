@@ -18,13 +18,13 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
-from smallwheel_ros.pipeline.soil.borders import Soils
-from smallwheel_ros.pipeline.soil.local_law import local_laws, sinkages
+from smallwheel_ros.pipeline.soil.local_law import Version, local_laws, sinkages
 from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
 from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
 from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Force, Rolling
 from smallwheel_ros.pipeline.strength.two_filters import RECENT, Strengths
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Mobility, Readings, unknown
+from smallwheel_ros.pipeline.versions import Versions
 
 SCATTER, _LEAST_STD = 0.05, 0.15  # of a thrust about law and grip; N, resolution of any pull
 _FITTED, _UNFITTED = 0.03, 0.05  # of the load: a margin's law with a balance, and without one
@@ -47,12 +47,12 @@ class Predicted(Mobility):
 
 
 def mobility(
-    rows: Readings, load: Array, load_std: Array, law: Integers, strength: Integers, soils: Soils,
+    rows: Readings, load: Array, load_std: Array, law: Integers, strength: Integers, soils: Versions[Version],
     strengths: Strengths, settings: OnboardSettings,
 ) -> Predicted:  # fmt: skip
     """What the wheels of rows can do. load: by the cells without noise, N, known; law, strength: versions."""
     wheels, count = settings.wheels, len(rows)
-    laws = local_laws(soils.versions, settings.wheels, rows, law)
+    laws = local_laws(soils, settings.wheels, rows, law)
 
     def at_slip(slip: Array) -> OnSoil:
         return on_soil(
@@ -85,7 +85,7 @@ def mobility(
         rows.wheel, load, (load_std / load) ** 2, np.zeros(count), rows.slip, rows.speed, rows.passes,
         rows.pass_doubt,
     )  # fmt: skip
-    sinkage, variance = sinkages(soils.versions, loaded, law)
+    sinkage, variance = sinkages(soils, loaded, law)
     measured = np.isfinite(sinkage)
     sinkage = np.where(measured, sinkage, on.shown) * nothing
     sinkage_std = np.sqrt(np.where(measured, variance, on.variance(sinkage=1.0))) * nothing

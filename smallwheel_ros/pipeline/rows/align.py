@@ -16,49 +16,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from smallwheel_ros.onboard.settings import (
-    IMU,
-    ODOMETRY,
-    STANDSTILL_SPEED,
-    VELOCITY,
-    OnboardSettings,
-)
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, STANDSTILL_SPEED, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.checks.doubts import SHOWS_NO_SLIP, Doubts
+from smallwheel_ros.pipeline.checks.believed import BelievedRows, Trust, mean_of_known
 from smallwheel_ros.pipeline.checks.ground_speed import (
     COSINE,
     PITCH,
     ROLL,
     SINE,
     SPEED_VARIANCE,
-    WINDOW,
+    YAW_RATE,
     YAW_VARIANCE,
-    GroundSpeed,
-    Trust,
     X,
     Y,
 )
-from smallwheel_ros.pipeline.checks.rules import Checks, Finding
-from smallwheel_ros.pipeline.checks.window import SPAN
-from smallwheel_ros.pipeline.intake.buffer import NEVER, StampRules
-from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings, unknown
+from smallwheel_ros.pipeline.intake.buffer import NEVER
+from smallwheel_ros.pipeline.tables import SECOND, Aligned, Array, Flags, Integers, unknown
 
-WIDTHS = {"load": 1, "sinkage": 2, "drawbar_pull": 1, "wheel_speed": 1, "torque": 1}
-WIDTHS |= {ODOMETRY: 10, VELOCITY: 3, IMU: 7}
-# s. What is measured at 5 Hz and more is interpolated; slower, wheel and ground change in between.
-MAXIMUM_GAP = 0.2
-_SILENT_AFTER = 1.0  # s: what has not come for so long is not waited for
-_FUTURE_TOLERANCE = 0.5  # s: clocks of two computers that are set by NTP differ by less
-_JUMP_TOLERANCE = 1.0  # s: what goes back by less is late, by more a bag that starts over
+from .slip import assembled_slip, rim_std_of
+
 _LOAD_STD = 0.02  # of the load, until stretches have learnt it
-_RIM_STD = 0.01  # of a rim's speed: encoders are exact, the effective radius is known to 1 %
-_MOVES = 4.0  # deviations of a speed: one reading in 16,000 of what stands is beyond them
 _GAINING = round(
     0.4 * SECOND
 )  # over which the vehicle's acceleration is taken, of a slow odometry 2 periods
-_PAST = 2 * SECOND  # what is learnt of an odometry looks so far back, and its lag half of it
 _LEAST_LOAD, _LIGHTEST = 0.05, 1e-6  # of a static load; N
 _HELD, _HELD_WAY = (
     0.5,
@@ -66,111 +47,43 @@ _HELD, _HELD_WAY = (
 )  # s with a speed, m by the rims: one message for so long is a dropped connection
 _PREDICTIONS = SECOND // 10
 _UPRIGHT = 0.5  # no vehicle drives on 60 degrees
-_HIDDEN = 0.3  # slip that an odometry of the wheels may hide: what the twist takes slip for, too
-
-
-def rules_of(settings: OnboardSettings) -> StampRules:
-    """The rules for stamps: those of the parameters `timing.*`, and what is the same on every vehicle."""
-    timing = settings.timing
-    waits = _SILENT_AFTER, timing.reorder_time, MAXIMUM_GAP, _JUMP_TOLERANCE
-    clock = _FUTURE_TOLERANCE, timing.maximum_age
-    return StampRules(*(round(each * SECOND) for each in (*waits, *clock)))
-
-
-def widths_of(settings: OnboardSettings) -> dict[str, int]:
-    """Values in a row of each stream that is listened to."""
-    return {name: WIDTHS[name.rpartition("/")[2]] for name in settings.streams}
 
 
 class Align:
-    """Gives the rows between the last watermark and the next.
+    """Gives the rows of what is new in a table of what is believed."""
 
-    since, done: stamps (ns) behind which, and up to which, the newest rows are.
-    """
-
-    def __init__(self, settings: OnboardSettings, streams: Streams) -> None:
-        self.settings, self.streams = settings, streams
-        self.doubts = Doubts()
-        self.ground = GroundSpeed(settings, streams, self.doubts)
-        self.checks = Checks(settings, self.ground, self.doubts)
-        self.since = self.done = NEVER
-        self.findings: tuple[Finding, ...] = ()
+    def __init__(self, settings: OnboardSettings) -> None:
+        self.settings = settings
         rolls = np.array([wheel.contact == ROLLING for wheel in settings.wheels])
-        self._order = np.where(
-            rolls, np.cumsum(rolls) - 1, -1
-        )  # of each wheel among those that roll
+        # Of each wheel among those that roll.
+        self._order = np.where(rolls, np.cumsum(rolls) - 1, -1)
         self._predicted = dict.fromkeys((w.name for w in settings.wheels), NEVER)
         self._pitches = False  # whether the odometry has ever had a pitch
         self._turns = False  # whether the velocity has ever had a yaw rate
         self._moves_turn = False  # and whatever tells the speed
-        self._strains = [
-            False for _ in settings.wheels
-        ]  # whether a torque has ever been anything but 0
+        # Whether a torque has ever been anything but 0.
+        self._strains = [False for _ in settings.wheels]
 
-    def rows(self, until: int, *, last: bool = False) -> Readings | None:
-        """Rows up to a stamp (ns) at which all is there, by stamp and wheel; None: there are none.
-
-        last: whether nothing more will come, so that the newest speed is held. What the rows were made of is
-        kept until the next turn. `findings`: what checks have found meanwhile.
-        """
-        self._forget()
-        self.ground.take()
-        until = until if last else self.ground.bound(until)
+    def take(self, believed: BelievedRows) -> Aligned | None:
+        """Rows in (since, done], by stamp and wheel; None: there are none."""
         parts = []
         for number, wheel in enumerate(self.settings.wheels):
-            stamps = self._instants(wheel, until)
+            stamps = self._instants(wheel, believed)
             if stamps.size:
                 parts.append((np.full(stamps.size, number), stamps))
-        self.since, self.done = self.done, max(self.done, until)
-        self._check(last)
         if not parts:
             return None
         wheel_of, stamps = (np.concatenate(column) for column in zip(*parts, strict=True))
         order = np.lexsort((wheel_of, stamps))
-        return self._assemble(wheel_of[order], stamps[order])
+        return self._assemble(believed, wheel_of[order], stamps[order])
 
-    def raw(self) -> dict[str, tuple[Integers, Array]]:
-        """The raw rows between the two newest watermarks, by stream."""
-        return {
-            name: stream.between(self.since, self.done) for name, stream in self.streams.all.items()
-        }
-
-    def doubted(self) -> dict[str, Flags]:
-        """By stream which of the raw rows are not believed, those that show no slip included."""
-        found = {name: self.doubts.at(name, stamps) for name, (stamps, _) in self.raw().items()}
-        if ODOMETRY in found:
-            found[ODOMETRY] |= self.doubts.at(SHOWS_NO_SLIP, self.raw()[ODOMETRY][0])
-        return found
-
-    def _check(self, last: bool) -> None:
-        """Learn and check span by span: what is learnt in one depends on what was doubted before it."""
-        ends = np.unique(np.concatenate([stamps // SPAN for stamps, _ in self.raw().values()]))
-        self.findings, before = (), self.since
-        for end in [*(ends[ends * SPAN > self.since] * SPAN).tolist(), self.done]:
-            if end > before:
-                self.ground.learn(end)
-                rows = {name: one.between(before, end) for name, one in self.streams.all.items()}
-                self.findings += tuple(self.checks.take(rows, end))
-                before = end
-        if last:
-            self.findings += tuple(self.checks.flush())
-
-    def _forget(self) -> None:
-        """Drop the raw rows that the turn, and the next ones, do not need any more."""
-        rules = self.streams.rules
-        before = self.done - _PAST - WINDOW - 2 * rules.widest
-        self.streams.forget(before)
-        self.ground.forget(before)
-        self.doubts.forget(before)
-
-    def _instants(self, wheel: Wheel, until: int) -> Integers:
+    def _instants(self, wheel: Wheel, believed: BelievedRows) -> Integers:
         """Stamps of a wheel's rows."""
-        settings, streams = self.settings, self.streams.all
+        settings = self.settings
         name = f"{wheel.name}/sinkage"
-        if name not in streams:
+        if name not in believed.streams:
             name = ODOMETRY if wheel.name in settings.static_loads else f"{wheel.name}/load"
-        stamps = streams[name].stamps
-        stamps = stamps[(stamps > self.done) & (stamps <= until)]
+        stamps, _ = believed.new(name)
         if name.endswith("/sinkage") or not stamps.size:
             return stamps
         period = stamps // _PREDICTIONS
@@ -178,12 +91,7 @@ class Align:
         self._predicted[wheel.name] = int(period[-1])
         return stamps[new]
 
-    def _sampled(self, name: str, stamps: Integers) -> Array:
-        if name not in self.streams.all:
-            return np.full((stamps.size, WIDTHS[name.rpartition("/")[2]]), np.nan)
-        return self.ground.believed(name, stamps)
-
-    def _assemble(self, wheel: Integers, stamps: Integers) -> Readings:
+    def _assemble(self, believed: BelievedRows, wheel: Integers, stamps: Integers) -> Aligned:
         settings, noise, wheels = self.settings, self.settings.noise, self.settings.wheels
         diameter, lateral = (
             np.array([getattr(w, name) for w in wheels])[wheel]
@@ -197,41 +105,29 @@ class Align:
         for number, one in enumerate(wheels):
             mine = wheel == number
             for kind, column in own.items():
-                if f"{one.name}/{kind}" in self.streams.all:
-                    column[mine] = self._sampled(f"{one.name}/{kind}", stamps[mine])[:, 0]
-            if f"{one.name}/sinkage" in self.streams.all:
-                exact = self._sampled(f"{one.name}/sinkage", stamps[mine])
-                sinkage[mine], variance[mine] = exact.T
-        moves = self._sampled(ODOMETRY, stamps)
-        felt = self.ground.imu(stamps)
-        trust = self.ground.trust(stamps)
+                if f"{one.name}/{kind}" in believed.streams:
+                    column[mine] = believed.at(f"{one.name}/{kind}", stamps[mine])[:, 0]
+            exact = believed.at(f"{one.name}/sinkage", stamps[mine])
+            sinkage[mine], variance[mine] = exact.T
+        moves = believed.at(ODOMETRY, stamps)
+        felt = believed.imu(stamps)
+        trust = believed.trust(stamps)
         rim = np.where(rolls, own["wheel_speed"] * diameter / 2.0, np.nan)
-        middle, turn = self._middle(stamps, moves, trust)
+        middle, turn = self._middle(believed, stamps, moves, trust)
         gyro = ~np.isnan(felt[:, 0])
-        yaw_rate = np.where(gyro, felt[:, 0], self._turned(stamps, turn))
+        yaw_rate = np.where(gyro, felt[:, 0], self._turned(believed, stamps, turn))
         speed = np.where(rolls, middle - yaw_rate * lateral, np.nan)
         variance_told = moves[:, SPEED_VARIANCE] + np.where(
             gyro, 0.0, moves[:, YAW_VARIANCE] * lateral**2
         )
         told = (variance_told > 0.0) & (settings.velocity != "topic")
         speed_std = np.sqrt(np.where(told, variance_told, trust.variance))
-        speed_std = np.hypot(speed_std, self._unsteady(wheel, stamps, trust, gyro))
+        speed_std = np.hypot(speed_std, self._unsteady(believed, wheel, stamps, trust, gyro))
         if settings.velocity == "none":
             rim = unknown(stamps.size)
-        rim_std = _RIM_STD * np.abs(rim)
-        slip, slip_std, stands = slip_of(speed, speed_std, rim, rim_std, STANDSTILL_SPEED)
-        # A rim that stops before a speed that is late, or has jumped, may stand as the vehicle does: there
-        # the speed's deviation counts whole, and not by the share of it that the rim has left.
-        skids = np.minimum(
-            np.hypot(speed_std, rim_std) / np.maximum(np.abs(speed), STANDSTILL_SPEED), 1.0
-        )
-        slip_std = np.fmax(slip_std, np.where(np.abs(rim) < np.abs(speed), skids, _RIM_STD))
-        slip_std = np.where(np.isfinite(slip), slip_std, np.nan)
-        slip, slip_std = (np.where(trust.of_wheels, np.nan, each) for each in (slip, slip_std))
-        # What may be made of the wheels says as little as nothing at all.
-        slip_std = np.maximum(slip_std, np.where(trust.may_be, _HIDDEN, 0.0))
+        slip, slip_std, stands = assembled_slip(speed, speed_std, rim, trust)
         faster = np.where(np.abs(rim) > np.abs(speed), rim, speed)
-        slope, gained, across = self._felt(stamps, moves, middle, felt)
+        slope, gained, across = self._felt(believed, stamps, moves, middle, felt)
         torque = self._torque(wheel, own["torque"])
         load = np.where(own["load"] >= _LIGHTEST, own["load"], np.nan)
         load_std = np.hypot(noise.load, _LOAD_STD * load)
@@ -239,22 +135,21 @@ class Align:
         known = np.isfinite(variance) & (variance > 0.0)
         usual = settings.estimator.sinkage_std
         heading = np.arctan2(moves[:, SINE], moves[:, COSINE])
-        zeros, no = np.zeros(stamps.size), np.zeros(stamps.size, dtype=bool)
-        return Readings(
+        return Aligned(
             stamp=stamps, wheel=wheel, sinkage=sinkage,
             sinkage_std=np.where(known, np.sqrt(np.where(known, variance, 1.0)), usual),
             load=load, load_std=load_std, vehicle_speed=middle, speed=speed, speed_std=speed_std,
-            rim_speed=rim, rim_std=rim_std, slip=slip, slip_std=slip_std,
+            rim_speed=rim, rim_std=rim_std_of(rim), slip=slip, slip_std=slip_std,
             stands=stands, forward=~(faster < 0.0), slope=slope, gained=gained,
             across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque, pull=own["drawbar_pull"],
             pitch=np.nan_to_num(moves[:, PITCH]), x=moves[:, X], y=moves[:, Y], heading=heading,
-            distance=zeros, path=zeros, onward=~no, pass_number=unknown(stamps.size), passes=zeros,
-            pass_doubt=zeros, due=no,
         )  # fmt: skip
 
-    def _middle(self, stamps: Integers, moves: Array, trust: Trust) -> tuple[Array, Array]:
+    def _middle(
+        self, believed: BelievedRows, stamps: Integers, moves: Array, trust: Trust
+    ) -> tuple[Array, Array]:
         """Speed of the vehicle's middle, NaN where it is frozen, and yaw rate, without a gyro."""
-        speed, turn = self.ground.speeds(stamps).T
+        speed, turn = believed.speeds(stamps).T
         posed = (moves[:, X] != 0.0) | (moves[:, Y] != 0.0)
         if self.settings.velocity == "topic":
             # A yaw rate of exactly 0 in every message so far is none: then odometry's is used.
@@ -262,7 +157,7 @@ class Align:
                 1:
             ]
             self._turns = bool(turned[-1])
-            turn = np.where(turned, turn, np.nan_to_num(moves[:, 1]))
+            turn = np.where(turned, turn, np.nan_to_num(moves[:, YAW_RATE]))
             posed[:] = False
         # A pose cannot stay the same at a speed; what has none may, until the wheels have come a long way.
         same = (trust.since >= _HELD) & (
@@ -270,42 +165,35 @@ class Align:
         )
         return np.where(same, np.nan, speed), turn
 
-    def _turned(self, stamps: Integers, turn: Array) -> Array:
+    def _turned(self, believed: BelievedRows, stamps: Integers, turn: Array) -> Array:
         """Yaw rate of an odometry, in place of a gyro that is doubted; none where it never turned."""
         turned = np.logical_or.accumulate(np.append(self._moves_turn, np.abs(turn) > 0.0))[1:]
         self._moves_turn = bool(turned[-1])
-        _, size, across = self.ground.rims(stamps)
+        _, size, across = believed.rims(stamps)
         # Sides whose rims run alike go straight on, whatever the imu says.
         bends = np.abs(across) > 0.02 * size
-        return np.where(~turned & bends & self.doubts.at(IMU, stamps), np.nan, turn)
+        return np.where(~turned & bends & believed.doubted.at(IMU, stamps), np.nan, turn)
 
-    def _unsteady(self, wheel: Integers, stamps: Integers, trust: Trust, gyro: Flags) -> Array:
+    def _unsteady(
+        self, believed: BelievedRows, wheel: Integers, stamps: Integers, trust: Trust, gyro: Flags
+    ) -> Array:
         """By how much a speed is off (m/s) that comes late or is a mean over time: what the rims change by.
 
         Those of all wheels; of the wheel's own where the late one tells the turn, too.
         """
-        source = self.streams.all.get(self.ground.source)
-        if source is None:
+        if believed.source not in believed.streams:
             return np.zeros(stamps.size)
-        spread = 0.5 * self._period(stamps) / SECOND + trust.mean
+        spread = 0.5 * believed.period(stamps) / SECOND + trust.mean
         earlier = (SECOND * (trust.lag + spread)).astype(np.int64)
         ago = np.stack([stamps, stamps - earlier // 2, stamps - earlier])
-        rims = self.ground.each_rim(ago.ravel()).reshape(-1, *ago.shape)
+        rims = believed.each_rim(ago.ravel()).reshape(-1, *ago.shape)
         if not len(rims):
             return np.zeros(stamps.size)
         own = np.ptp(rims, axis=1)[self._order[wheel], np.arange(stamps.size)]
-        common = np.ptp(rims.mean(axis=0), axis=0)
+        # Of the wheels that are known: one that is doubted makes the others no surer.
+        common = np.ptp(mean_of_known(rims), axis=0)
         rolls = self._order[wheel] >= 0
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
-
-    def _period(self, stamps: Integers) -> Integers:
-        """Time (ns) between the messages of speed before each instant."""
-        moves = self.ground.moves.stamps
-        if not moves.size:
-            return np.zeros(stamps.size, dtype=np.int64)
-        row = np.maximum(np.searchsorted(moves, stamps, side="right") - 1, 0)
-        periods = self.ground.moves.periods(moves)[row]
-        return np.asarray(np.minimum(periods, self.streams.rules.widest))
 
     def _torque(self, wheel: Integers, torque: Array) -> Array:
         """Torques; of a driver that leaves the effort empty, 0 in every message, they are not known."""
@@ -319,11 +207,11 @@ class Align:
         return found
 
     def _felt(
-        self, stamps: Integers, moves: Array, middle: Array, felt: Array
+        self, believed: BelievedRows, stamps: Integers, moves: Array, middle: Array, felt: Array
     ) -> tuple[Array, Array, Array]:
         """What slope and gaining speed take of the wheels per mass, and the slope across, m/s^2."""
-        over = np.maximum(_GAINING, 2 * self._period(stamps))
-        before = self.ground.speeds(stamps - over)[:, 0]
+        over = np.maximum(_GAINING, 2 * believed.period(stamps))
+        before = believed.speeds(stamps - over)[:, 0]
         gained = (middle - before) / (over / SECOND)
         gravity = self.settings.gravity
         if self.settings.with_imu:
@@ -387,30 +275,3 @@ def _levers(wheels: tuple[Wheel, ...], name: str) -> Array:
     off = places - places.mean()
     squares = float(off @ off)
     return off / squares if squares > 0.0 else np.zeros(off.size)
-
-
-def slip_of(
-    speed: Array, speed_std: Array, rim: Array, rim_std: Array, standstill: float
-) -> tuple[Array, Array, Flags]:
-    """Slip of wheels, its deviation, and which of them stand.
-
-    i = 1 - v/(r omega) driven, r omega/v - 1 skidding. One of both speeds must be above
-    `standstill` (m/s) and four of its own deviations: else nothing tells that the wheel moves at all.
-    """
-    with np.errstate(all="ignore"):
-        driven = np.abs(rim) >= np.abs(speed)
-        base, other = np.where(driven, rim, speed), np.where(driven, speed, rim)
-        base_std, other_std = (
-            np.where(driven, rim_std, speed_std),
-            np.where(driven, speed_std, rim_std),
-        )
-        known = np.isfinite(speed) & np.isfinite(rim)
-        moves = (np.abs(rim) > np.maximum(standstill, _MOVES * rim_std)) | (
-            np.abs(speed) > np.maximum(standstill, _MOVES * speed_std)
-        )
-        moves &= known
-        ratio = other / base
-        spread = np.hypot(other_std, ratio * base_std) / np.abs(base)
-        slip = np.minimum(1.0, 1.0 - ratio)
-        slip = np.where(moves, np.where(driven, slip, -slip), np.nan)
-        return slip, np.where(moves, np.minimum(spread, 1.0), np.nan), known & ~moves

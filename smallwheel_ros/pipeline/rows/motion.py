@@ -10,14 +10,22 @@ The sums:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from smallwheel_ros.onboard.settings import STANDSTILL_SPEED, OnboardSettings
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings, steps_of
+from smallwheel_ros.pipeline.tables import (
+    SECOND,
+    Aligned,
+    Array,
+    Flags,
+    Integers,
+    Readings,
+    steps_of,
+)
 
 from .passes import Passes
 
@@ -51,8 +59,8 @@ class MotionState:
         return cls([_Last() for _ in settings.wheels], Passes(settings.wheels))
 
 
-def motion(state: MotionState, rows: Readings, settings: OnboardSettings) -> Readings:
-    """Fill in the paths, the way, the passes, and which rows are due."""
+def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Readings:
+    """Rows with the paths, the way, the passes, and which of them are due."""
     wheels = settings.wheels
     path, due = np.empty(len(rows)), np.empty(len(rows), dtype=bool)
     pressed = np.zeros(len(rows))
@@ -70,10 +78,12 @@ def motion(state: MotionState, rows: Readings, settings: OnboardSettings) -> Rea
     distance = _path(state.vehicle, rows.stamp, rows.vehicle_speed, rows.stands)
     distance = np.maximum(distance, np.maximum.accumulate(np.maximum(pressed, pressed_before)))
     onward = _onward(state, rows)
-    rows = replace(rows, path=path, due=due, distance=distance, onward=onward)
-    counted = state.passes.numbers(rows)
+    counted = state.passes.numbers(rows, distance, onward)
     passes, doubt = rut_of(wheels, rows.wheel, onward, counted)
-    return replace(rows, pass_number=counted, passes=passes, pass_doubt=doubt)
+    return Readings(
+        **vars(rows), distance=distance, path=path, onward=onward,
+        pass_number=counted, passes=passes, pass_doubt=doubt, due=due,
+    )  # fmt: skip
 
 
 def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:
@@ -118,7 +128,7 @@ def _due(state: MotionState, number: int, stamps: Integers, rate: float) -> Flag
     return found
 
 
-def _onward(state: MotionState, rows: Readings) -> Flags:
+def _onward(state: MotionState, rows: Aligned) -> Flags:
     """Which way the vehicle goes as a whole; rows one by one only where a wheel changes its way."""
     told = ~rows.stands & np.isfinite(rows.slip)
     if told.any() and len(set(state.ways.values())) <= 1:

@@ -20,7 +20,7 @@ import numpy as np
 
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.tables import Array, Readings
+from smallwheel_ros.pipeline.tables import Aligned, Array, Flags
 
 _MOST = 40_000  # points: some hundreds of metres, over which few odometries keep to half a wheel's width
 _LONGEST = 1.0  # m between two places of a wheel; over more the odometry began anew
@@ -56,7 +56,7 @@ class Passes:
         self._last: dict[int, tuple[_Point, float]] = {}  # with the number there
         self._begin = math.nan
 
-    def numbers(self, rows: Readings) -> Array:
+    def numbers(self, rows: Aligned, distance: Array, onward: Flags) -> Array:
         """Pass number of each row; NaN where it is not known."""
         found = np.full(len(rows), np.nan)
         cosine, sine = np.cos(rows.heading), np.sin(rows.heading)
@@ -65,7 +65,7 @@ class Passes:
         x, y = rows.x + cosine * along - sine * aside, rows.y + sine * along + cosine * aside
         rolls = np.array([wheel.contact == ROLLING for wheel in self._wheels])[rows.wheel]
         mine = np.flatnonzero(rolls & np.isfinite(x) & np.isfinite(y) & self._told)
-        columns = (x, y, rows.wheel, rows.distance, rows.onward)
+        columns = (x, y, rows.wheel, distance, onward)
         found[mine] = [
             self._number(*row) for row in zip(*(c[mine].tolist() for c in columns), strict=True)
         ]

@@ -16,8 +16,8 @@ import numpy as np
 
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.rows.align import slip_of
 from smallwheel_ros.pipeline.rows.level import Level
+from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import local_laws
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings

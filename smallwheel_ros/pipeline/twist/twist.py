@@ -20,8 +20,8 @@ from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.checks.ground_speed import SPEED_VARIANCE
-from smallwheel_ros.pipeline.rows.align import MAXIMUM_GAP
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
+from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
+from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
 
 from .filter import LONGEST, TwistFilter
 
@@ -96,20 +96,15 @@ class TwistState:
         self.anew: list[int] = []  # stamps of doubts that rows have not reached yet
 
 
-def twist(
-    state: TwistState,
-    rows: Rows,
-    doubted: Mapping[str, Flags | bool] | None = None,
-    anew: Sequence[int] = (),
-) -> Twists:
+def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
     """Twists at the stamps of the rims among these rows.
 
-    rows: all that came of each stream since the last call, up to one stamp. doubted: by stream which of those
-    a check doubts (all: True). They are left out; a side of which no wheel is left, too, and of no side there
-    is no row. anew: stamps (ns) behind which a doubt begins: the filter then forgets what it was taught.
+    rows: all that came of each stream since the last call, up to one stamp, NaN where it is doubted. Such
+    rows are left out; a side of which no wheel is left, too, and of no side there is no row. anew: stamps
+    (ns) after which a doubt begins: the filter then forgets what it was taught.
     """
     state.anew += anew
-    streams = _streams(state, rows, doubted or {})
+    streams = _streams(state, rows)
     rims = [name for side in state.sides for name in side]
     stamps = np.unique(np.concatenate([streams[name][0] for name in rims]))
     stamps = stamps[stamps > state.last]
@@ -166,15 +161,11 @@ _Stream = tuple[Integers, Array]
 _NONE: _Stream = np.empty(0, dtype=np.int64), np.empty((0, 10))
 
 
-def _streams(
-    state: TwistState, rows: Rows, doubted: Mapping[str, Flags | bool]
-) -> dict[str, _Stream]:
-    """Rows that can be believed, behind those that are still there from before; rims in m/s."""
+def _streams(state: TwistState, rows: Rows) -> dict[str, _Stream]:
+    """Rows that can be used, after those that are still there from before; rims in m/s."""
 
     def read(stream: str) -> _Stream:
-        stamps, values = rows.get(stream, _NONE)
-        left_out = np.broadcast_to(np.asarray(doubted.get(stream, False)), stamps.shape)
-        return stamps, np.where(left_out[:, None], np.nan, values)
+        return rows.get(stream, _NONE)
 
     def good(name: str, stamps: Integers, values: Array, most: float) -> None:
         before = state.tail.get(name, (stamps[:0], values[:0]))

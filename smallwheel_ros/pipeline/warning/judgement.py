@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
-from smallwheel_ros.pipeline.intake.buffer import NEVER, Stream
-from smallwheel_ros.pipeline.rows.align import Align
+from smallwheel_ros.pipeline.checks.believed import BelievedRows
+from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
-from .margin import AnyGround, GroundMargin, Margins, unknown_ground
+from .margin import AnyGround, GroundMargin, Margins
 
 # Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
@@ -53,7 +53,7 @@ class Judgement:
     of them the rims run and the vehicle does not.
     """
 
-    def __init__(self, settings: OnboardSettings, align: Align) -> None:
+    def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
         self.warnings = Warnings(settings.wheels, IMU in settings.streams, settings.gravity)
         self.ground = AnyGround(self.warnings.side, settings.reference_slip, settings.gravity)
@@ -78,18 +78,11 @@ class Judgement:
 
     # --- Warning and margin
 
-    def judge(self, rows: Readings, align: Align) -> Judged:
+    def take(self, rows: Readings, believed: BelievedRows) -> Judged:
         """Go on with rows; what holds at each of them. `warned` has what is new."""
-        rows = self._by_ground(rows, align)
-        felt = align.ground.felt.between(align.since, align.done)
-        speeds = align.streams.all.get(self._speed_is)
-        stamps = (
-            speeds.between(align.since, align.done)[0]
-            if isinstance(speeds, Stream)
-            else felt[0][:0]
-        )
-        imu = (felt[0], align.doubts.believed(IMU, *felt)) if felt[0].size else None
-        made = self.warnings.take(rows, stamps, imu, align.done)
+        rows = self._by_ground(rows, believed)
+        speeds, imu = believed.new(self._speed_is)[0], believed.new_imu()
+        made = self.warnings.take(rows, speeds, imu if imu[0].size else None, believed.done)
         self.warned = self.instants = None
         if made is not None:
             instants, self.warned = made
@@ -111,9 +104,9 @@ class Judgement:
             self._margins = self._margins.take(slice(-1, None))
         return found
 
-    def _by_ground(self, rows: Readings, align: Align) -> Readings:
+    def _by_ground(self, rows: Readings, believed: BelievedRows) -> Readings:
         """Rows without speeds that are of the wheels: these show no slip, and teach nothing of the ground."""
-        of_wheels = align.ground.trust(rows.stamp).of_wheels
+        of_wheels = believed.trust(rows.stamp).of_wheels
         if not of_wheels.any():
             return rows
         if self._wheels_since is None:
@@ -129,8 +122,9 @@ class Judgement:
         if self._wheels_since is None:
             return margins
         wrong = margins.stamp > self._wheels_since
-        mean, deviation = unknown_ground(self.settings.reference_slip)
-        median, lower = GroundMargin(self.settings.reference_slip).lower_half()
+        unknown = GroundMargin(self.settings.reference_slip)
+        mean, deviation = unknown.moments()
+        median, lower = unknown.lower_half()
         return replace(
             margins,
             margin=np.where(wrong, mean, margins.margin),
@@ -163,7 +157,10 @@ class Judgement:
         for k in range(len(instants)):
             end = first + k + 1
             begin = int(np.searchsorted(whole.stamp, whole.stamp[end - 1] - SECOND, side="right"))
-            spins[k] = end - begin >= 10 and _gets_nowhere(whole.take(slice(begin, end)))
+            part = slice(begin, end)
+            spins[k] = end - begin >= 10 and _gets_nowhere(
+                whole.rim[part], whole.ground[part], whole.ground_std[part]
+            )
         self.stuck = np.asarray(spins.any(axis=1))
         before, flags = self._spinning
         flags = flags if flags.shape[1] else np.zeros((0, spins.shape[1]), dtype=bool)
@@ -196,14 +193,15 @@ class Judgement:
         return Judged(level, spins, margin, margin_std, median, lower_std, asked, risk)
 
 
-def _gets_nowhere(rows: Instants) -> bool:
-    """Whether a vehicle's rims drive on all the time of some instants, and it does not."""
-    known = (np.isfinite(rows.rim) & np.isfinite(rows.ground)).all(axis=0)
+def _gets_nowhere(rims: Array, ground: Array, spread: Array) -> bool:
+    """Whether a vehicle's rims drive on all the time of some instants, and it does not.
+
+    m/s, of the rims, over ground and its deviation, (instants, wheels).
+    """
+    known = (np.isfinite(rims) & np.isfinite(ground)).all(axis=0)
     if 2 * known.sum() <= known.size:
         return False
-    rims, ground, spread = (
-        each[:, known] for each in (rows.rim, rows.ground, np.nan_to_num(rows.ground_std))
-    )
+    rims, ground, spread = (each[:, known] for each in (rims, ground, np.nan_to_num(spread)))
     along = -1.0 if rims.mean() < 0.0 else 1.0
     each = along * rims.mean(axis=1)
     rim, reached = float(each.mean()), along * float(ground.mean()) + _SURELY * float(spread.mean())

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What checks doubt reaches all that is derived of it, from its stamp on, wherever blocks are cut."""
+"""What checks doubt reaches all that is derived of it, from its stamp on, wherever blocks are cut.
+
+Tests `doubts.py`, `believed.py` and `sensor_checks.py`; each stage alone: `test/pipeline/test_stages.py`.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +21,18 @@ from smallwheel_ros.pipeline.tables import Estimates, Readings
 def test_a_doubt_holds_behind_its_stamp_until_the_next() -> None:
     doubts = Doubts()
     stamps = np.array([9, 10, 11, 20, 21])
-    assert not doubts.at(IMU, stamps).any()
+    assert not doubts.now.at(IMU, stamps).any()
     doubts.hold(10, {IMU})
     doubts.hold(15, {IMU})  # the same: nothing new
     doubts.hold(20, {ODOMETRY})
-    assert doubts.at(IMU, stamps).tolist() == [False, False, True, True, False]
-    assert doubts.at(ODOMETRY, stamps).tolist() == [False] * 4 + [True]
+    assert doubts.now.at(IMU, stamps).tolist() == [False, False, True, True, False]
+    assert doubts.now.at(ODOMETRY, stamps).tolist() == [False] * 4 + [True]
     values = np.ones((5, 2))
-    unknown = np.isnan(doubts.believed(IMU, stamps, values)).all(axis=1)
+    unknown = np.isnan(doubts.now.believed(IMU, stamps, values)).all(axis=1)
     assert unknown.tolist() == [False, False, True, True, False]
-    assert [stamp for stamp, _ in doubts.began] == [10, 20]
+    assert doubts.began == [10, 20]
     doubts.forget(20)
-    assert doubts.at(IMU, stamps[2:]).tolist() == [True, True, False]
+    assert doubts.now.at(IMU, stamps[2:]).tolist() == [True, True, False]
 
 
 def _turned(rows: list[Row]) -> list[Row]:
@@ -62,9 +65,9 @@ def _good() -> tuple[Readings, Estimates]:
 def test_slip_is_right_or_unknown_once_a_sensor_is_named(fault: str) -> None:
     make, stream = FAULTS[fault]
     pipeline = Pipeline(static_rover().onboard)
-    pipeline.align.doubts.forget = lambda before: None  # type: ignore[method-assign]
+    pipeline.checks.doubts.forget = lambda before: None  # type: ignore[method-assign]
     rows, _ = run(static_rover(), make(drive(40.0, soil=False, **TURNS)), pipeline=pipeline)
-    doubted = pipeline.align.doubts.at(stream, rows.stamp)
+    doubted = pipeline.checks.doubts.now.at(stream, rows.stamp)
     assert doubted[-1]
     good, _ = _good()
     late = doubted & (rows.stamp > rows.stamp[doubted][0] + SECOND)

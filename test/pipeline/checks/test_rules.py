@@ -28,14 +28,15 @@ from raw_drives import MASS, NAMES, RADIUS, START, Rows, cut, drive, real_folder
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.checks.ground_speed import GroundSpeed
+from smallwheel_ros.pipeline.checks.believed import RawRows
 from smallwheel_ros.pipeline.checks.lateness import OfWheels
 from smallwheel_ros.pipeline.checks.loads import impossible_soil
 from smallwheel_ros.pipeline.checks.odometry import Tilt
-from smallwheel_ros.pipeline.checks.rules import RULES, Checks, Finding, table
+from smallwheel_ros.pipeline.checks.rules import RULES, Finding, table
+from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
 from smallwheel_ros.pipeline.checks.window import CheckedWheels
+from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.rows.align import rules_of, widths_of
 from smallwheel_ros.pipeline.tables import Array
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "checks.md"
@@ -49,20 +50,23 @@ class Listening:
     def __init__(self, onboard: OnboardSettings | None = None) -> None:
         onboard = onboard or settings()
         self.streams = Streams(widths_of(onboard), rules_of(onboard))
-        self.ground = GroundSpeed(onboard, self.streams)
-        self.checks = Checks(onboard, self.ground)
+        self.checks, self.until = SensorChecks(onboard), 0
 
-    def take(self, rows: Rows, until: int) -> list[Finding]:
+    def take(self, rows: Rows, until: int, *, last: bool = False) -> list[Finding]:
         for name, block in rows.items():
             self.streams.all[name].extend(*block)
-        self.ground.advance(until)
-        return self.checks.take(rows, until)
+        self.until = until
+        self.checks.take(RawRows(self.streams.samples(), until), last=last)
+        return list(self.checks.findings)
+
+    def flush(self) -> list[Finding]:
+        return self.take({}, self.until, last=True)
 
 
 def heard(rows: Rows, onboard: OnboardSettings | None = None) -> list[Finding]:
     listening = Listening(onboard)
     until = max(int(stamps[-1]) for stamps, _ in rows.values())
-    return [*listening.take(rows, until), *listening.checks.flush()]
+    return [*listening.take(rows, until), *listening.flush()]
 
 
 def said(rows: Rows) -> set[tuple[str, str]]:
@@ -238,7 +242,7 @@ def test_findings_do_not_depend_on_where_blocks_are_cut(edges: list[float], name
     listening = Listening()
     ends = START + np.sort(np.round(np.array(edges) * 1e9)).astype(np.int64)
     found = [f for block, until in cut(rows, ends) for f in listening.take(block, until)]
-    assert [*found, *listening.checks.flush()] == whole
+    assert [*found, *listening.flush()] == whole
     assert whole
 
 
@@ -250,7 +254,7 @@ def test_doubted_is_a_stream_from_when_it_was_so_and_while_it_lasts(good: Rows) 
     listening, seen = Listening(), {}
     for block, until in cut(rows, START + np.arange(1, 90) * 1_000_000_000):
         listening.take(block, until)
-        seen[until] = dict(listening.checks.doubted)
+        seen[until] = dict(listening.checks.rules.doubted)
     assert seen[START + 25_000_000_000] == {}
     assert abs(seen[START + 45_000_000_000][LEFT] - stamps[begin]) <= 34_000_000
     assert seen[START + 80_000_000_000] == {}
@@ -264,7 +268,7 @@ def test_memory_does_not_grow_with_the_drive() -> None:
         rows = {name: (stamps + shift, values) for name, (stamps, values) in drive().items()}
         heard_of = max(int(stamps[-1]) for stamps, _ in rows.values())
         listening.take(rows, heard_of)
-        sizes.append(sum(stamps.size for stamps, _ in listening.checks._rows.values()))
+        sizes.append(sum(stamps.size for stamps, _ in listening.checks.rules._rows.values()))
     assert max(sizes) < 8 * (30 * 4 + 20 * 4 + 10 * 4 + 15 + 50)
 
 
@@ -285,7 +289,7 @@ def test_a_silent_wheel_and_values_that_are_not_known_are_no_fault(good: Rows) -
 def test_nothing_at_all_is_no_fault() -> None:
     listening = Listening()
     assert listening.take({}, START) == []
-    assert listening.checks.flush() == []
+    assert listening.flush() == []
 
 
 def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:

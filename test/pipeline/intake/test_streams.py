@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which messages are believed, what is said of others, and that nothing else is lost with them.
 
-Tests `buffer.py` and `plausible.py`.
+Tests `buffer.py`, `layout.py` and `plausible.py`.
 """
 
 from __future__ import annotations
@@ -157,6 +157,6 @@ def test_memory_is_bounded_parked_and_without_any_row() -> None:
             assert not any(len(turn.readings) for turn in pipeline.turns())
         sizes.append(sum(stream.stamps.size for stream in pipeline.streams.all.values()))
     assert sizes[-1] <= 1.02 * sizes[4]
-    ground = pipeline.align.ground
+    ground = pipeline.checks.ground
     assert ground.moves.stamps.size < 1000
     assert ground.felt.stamps.size < 1000

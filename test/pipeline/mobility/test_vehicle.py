@@ -8,9 +8,9 @@ import pytest
 from rows_of_drives import drive, give, rover
 
 from smallwheel_ros.drive.messages import VEHICLE_VALID, vehicle_columns
+from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.vehicle import OK, UNKNOWN, VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.rows.align import widths_of
 from smallwheel_ros.pipeline.tables import SECOND
 
 

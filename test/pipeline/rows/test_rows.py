@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers to readings: a wheel at an instant, its slip and path, and whose track it rolls in.
 
-Tests `align.py`, `motion.py` and `passes.py`.
+Tests `align.py`, `slip.py`, `motion.py` and `passes.py`.
 """
 
 from __future__ import annotations

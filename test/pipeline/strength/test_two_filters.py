@@ -71,7 +71,7 @@ def driven(
         if known.any():
             some = block.take(known), loads.load[known], loads.load_std[known]
             numbers = law[known], believed[known]
-            made_of = mobility(*some, *numbers, soils, strengths, settings)
+            made_of = mobility(*some, *numbers, soils.versions, strengths, settings)
             names = {
                 name: getattr(some[0], name) for name in ("stamp", "wheel", "slip", "distance")
             }

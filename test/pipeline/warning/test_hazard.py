@@ -20,8 +20,12 @@ from raw_drives import NAMES, START, real_folder, settings
 
 from smallwheel_ros.onboard.declared import REFERENCE_SLIP
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
+from smallwheel_ros.pipeline.checks.believed import RawRows
+from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
+from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.rows.align import Align, rules_of, widths_of
+from smallwheel_ros.pipeline.rows.align import Align
+from smallwheel_ros.pipeline.rows.motion import MotionState, motion
 from smallwheel_ros.pipeline.tables import Readings, unknown
 from smallwheel_ros.pipeline.warning.hazard import Instants, Warned, Warnings, level_at, risk_of
 from smallwheel_ros.pipeline.warning.margin import AnyGround
@@ -258,7 +262,10 @@ def test_on_real_ground_on_which_no_vehicle_got_stuck(
     stamps, imu = drive.rows[IMU]
     if name == "pathfinder_flat":  # z down, and turned over by half a turn about x
         imu = imu * np.array([-1.0, 1.0, -1.0, -1.0, 1.0, 1.0, 1.0])
-    rows = Align(onboard, streams).rows(streams.latest)
+    believed = SensorChecks(onboard).take(RawRows(streams.samples(), streams.latest))
+    aligned = Align(onboard).take(believed)
+    assert aligned is not None
+    rows = motion(MotionState.of(onboard), aligned, onboard)
     stage = Warnings(onboard.wheels, True)
     made = stage.take(rows, drive.rows[ODOMETRY][0], (stamps, imu), streams.latest)
     assert made is not None

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stage of the checks: raw rows in, what is believed of them out.
+
+    RawRows -> ground speed and imu, and rules, span by span (2 s) -> doubts -> BelievedRows
+
+What is learnt of the speed in a span depends on what was doubted before it, and what is doubted depends on
+what was learnt: so both go on together, in spans that lie at fixed stamps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.pipeline.intake.buffer import NEVER
+from smallwheel_ros.pipeline.intake.layout import rules_of
+from smallwheel_ros.pipeline.tables import SECOND
+
+from .believed import BelievedRows, RawRows
+from .doubts import Doubts
+from .ground_speed import WINDOW, GroundSpeed
+from .rules import Checks, Finding
+from .window import SPAN
+
+_PAST = 2 * SECOND  # what is learnt of an odometry looks so far back, and its lag half of it
+
+
+class SensorChecks:
+    """Checks of one vehicle's sensors.
+
+    findings: of the newest rows, each given once.
+    """
+
+    def __init__(self, settings: OnboardSettings) -> None:
+        self.settings = settings
+        self.doubts = Doubts()
+        self.ground = GroundSpeed(settings, self.doubts)
+        self.rules = Checks(settings, self.ground, self.doubts)
+        self.done = NEVER
+        self.findings: tuple[Finding, ...] = ()
+        self._kept = _PAST + WINDOW + 2 * rules_of(settings).widest
+
+    @property
+    def looks_back(self) -> int:
+        """Stamp (ns) of the oldest raw rows that the next call asks for."""
+        return self.done - self._kept
+
+    def take(self, raw: RawRows, *, last: bool = False) -> BelievedRows:
+        """Go on with what came. last: whether nothing more will come, so that the newest speed is held."""
+        self.ground.forget(self.looks_back)
+        self.doubts.forget(self.looks_back)
+        self.ground.take(raw.streams)
+        until = raw.until if last else self.ground.bound(raw)
+        since, self.done = self.done, max(self.done, until)
+        new = {name: one.between(since, self.done) for name, one in raw.streams.items()}
+        ends = np.unique(np.concatenate([stamps // SPAN for stamps, _ in new.values()]))
+        self.findings, before = (), since
+        for end in [*(ends[ends * SPAN > since] * SPAN).tolist(), self.done]:
+            if end > before:
+                self.ground.learn(end)
+                rows = {name: one.between(before, end) for name, one in raw.streams.items()}
+                self.findings += tuple(self.rules.take(rows, end))
+                before = end
+        if last:
+            self.findings += tuple(self.rules.flush())
+        began = tuple(stamp for stamp in self.doubts.began if stamp > since)
+        return self.ground.believed(since, self.done, began, tuple(self.rules.anew))

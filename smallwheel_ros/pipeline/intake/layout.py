@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What streams of a vehicle look like: values in their rows, and the rules for their stamps."""
+
+from __future__ import annotations
+
+from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.pipeline.tables import SECOND
+
+from .buffer import StampRules
+
+WIDTHS = {"load": 1, "sinkage": 2, "drawbar_pull": 1, "wheel_speed": 1, "torque": 1}
+WIDTHS |= {ODOMETRY: 10, VELOCITY: 3, IMU: 7}
+# s. What is measured at 5 Hz and more is interpolated; slower, wheel and ground change in between.
+MAXIMUM_GAP = 0.2
+_SILENT_AFTER = 1.0  # s: what has not come for so long is not waited for
+_FUTURE_TOLERANCE = 0.5  # s: clocks of two computers that are set by NTP differ by less
+_JUMP_TOLERANCE = 1.0  # s: what goes back by less is late, by more a bag that starts over
+
+
+def width_of(stream: str) -> int:
+    """Values in a row of a stream, by its name."""
+    return WIDTHS[stream.rpartition("/")[2]]
+
+
+def widths_of(settings: OnboardSettings) -> dict[str, int]:
+    """Values in a row of each stream that is listened to."""
+    return {name: width_of(name) for name in settings.streams}
+
+
+def rules_of(settings: OnboardSettings) -> StampRules:
+    """The rules for stamps: those of the parameters `timing.*`, and what is the same on every vehicle."""
+    timing = settings.timing
+    waits = _SILENT_AFTER, timing.reorder_time, MAXIMUM_GAP, _JUMP_TOLERANCE
+    clock = _FUTURE_TOLERANCE, timing.maximum_age
+    return StampRules(*(round(each * SECOND) for each in (*waits, *clock)))

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Slip of wheels, and what it may be off by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import STANDSTILL_SPEED
+from smallwheel_ros.pipeline.checks.believed import Trust
+from smallwheel_ros.pipeline.tables import Array, Flags
+
+_MOVES = 4.0  # deviations of a speed: one reading in 16,000 of what stands is beyond them
+_RIM_STD = 0.01  # of a rim's speed: encoders are exact, the effective radius is known to 1 %
+_HIDDEN = 0.3  # slip that an odometry of the wheels may hide: what the twist takes slip for, too
+
+
+def rim_std_of(rim: Array) -> Array:
+    """Deviation of rims' speeds, m/s."""
+    return _RIM_STD * np.abs(rim)
+
+
+def assembled_slip(
+    speed: Array, speed_std: Array, rim: Array, trust: Trust
+) -> tuple[Array, Array, Flags]:
+    """Slip of wheels by speeds (m/s) as they are believed, its deviation, and which of them stand."""
+    rim_std = rim_std_of(rim)
+    slip, slip_std, stands = slip_of(speed, speed_std, rim, rim_std, STANDSTILL_SPEED)
+    # A rim that stops before a speed that is late, or has jumped, may stand as the vehicle does: there
+    # the speed's deviation counts whole, and not by the share of it that the rim has left.
+    skids = np.minimum(
+        np.hypot(speed_std, rim_std) / np.maximum(np.abs(speed), STANDSTILL_SPEED), 1.0
+    )
+    slip_std = np.fmax(slip_std, np.where(np.abs(rim) < np.abs(speed), skids, _RIM_STD))
+    slip_std = np.where(np.isfinite(slip), slip_std, np.nan)
+    slip, slip_std = (np.where(trust.of_wheels, np.nan, each) for each in (slip, slip_std))
+    # What may be made of the wheels says as little as nothing at all.
+    return slip, np.maximum(slip_std, np.where(trust.may_be, _HIDDEN, 0.0)), stands
+
+
+def slip_of(
+    speed: Array, speed_std: Array, rim: Array, rim_std: Array, standstill: float
+) -> tuple[Array, Array, Flags]:
+    """Slip of wheels, its deviation, and which of them stand.
+
+    i = 1 - v/(r omega) driven, r omega/v - 1 skidding. One of both speeds must be above
+    `standstill` (m/s) and four of its own deviations: else nothing tells that the wheel moves at all.
+    """
+    with np.errstate(all="ignore"):
+        driven = np.abs(rim) >= np.abs(speed)
+        base, other = np.where(driven, rim, speed), np.where(driven, speed, rim)
+        base_std, other_std = (
+            np.where(driven, rim_std, speed_std),
+            np.where(driven, speed_std, rim_std),
+        )
+        known = np.isfinite(speed) & np.isfinite(rim)
+        moves = (np.abs(rim) > np.maximum(standstill, _MOVES * rim_std)) | (
+            np.abs(speed) > np.maximum(standstill, _MOVES * speed_std)
+        )
+        moves &= known
+        ratio = other / base
+        spread = np.hypot(other_std, ratio * base_std) / np.abs(base)
+        slip = np.minimum(1.0, 1.0 - ratio)
+        slip = np.where(moves, np.where(driven, slip, -slip), np.nan)
+        return slip, np.where(moves, np.minimum(spread, 1.0), np.nan), known & ~moves

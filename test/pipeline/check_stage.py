@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each stage of the pipeline owes, checked of it alone: cuts, gaps, what is unknown, zeros, doubts.
+
+    stage      made anew for a vehicle; takes what is new in (since, done] and gives a table, or None
+    check_...  runs it over a drive, whole and otherwise, and compares
+
+A drive is a table of what is believed of its raw rows, whose window is moved on: no other stage is at work
+but those whose tables the stage takes, which are made once, of the whole drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from rows_of_drives import START, Row
+
+from smallwheel_ros.onboard.parameters import settings_from
+from smallwheel_ros.onboard.settings import IMU, OnboardSettings
+from smallwheel_ros.pipeline.checks.believed import BelievedRows, RawRows
+from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
+from smallwheel_ros.pipeline.intake.buffer import Samples
+from smallwheel_ros.pipeline.intake.layout import width_of
+from smallwheel_ros.pipeline.rows.align import Align
+from smallwheel_ros.pipeline.rows.motion import MotionState, motion
+from smallwheel_ros.pipeline.soil.stretches import Loads, Stretches, StretchState, stretches
+from smallwheel_ros.pipeline.tables import SECOND, Aligned, Array, Columns, Readings
+from smallwheel_ros.pipeline.twist.twist import TwistState, twist
+from smallwheel_ros.pipeline.warning.judgement import Judged, Judgement
+
+Table = Columns
+Streams = dict[str, Samples]
+
+
+def streams_of(rows: Sequence[Row], settings: OnboardSettings) -> Streams:
+    """Raw rows of a drive, by those streams that the vehicle has."""
+    found = {}
+    for name in settings.streams:
+        own = [(stamp, values) for stream, stamp, values, _ in rows if stream == name]
+        stamps = np.array([stamp for stamp, _ in own], dtype=np.int64)
+        values = np.array([values for _, values in own], dtype=float)
+        found[name] = Samples(stamps, values.reshape(stamps.size, width_of(name)))
+    return found
+
+
+def last_of(streams: Streams) -> int:
+    """Stamp up to which all is there."""
+    return min(int(one.stamps[-1]) for one in streams.values())
+
+
+def believed_of(streams: Streams, settings: OnboardSettings) -> BelievedRows:
+    """What is believed of a whole drive, all of it new."""
+    checks = SensorChecks(settings)
+    found = checks.take(RawRows(streams, last_of(streams)))
+    return replace(found, since=START - SECOND)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage as it is checked. parts: its tables over windows that end at some stamps, in order."""
+
+    name: str
+    parts: Callable[[BelievedRows, Sequence[int]], list[Table | None]]
+
+    def whole(self, believed: BelievedRows) -> Table | None:
+        """Its table in one go."""
+        return joined(self.parts(believed, [believed.done]))
+
+
+def joined(parts: Sequence[Table | None]) -> Table | None:
+    """All rows."""
+    there = [part for part in parts if part is not None and len(part)]
+    return type(there[0]).joined(there) if there else None
+
+
+def windows(believed: BelievedRows, ends: Sequence[int]) -> list[BelievedRows]:
+    """Windows one after the other."""
+    bounds = [believed.since, *ends]
+    return [replace(believed, since=a, done=b) for a, b in pairwise(bounds)]
+
+
+def _between(rows: Columns, window: BelievedRows) -> Columns:
+    stamps = vars(rows)["stamp"]
+    return rows.take((stamps > window.since) & (stamps <= window.done))
+
+
+def _aligned(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    stage = Align(believed.settings)
+    return [stage.take(window) for window in windows(believed, ends)]
+
+
+def _rows(believed: BelievedRows) -> Aligned | None:
+    return joined(_aligned(believed, [believed.done]))  # type: ignore[return-value]
+
+
+def _readings(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    rows, state = _rows(believed), MotionState.of(believed.settings)
+    found: list[Table | None] = []
+    for window in windows(believed, ends):
+        part = None if rows is None else _between(rows, window)
+        found.append(motion(state, part, believed.settings) if part else None)  # type: ignore[arg-type]
+    return found
+
+
+def _all_readings(believed: BelievedRows) -> Readings | None:
+    return joined(_readings(believed, [believed.done]))  # type: ignore[return-value]
+
+
+def _over_readings(
+    take: Callable[[Readings, BelievedRows], Table | None],
+    believed: BelievedRows,
+    ends: Sequence[int],
+) -> list[Table | None]:
+    rows = _all_readings(believed)
+    if rows is None:
+        return []
+    parts = [(_between(rows, window), window) for window in windows(believed, ends)]
+    return [take(part, window) for part, window in parts]  # type: ignore[arg-type]
+
+
+def _closed(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    state = StretchState.of(believed.settings)
+
+    def take(rows: Readings, _: BelievedRows) -> Stretches | None:
+        return stretches(state, rows, believed.settings)[0] if len(rows) else None
+
+    return _over_readings(take, believed, ends)
+
+
+def _loads(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    state = StretchState.of(believed.settings)
+
+    def take(rows: Readings, _: BelievedRows) -> Loads | None:
+        return stretches(state, rows, believed.settings)[1] if len(rows) else None
+
+    return _over_readings(take, believed, ends)
+
+
+def _judged(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    stage = Judgement(believed.settings)
+
+    def take(rows: Readings, window: BelievedRows) -> Judged:
+        return stage.take(rows, window)
+
+    return _over_readings(take, believed, ends)
+
+
+def _warned(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    stage = Judgement(believed.settings)
+
+    def take(rows: Readings, window: BelievedRows) -> Table | None:
+        stage.take(rows, window)
+        return stage.warned
+
+    return _over_readings(take, believed, ends)
+
+
+def _twists(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    settings = believed.settings
+    state = TwistState(settings, settings.twist)
+    return [twist(state, window.new_motion(), ()) for window in windows(believed, ends)]
+
+
+STAGES = {
+    stage.name: stage
+    for stage in (
+        Stage("align", _aligned),
+        Stage("motion", _readings),
+        Stage("stretches", _closed),
+        Stage("loads", _loads),
+        Stage("judged", _judged),
+        Stage("warned", _warned),
+        Stage("twist", _twists),
+    )
+}
+
+
+# --- What each owes
+
+
+def assert_alike(whole: Table | None, other: Table | None) -> None:
+    """The same rows, to rounding."""
+    if whole is None or other is None:
+        assert whole is other
+        return
+    assert len(whole) == len(other)
+    for name, column in vars(whole).items():
+        np.testing.assert_allclose(
+            vars(other)[name], column, rtol=1e-9, atol=1e-12, equal_nan=True, err_msg=name
+        )
+
+
+NO_DIFFERENCE = {"step"}  # the least difference of two readings: infinite where all are the same
+
+
+def assert_numbers(table: Table | None) -> None:
+    """What is not known is NaN; nothing is infinite."""
+    for name, column in {} if table is None else vars(table).items():  # type: ignore[union-attr]
+        assert name in NO_DIFFERENCE or not np.isinf(column).any(), name
+
+
+def check_cuts(stage: Stage, believed: BelievedRows, ends: Sequence[int]) -> None:
+    """A table does not depend on where it is cut; a window without a row, or of no length, adds none."""
+    ends = sorted({*ends, believed.done})
+    whole = stage.whole(believed)
+    assert whole is not None
+    assert_alike(whole, joined(stage.parts(believed, ends)))
+    twice = [end for end in ends for _ in (0, 1)]  # every other window is empty
+    assert_alike(whole, joined(stage.parts(believed, twice)))
+
+
+def check_unknown(stage: Stage, believed: BelievedRows, stream: str, column: int) -> None:
+    """Without a column nothing fails, nothing is infinite."""
+    streams = dict(believed.streams)
+    values = streams[stream].values.copy()
+    values[:, column] = np.nan
+    streams[stream] = Samples(streams[stream].stamps, values)
+    with np.errstate(divide="raise"):
+        assert_numbers(stage.whole(believed_of(streams, believed.settings)))
+
+
+def check_zeros(stage: Stage, believed: BelievedRows, names: Sequence[str]) -> None:
+    """Streams that show exactly 0 throughout: nothing is divided by a spread that is 0."""
+    streams = dict(believed.streams)
+    for name in names:
+        streams[name] = Samples(streams[name].stamps, np.zeros_like(streams[name].values))
+    with np.errstate(divide="raise"):
+        assert_numbers(stage.whole(believed_of(streams, believed.settings)))
+
+
+def one_wheel() -> OnboardSettings:
+    """The vehicle with its first wheel alone."""
+    return settings_from(
+        {
+            "wheels": ["fl"],
+            "fl.diameter": 0.25,
+            "fl.width": 0.1,
+            "vehicle.mass": 6.0,
+            "imu_topic": IMU,
+        }
+    ).onboard
+
+
+def halves(table: Table, stamp: int) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Columns up to a stamp, and after it."""
+    stamps = vars(table)["stamp"]
+    early = stamps <= stamp
+    return tuple(  # type: ignore[return-value]
+        {name: column[which] for name, column in vars(table).items()} for which in (early, ~early)
+    )
