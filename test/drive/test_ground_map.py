@@ -11,9 +11,9 @@ from rows_of_drives import drive, give, static_rover
 
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
+from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import Condition, Status
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.rows.align import widths_of
 from smallwheel_ros.pipeline.tables import Estimates
 
 VEHICLE = static_rover()
