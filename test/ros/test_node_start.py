@@ -204,7 +204,7 @@ def started(*arguments: str, log: Path) -> subprocess.Popen[bytes]:
     ("arguments", "words"),
     [
         (["surplus"], "cannot start: arguments that ROS does not know: ['surplus']"),
-        (["--", "-p", "front.width:=1"], "front.width is integer 1, expected a double"),
+        (["--", "-p", "front.width:=true"], "front.width is bool True, expected a double"),
         (["--", "-p", "x:="], "cannot start: "),
     ],
 )
