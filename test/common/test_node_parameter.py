@@ -77,7 +77,7 @@ def test_values_fill_the_groups() -> None:
     ("name", "value", "words"),
     [
         ("<wheel>.diameter", None, "is missing, expected a double from 0.01 to 2 m"),
-        ("timing.wait", 1, "is integer 1, expected a double from 0 to 5 s: write 1.0"),
+        ("timing.wait", True, "is bool True, expected a double from 0 to 5 s"),
         ("timing.wait", 6.0, "is 6.0, expected a double from 0 to 5 s"),
         ("timing.wait", "0.1", "write it without quotes"),
         ("timing.source", "clok", "expected 'header' or 'clock'"),

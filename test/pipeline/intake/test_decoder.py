@@ -30,9 +30,10 @@ def _header(k: int, frame: str = "odom") -> Any:
 
 
 def _joints(k: int, names: list[str] = NAMES, frame: str = "") -> Any:
-    turns = np.full(len(names), 2.0 + 0.01 * k)
+    turns = np.full(len(names), 2.0 + 0.01 * k)  # rad/s, of which the position is the integral
+    angle = 2.0 * (k / 20.0) + 0.1 * (k / 20.0) ** 2 + 0.0 * turns
     kind = typestore().types[JOINTS]
-    return kind(header=_header(k, frame), name=names, position=turns, velocity=turns, effort=turns)
+    return kind(header=_header(k, frame), name=names, position=angle, velocity=turns, effort=turns)
 
 
 def _odometry(k: int) -> Any:
