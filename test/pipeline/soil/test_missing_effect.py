@@ -10,7 +10,6 @@ import pytest
 
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.parameters import settings_from
-from smallwheel_ros.physics.soil import soil
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.soil.identifiability import DETERMINED
@@ -25,6 +24,9 @@ from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]
+PRIOR = settings_from(
+    {"wheels": ["a"], "a.diameter": 0.2, "a.width": 0.1, "soil.name": "dry_sand"}
+).onboard.prior
 TWO = (Wheel("a", 0.2, 0.1), Wheel("b", 0.2, 0.1))
 
 
@@ -171,7 +173,7 @@ def watched(watch: MissingEffectWatch, rows: Stretches) -> dict[str, str]:
 
 
 def test_what_cannot_be_tested_says_why() -> None:
-    watch = MissingEffectWatch((), TWO, 0.2, soil("dry_sand"))
+    watch = MissingEffectWatch((), TWO, 0.2, PRIOR)
     reasons = watched(watch, waved(np.nan))
     assert reasons["slip_sinkage"] == "slip is not known"
     assert reasons["moisture"] == "moisture is not known"
@@ -179,14 +181,14 @@ def test_what_cannot_be_tested_says_why() -> None:
 
 
 def test_an_effect_of_the_model_is_not_looked_for() -> None:
-    watch = MissingEffectWatch((Exponential(a=1.0),), TWO, 0.2, soil("dry_sand"))
+    watch = MissingEffectWatch((Exponential(a=1.0),), TWO, 0.2, PRIOR)
     reasons = watched(watch, waved(0.1))
     assert reasons
     assert "slip_sinkage" not in reasons
 
 
 def test_a_soil_in_which_wheels_have_no_sinkage_is_not_tested() -> None:
-    watch = MissingEffectWatch((), TWO, 0.2, soil("dry_sand"))
+    watch = MissingEffectWatch((), TWO, 0.2, PRIOR)
     rows = waved(0.1)
     for i in range(len(rows)):
         watch.take(rows.take(slice(i, i + 1)), lambda: (float("nan"), 0.8, 0.39))
