@@ -45,7 +45,14 @@ MOBILITY = {f"/mobility_estimator/{wheel}/mobility" for wheel in WHEELS}
 VEHICLE = "/mobility_estimator/vehicle"
 SOIL = "/mobility_estimator/soil"
 COST = "/mobility_estimator/cost"
-OWN = {*MOBILITY, VEHICLE, SOIL, COST, "/tf"}  # what a replay adds to a bag without transforms
+OWN = {
+    *MOBILITY,
+    VEHICLE,
+    SOIL,
+    COST,
+    f"{COST}_bare",
+    "/tf",
+}  # what a replay adds to a bag without transforms
 
 
 @pytest.fixture(scope="module")
