@@ -37,7 +37,7 @@ def test_demo_makes_table_and_picture(tmp_path: Path, monkeypatch: pytest.Monkey
         assert str(folder / name) in done.stdout
     for name in pictures:
         assert (folder / name).read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    assert re.search(r"stuck on the slope at .* s before \(risk of a half\)", done.stdout), (
+    assert re.search(r"stuck on the slope at .* s before \(may get stuck\)", done.stdout), (
         done.stdout
     )
     table = pd.read_csv(folder / "mobility.csv")
