@@ -19,10 +19,8 @@ _FEWEST = 10  # blocks
 _STANDS = 30.0  # rad by velocities without positions that follow: these tell nothing
 # Units differ by 6 and more, rims of small wheels turn by 2 rad and more in a metre; no delay makes a half.
 _APART = 2.0
-_LITTLE, _FAR = (
-    0.05,
-    4.0,
-)  # rad, and a factor that no start from rest gives: then nothing is used yet
+# rad by positions, and a factor that no start from rest gives: beyond it nothing is used yet.
+_LITTLE, _FAR = 0.05, 4.0
 _STARTED = 5  # blocks, after which a filter's delay no longer makes a fourth of a speed
 _ALIKE = 0.9  # correlation of the two, under which they are not of one joint
 _NEAR = 0.04  # of a known factor
