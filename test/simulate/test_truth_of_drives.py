@@ -29,8 +29,8 @@ SOFT = (
     Feature("grip", (-0.8, -0.8), (0.5, 0.5), (1.0, 1.0)),
 )
 GIVES_WAY = RandomWorld(
-    "gives way", "80 kg", "half", 0.5, soil="any", digging=(0.03, 0.03), features=SOFT, sticks=True,
-    sensors=PLAIN,
+    "gives way", vehicle="80 kg", way="half", speed=0.5, soil="any", digging=(0.03, 0.03), features=SOFT,
+    sticks=True, sensors=PLAIN,
 )  # fmt: skip
 
 
@@ -167,5 +167,8 @@ def test_stresses_carry_the_load_and_moved_soil_carries_less() -> None:
 
 def test_every_vehicle_drives_on_its_soil() -> None:
     for name in VEHICLES:
-        made = make_drive(RandomWorld("drives", name, "short", 0.5, soil="any", sensors=PLAIN), 0)
+        made = make_drive(
+            RandomWorld("drives", vehicle=name, way="short", speed=0.5, soil="any", sensors=PLAIN),
+            0,
+        )
         assert made.truth.path[-1] == pytest.approx(8.0, abs=0.05), name
