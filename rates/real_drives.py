@@ -40,9 +40,9 @@ from rates.faults import Raw
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.onboard.settings import ODOMETRY
-from smallwheel_ros.physics.wheel import Quantity, wheel_slip
+from smallwheel_ros.onboard.settings import ODOMETRY, STANDSTILL_SPEED
 from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.replay import replay
 from smallwheel_ros.replay.result import FILES
@@ -181,10 +181,11 @@ def contradicted(
     return np.asarray(wrong & (stamps >= times[0]) & (stamps <= times[-1]))
 
 
-def true_slip(row: Any) -> float:
-    """The slip of a row of a truth, NaN where nothing turns or moves."""
-    slip = wheel_slip(Quantity(row.iloc[3], 0.0), Quantity(row.iloc[2], 0.0), 0.01)
-    return np.nan if slip is None else slip.value
+def true_slips(truth: pd.DataFrame) -> Array:
+    """Slips of the rows of a truth, NaN where nothing turns or moves."""
+    rim, speed = truth.iloc[:, 2].to_numpy(float), truth.iloc[:, 3].to_numpy(float)
+    exact = np.zeros(len(truth))
+    return slip_of(speed, exact, rim, exact, STANDSTILL_SPEED)[0]
 
 
 def truth_of(bag: Path, raw: Raw) -> tuple[pd.DataFrame | None, int]:
@@ -195,7 +196,7 @@ def truth_of(bag: Path, raw: Raw) -> tuple[pd.DataFrame | None, int]:
     truth = pd.read_csv(file).dropna()  # at some instants one of both speeds is not there
     wrong = contradicted(truth, raw.rows[ODOMETRY])
     truth = truth[~wrong].sort_values(truth.columns[0])
-    return truth.assign(slip=truth.apply(true_slip, axis=1)), int(wrong.sum())
+    return truth.assign(slip=true_slips(truth)), int(wrong.sum())
 
 
 def near_truths(

@@ -9,7 +9,7 @@ from smallwheel_ros.api.read import conditions_of
 from smallwheel_ros.arguments import Flag, Headers, OtherSetting, Setting, Sheets, SoilName
 from smallwheel_ros.common.errors import ArgumentError
 from smallwheel_ros.measurements.given import Settings
-from smallwheel_ros.measurements.typed import check_setting, levels_of
+from smallwheel_ros.measurements.typed import check_setting, levels_of, weighed
 from smallwheel_ros.model.given import AnyModel, OwnEffects, model_of, registry_of
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def predict(
     model
         The model; a soil stands for the contact integral on it, without effects.
     load : number, several, or text
-        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf.
+        Normal load [N]: a number, 20:140:10, or 20,60; or with a unit: 5kgf; 5kg is a mass, and weighs less
+        with ``gravity=1.62``.
     diameter : as the load
         Wheel diameter [m], or with a unit: '17 cm'.
     width : as the load
@@ -92,7 +93,7 @@ def predict(
         )
     for name in others:
         check_setting(name)
-    levels = {name: levels_of(name, value) for name, value in given.items()}
+    levels = weighed({name: levels_of(name, value) for name, value in given.items()})
     on_soil = _on_soil(model, soil, closed_form, effects)
     table = predict_table(on_soil, {name: level.values for name, level in levels.items()})
     said = [level.said for level in levels.values() if level.said]

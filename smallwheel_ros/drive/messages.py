@@ -11,8 +11,8 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
-from smallwheel_ros.pipeline.mobility.vehicle import OK, STUCK, UNKNOWN, VehicleEstimates
+from smallwheel_ros.pipeline.mobility.status import Condition, Level, SoilStatus
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import WORDS
@@ -131,14 +131,20 @@ def _in_words(
     elif Condition.PRIOR_ONLY in conditions:
         words.append(f"soil not measured yet: {settings.prior.soil.name} as configured")
     if Condition.STRENGTH_OF_PRIOR in conditions:
-        whose = settings.prior.soil.name if settings.soil_told else "any sand"
-        words.append(f"thrust and pull by the strength of {whose}, not measured")
+        words.append(
+            f"thrust, pull and energy by the strength of {strength_of_prior(settings)}, not measured"
+        )
     if Condition.MARGIN_OF_PRIOR in conditions:
         words.append("margin of any ground: the drive has hardly told of this one yet")
     if Condition.LOAD_STATIC in conditions:
         load = settings.static_loads[settings.wheels[wheel].name].value
         words.append(f"load not measured: {load:.3g} N as configured")
     return "; ".join(words)
+
+
+def strength_of_prior(settings: OnboardSettings) -> str:
+    """Whose strength it is that nothing has measured."""
+    return settings.prior.soil.name if settings.soil_told else "any sand"
 
 
 def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
@@ -182,9 +188,9 @@ VEHICLE_VALID = {
 }
 _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepest_slope")
 LEVEL_WORDS = {
-    UNKNOWN: "slip is not known: no speed of the wheels, or over ground",
-    OK: "no sign of getting stuck",
-    STUCK: "the rims run, and the vehicle does not move: it is stuck",
+    int(Level.UNKNOWN): Level.UNKNOWN.meaning,
+    int(Level.OK): Level.OK.meaning,
+    int(Level.STUCK): "the rims run, and the vehicle does not move: it is stuck",
 }
 
 
@@ -217,7 +223,7 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
 
 
 def _level_texts(rows: VehicleEstimates) -> list[str]:
-    words = LEVEL_WORDS | {OK + level: text for level, text in WORDS.items()}
+    words = LEVEL_WORDS | {Level.OK + level: text for level, text in WORDS.items()}
     return [
         words[level].format(slip=slip)
         for level, slip in zip(rows.level.tolist(), rows.slip_warned.tolist(), strict=True)

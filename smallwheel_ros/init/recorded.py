@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagError, BagReader
 from smallwheel_ros.onboard.joint_motion import SECOND, JointMotion
+from smallwheel_ros.physics.wheel import GRAVITY
 
 Array = NDArray[np.float64]
 _MOST = 50_000  # messages of a topic that are looked at: minutes of driving tell all of this
@@ -26,7 +27,7 @@ _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
 _WEAKEST, _STRONGEST = 8.0, 12.0  # m/s^2: gravity as accelerometers feel it that are not calibrated
-_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
+_UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
 _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
@@ -191,7 +192,10 @@ def _no_gravity(strength: float) -> str:
     """What a mean acceleration is that is not gravity in m/s^2."""
     for unit, factor in _UNITS.items():
         if _WEAKEST < strength * factor < _STRONGEST:
-            return f"it feels {strength:.4g} on average, gravity in {unit}? expected 9.81 m/s^2"
+            return f"it feels {strength:.4g} on average, gravity in {unit}? expected {GRAVITY:.3g} m/s^2"
     if strength < _WEAKEST:
-        return f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope"
-    return f"it feels {strength:.4g} m/s^2 on average, expected 9.81"
+        return (
+            f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope (of"
+            " another world: give gravity and imu_topic)"
+        )
+    return f"it feels {strength:.4g} m/s^2 on average, expected {GRAVITY:.3g}"

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from smallwheel_ros.diagnosis.competitors import independent
 from smallwheel_ros.effects.drafted import continued
 from smallwheel_ros.fitting.points import Points
+from smallwheel_ros.measurements.columns import GRAVITY_COLUMN
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.wheel import GRAVITY
 
@@ -181,10 +182,21 @@ _COMPOUNDS = (
            "conditions.width / conditions.diameter", "1", 1.5),
     Driver("load/(width diameter)", ("load", "width", "diameter"), "pressure",
            "conditions.load / (conditions.width * conditions.diameter)", "Pa", 2.0),
-    Driver("speed/sqrt(g diameter)", ("speed",), "froude",
-           f'conditions["speed"] / np.sqrt({GRAVITY} * conditions.diameter)', "1", 1.5),
 )  # fmt: skip
 _DEPTH = Driver(DEPTH, (), "depth", "state.sinkage / conditions.diameter", "1", 1.5)
+
+
+def _froude(conditions: Conditions) -> Driver:
+    """Froude's number under the gravity of the table: a number where it is one, else its column."""
+    columns: tuple[str, ...] = ("speed",)
+    gravity = str(GRAVITY)
+    if GRAVITY_COLUMN in conditions:
+        given = conditions[GRAVITY_COLUMN]
+        gravity = str(float(given[0]))
+        if np.ptp(given) > 0.0:
+            columns, gravity = ("speed", GRAVITY_COLUMN), f'conditions["{GRAVITY_COLUMN}"]'
+    code = f'conditions["speed"] / np.sqrt({gravity} * conditions.diameter)'
+    return Driver("speed/sqrt(g diameter)", columns, "froude", code, "1", 1.5)
 
 
 def _at_most(low: float, span: float) -> float:
@@ -221,7 +233,8 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
         # Its name is quoted in the code: it may have any character.
         code = f"conditions.{name}" if name in SIZES else f"conditions[{json.dumps(name)}]"
         possible.append(Driver(name, (name,), identifier(name), code, units.get(name) or "1"))
-    possible += [compound for compound in _COMPOUNDS if _says_more(compound, usable)]
+    compounds = (*_COMPOUNDS, _froude(points.conditions))
+    possible += [compound for compound in compounds if _says_more(compound, usable)]
     if "resistance" in points.channels:
         possible.append(_DEPTH)
     for driver in possible:

@@ -21,6 +21,7 @@ import yaml
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.physics.wheel import GRAVITY
 
 if TYPE_CHECKING:
     import pint
@@ -37,6 +38,7 @@ WORDS: dict[str, Any] = yaml.load(
 CHANNELS = ("sinkage", "resistance", "drawbar_pull", "torque")  # what a model predicts
 FORCES = ("drawbar_pull", "torque")  # those that rest on the soil's strength, and need slip
 TEXTS = ("contact", "soil", "run", "wheel")
+GRAVITY_COLUMN = "gravity"
 SETTINGS = ("slip", "slip_angle", "slope", "speed", "pass_number", "grouser_height")
 _ROUNDING = 1e-9  # a limit may be passed by the rounding of a converted unit
 
@@ -125,6 +127,11 @@ COLUMNS: dict[str, ColumnSpec] = {
     # More passes than any track test has run; whole numbers, so half of one is no difference.
     "pass_number": ColumnSpec(
         "number of the pass", DIMENSIONLESS, 1.0, 1e6, same=0.5, hint="1 is fresh soil"
+    ),
+    # From a small moon's to ten times the earth's, in a centrifuge.
+    GRAVITY_COLUMN: ColumnSpec(
+        "acceleration of free fall", "m/s^2", 0.01, 100.0, same=0.1,
+        hint=f"{GRAVITY:g} on the earth, 1.62 on the moon; leave it out for {GRAVITY:g}",
     ),
     # No lug is longer than a metre; half a millimetre is wear.
     "grouser_height": ColumnSpec(
@@ -226,9 +233,10 @@ _NEWTON_METRE = re.compile(r"(?<![A-Za-z0-9_])([kmMµμ]?N)(mm|cm|m)(?![A-Za-z0-
 _HYPHEN = re.compile(r"(?<=[A-Za-z])-(?=[A-Za-z])")  # N-m and ft-lbf are products
 _POWER = re.compile(r"(?<![A-Za-z])([kcdmµμ]?m|in|ft|s)([23])(?![0-9])")  # kg/m3
 _EXAMPLES = "expected one like mm, N or m/s"
+_STANDARD_WEIGHT = "*g_0"  # of a mass, in pint's words
 _NAMED = ("N", "Pa", "J", "W", "Hz")  # SI units with a name: shown by it
 _HINTS = {
-    "kilogram": "; a mass is no force: use kgf, or multiply by 9.80665 and write N",
+    "kilogram": f"; a mass is no force: use kgf, or multiply by {GRAVITY:g} and write N",
     "kilogram / meter / second ** 2": "; a pressure: multiply by the area",
 }
 
@@ -286,8 +294,8 @@ _COMMON = {unit.lower(): unit for unit in WORDS["units"].split()}
 def spelled(text: str, expected: str | None) -> str | None:
     """The unit that a text names, as `to_base` takes it; None where it names none.
 
-    expected: the SI unit of the column. Where that is a force or a pressure, a mass is read as the
-    weight of it at the surface of the earth (9.80665 m/s^2).
+    expected: the SI unit of the column. Where that is a force or a pressure, a mass is read as
+    its weight under the standard gravity (`physics.wheel.GRAVITY`).
     """
     text = " ".join(text.split())
     plain = _plain(text)
@@ -301,14 +309,28 @@ def spelled(text: str, expected: str | None) -> str | None:
             continue
         if expected is None or fits(unit, expected):
             return unit
-        other = f"{unit}*g_0" if expected in ("N", "Pa") else _COMMON.get(text.lower(), unit)
+        other = (
+            f"{unit}{_STANDARD_WEIGHT}"
+            if expected in ("N", "Pa")
+            else _COMMON.get(text.lower(), unit)
+        )
         return other if fits(other, expected) else unit
     return None
 
 
+def is_mass(unit: str | None) -> bool:
+    """Whether a force is written as the mass that it is the weight of (`spelled`)."""
+    return unit is not None and unit.endswith(_STANDARD_WEIGHT)
+
+
+def weight_under(weight: Array, gravity: Array | float) -> Array:
+    """What masses weigh (N) under a gravity (m/s^2) that weigh so much under the standard one."""
+    return np.asarray(weight * (gravity / GRAVITY))
+
+
 def shown_unit(unit: str | None) -> str:
     """The unit as people read it, "" for a pure number or none; a mass that is a weight as the mass."""
-    return "" if unit in (None, DIMENSIONLESS) else str(unit).replace("*g_0", "")
+    return "" if unit in (None, DIMENSIONLESS) else str(unit).replace(_STANDARD_WEIGHT, "")
 
 
 def fits(unit: str, expected: str) -> bool:

@@ -30,7 +30,13 @@ from smallwheel_ros.measurements.measurements import (
     joined_shear,
     over_half,
 )
-from smallwheel_ros.measurements.reading import TableColumns, listed, read_columns, take_size
+from smallwheel_ros.measurements.reading import (
+    TableColumns,
+    listed,
+    read_columns,
+    take_size,
+    weigh,
+)
 from smallwheel_ros.measurements.settings import (
     ends_of_runs,
     one_row_a_wheel,
@@ -183,6 +189,7 @@ def _read_grid(
     for name, size in (("diameter", diameter), ("width", width)):
         if size is not None:
             take_size(columns, name, size)
+    weigh(columns)
     take_contact(columns, contact)
     take_plates(columns, compliance)
     _check_there(columns, measured=not every_row)

@@ -31,6 +31,7 @@ from smallwheel_ros.measurements.cells import (
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
     DIMENSIONLESS,
+    GRAVITY_COLUMN,
     LAB_COLUMNS,
     LEAST,
     OTHER,
@@ -42,8 +43,10 @@ from smallwheel_ros.measurements.columns import (
     UnitsError,
     base_unit,
     is_bookkeeping,
+    is_mass,
     shown_unit,
     to_base,
+    weight_under,
 )
 from smallwheel_ros.measurements.headers import (
     UNKNOWN,
@@ -420,7 +423,7 @@ def _take_numbers(
         columns.units[name] = expected or ("" if unit is None else base_unit(unit))
     except UnitsError as error:
         # Of a column in the wrong unit every value may look wrong: say nothing of those.
-        columns.problem(str(error).replace("*g_0", ""), name)
+        columns.problem(shown_unit(str(error)), name)
         return
     _check_cells(columns, name, parsed)
     if unit == "%":  # a cell of 20 % is 20 below [%]
@@ -442,6 +445,21 @@ def _take_numbers(
         columns.notes.append(f"column '{clipped(name)}': {many} are taken as 0")
         values = np.where(tiny, 0.0, values)
     columns.numbers[name] = np.clip(values, -spec.high if early else spec.low, spec.high)
+
+
+def weigh(columns: TableColumns) -> None:
+    """Take loads that are written as masses for their weights under the table's own gravity."""
+    load = columns.headings.get("load")
+    if load is None or not is_mass(load.unit) or not columns.read(GRAVITY_COLUMN):
+        return
+    gravity = columns.values(GRAVITY_COLUMN)
+    known = np.isfinite(gravity)
+    loads = columns.numbers["load"]
+    columns.numbers["load"] = np.where(known, weight_under(loads, gravity), loads)
+    columns.understood.append(
+        f"load: masses in {shown_unit(load.unit)}, of which the weight under the gravity of their row is "
+        "taken; what a load cell shows as kg is kgf, or N"
+    )
 
 
 def check_range(
@@ -502,7 +520,7 @@ def _say(columns: TableColumns, parsed: Iterable[Numbers]) -> None:
     parsed = list(parsed)
     for heading in columns.headings.values():
         unit = f" [{shown_unit(heading.unit)}]".replace(" []", "")
-        weight = ", the weight of that mass" if "*g_0" in str(heading.unit) else ""
+        weight = ", the weight of that mass" if is_mass(heading.unit) else ""
         twice = ", twice the radius" if heading.factor == 2.0 else ""
         made = f"{heading.name}{unit}{weight}{twice}"
         plainly = (heading.name, made, f"{heading.name} [-]", f"{heading.name} [1]")

@@ -7,7 +7,7 @@ Each is read as a cell of a table is, its unit as that of a header.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,13 +18,16 @@ from smallwheel_ros.common.errors import ArgumentError, SmallwheelError, nearest
 from smallwheel_ros.measurements.cells import TWO_WAYS, read_numbers
 from smallwheel_ros.measurements.columns import (
     COLUMNS,
+    GRAVITY_COLUMN,
     OTHER,
     Array,
     UnitsError,
+    is_mass,
     shown_unit,
     spelled,
     to_base,
     unit_of,
+    weight_under,
 )
 from smallwheel_ros.measurements.headers import near_miss
 
@@ -56,11 +59,13 @@ def check_setting(name: str) -> None:
 class Typed(NamedTuple):
     """What was typed for a setting: values in SI units, shape (values,), and how they were read.
 
-    said: of a mass that was taken as its weight, or a decimal comma; "" of anything else.
+    said: of a mass that was taken as its weight, or a decimal comma; "" of anything else. mass: whether it
+    was a mass, which weighs less or more under another gravity.
     """
 
     values: Array
     said: str = ""
+    mass: bool = False
 
 
 def levels_of(name: str, value: Setting) -> Typed:
@@ -74,6 +79,31 @@ def levels_of(name: str, value: Setting) -> Typed:
     if not levels.size:
         raise ArgumentError(f"{name}: found no value, expected a number or several")
     return Typed(levels)
+
+
+def weighed(levels: Mapping[str, Typed]) -> dict[str, Typed]:
+    """Loads that were typed as masses as their weights under the gravity that was typed, if one was.
+
+    Raises RangeError where several were, or one out of range.
+    """
+    found = dict(levels)
+    if GRAVITY_COLUMN not in levels:
+        return found
+    load, gravity = levels["load"], levels[GRAVITY_COLUMN].values
+    spec = COLUMNS[GRAVITY_COLUMN]
+    if spec.bad(gravity).any():
+        wrong = gravity[int(np.argmax(spec.bad(gravity)))]
+        raise RangeError(f"gravity: found {wrong:g}, expected {spec.expected()}; {spec.hint}")
+    if load.mass:
+        if gravity.size > 1:
+            raise RangeError(
+                "load: found a mass and several gravities: give the load in N, or one gravity at a time"
+            )
+        values = weight_under(load.values, gravity[0])
+        shown = " to ".join(dict.fromkeys(f"{v:.4g}" for v in (values.min(), values.max())))
+        said = f"load: what masses weigh under {gravity[0]:g} m/s^2, {shown} N"
+        found["load"] = Typed(values, said, mass=True)
+    return found
 
 
 def number_of(name: str, given: float | str) -> Typed:
@@ -147,7 +177,8 @@ def _reading(
     values = np.concatenate([_expanded(name, piece, [next(rest) for _ in piece[::2]])
                              for piece in pieces])  # fmt: skip
     given, weight = spelled(units[-1], unit) or units[-1], ""
-    if given.endswith("*g_0"):
+    mass = is_mass(given)
+    if mass:
         weight = ", the weight of that mass"
     try:
         values = to_base(values, given, unit) if given else values
@@ -157,7 +188,9 @@ def _reading(
     if not (weight or comma):
         return Typed(values)
     shown = " to ".join(dict.fromkeys(f"{v:.4g}" for v in (values.min(), values.max())))
-    return Typed(values, f"'{text}' -> {name} {shown} {shown_unit(unit)}".rstrip() + weight + comma)
+    return Typed(
+        values, f"'{text}' -> {name} {shown} {shown_unit(unit)}".rstrip() + weight + comma, mass
+    )
 
 
 def _expanded(name: str, piece: Sequence[str], ends: Sequence[float]) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.physics.conditions import Conditions
+from smallwheel_ros.physics.wheel import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -116,11 +117,22 @@ class Measured:
             found |= np.all(np.abs(size - np.array(wheel)) <= room[:, None], axis=1)
         return found & ~self.beyond("slip", conditions)
 
+    @property
+    def settings(self) -> dict[str, tuple[float, float]]:
+        """Ranges of what was set; gravity is the standard one where nothing says otherwise."""
+        standard = {"gravity": (GRAVITY, GRAVITY)} if self.ranges else {}
+        return {**standard, **self.ranges}
+
     def beyond(self, name: str, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows of which a setting is beyond those measured."""
-        if name not in self.ranges or name not in conditions:
+        """Rows of which a setting is beyond those measured. Gravity is standard where none is given."""
+        if name in conditions:
+            values = conditions[name]
+        elif name == "gravity":
+            values = np.full(len(conditions), GRAVITY)
+        else:
             return np.zeros(len(conditions), dtype=bool)
-        low, high = self.ranges[name]
+        if name not in self.settings:
+            return np.zeros(len(conditions), dtype=bool)
+        low, high = self.settings[name]
         room = _ROOM * max(high - low, abs(high) if high > low else 0.2 * abs(high))
-        values = conditions[name]
         return np.asarray((values < low - room) | (values > high + room))

@@ -26,6 +26,8 @@ from smallwheel_ros.common.node_parameter import (
 )
 from smallwheel_ros.costmap.cost import CostSettings
 from smallwheel_ros.costmap.terrain import REFERENCE_SLIP, TerrainSettings
+from smallwheel_ros.effects.instruments import SINKAGE_ZERO_STD
+from smallwheel_ros.onboard.prior import SINKAGE_STD
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.soil import SOILS
 from smallwheel_ros.physics.wheel import GRAVITY
@@ -135,7 +137,7 @@ class SensorNoise:
     """noise.*: standard deviations of measurements whose messages state none."""
 
     sinkage: float = parameter(
-        0.001,
+        SINKAGE_STD,
         "m",
         (1e-5, 1.0),
         "Standard deviation of a sinkage whose message states none.",
@@ -341,7 +343,7 @@ class Parameters(DriveParameters):
     )
     soil: SoilParameters = group(SoilParameters)
     sinkage_zero_std: float = parameter(
-        0.002,
+        SINKAGE_ZERO_STD,
         "m",
         (0.0, 1.0),
         "Standard deviation of the zero of the sinkage sensors, which limits how well n and the pressure"

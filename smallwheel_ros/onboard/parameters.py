@@ -335,7 +335,7 @@ def _start(given: Parameters, wheels: Sequence[Wheel]) -> tuple[CalibratedModel,
         return CalibratedModel(only), only, kind, ""
     effects = load(Path(given.effects_file).expanduser()) if given.effects_file else None
     calibrated = read_model(Path(file).expanduser(), effects)
-    model, note = mixed(calibrated), _model_note(file, calibrated, wheels)
+    model, note = mixed(calibrated), _model_note(file, calibrated, wheels, given.gravity)
     _refuse_what_cannot_be_honoured(file, model)
     found = {kind.name: kind for kind in model.soils}
     if name is None and len(found) == 1:
@@ -363,8 +363,10 @@ def _refuse_what_cannot_be_honoured(file: str, model: Model) -> None:
         )
 
 
-def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel]) -> str:
-    """Rivals of which the estimate runs with the mean, and wheels that the model was not measured with."""
+def _model_note(
+    file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel], gravity: float
+) -> str:
+    """Rivals of which the estimate runs with the mean; wheels and gravity that it was not measured with."""
     said = []
     if calibrated.rivals:
         said.append(
@@ -372,8 +374,18 @@ def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel])
             "runs with their mean"
         )
     sizes = Conditions.of(
-        [1.0] * len(wheels), [w.diameter for w in wheels], [w.width for w in wheels]
+        [1.0] * len(wheels),
+        [w.diameter for w in wheels],
+        [w.width for w in wheels],
+        gravity=gravity,
     )
+    if calibrated.measured.beyond("gravity", sizes).any():
+        low, high = calibrated.measured.settings["gravity"]
+        under = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        said.append(
+            f"{file}: measured was under a gravity of {under} m/s^2, and parameter gravity is {gravity:g}:"
+            " its numbers are extrapolated"
+        )
     for name in ("diameter", "width"):
         beyond = calibrated.measured.beyond(name, sizes)
         if beyond.any():

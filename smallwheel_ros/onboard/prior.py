@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.effects.base import Effect
+from smallwheel_ros.effects.instruments import SINKAGE_ZERO_STD
 from smallwheel_ros.physics.sinkage import CONTACT_RULES, ContactRule, Geometry
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE, Soil
 
 Array = NDArray[np.float64]
 
+SINKAGE_STD = 0.001  # m, of one reading of sinkage: a laser or a linear gauge on loose soil
 # Of every wheel, or told by streams.
 _COVARIATES = ("load", "diameter", "width", "contact", "slip", "speed")
 
@@ -136,8 +138,8 @@ class EstimatorSettings:
     Raises EstimatorError where a number is outside its range.
     """
 
-    sinkage_std: float = 0.001
-    sinkage_zero_std: float = 0.002
+    sinkage_std: float = SINKAGE_STD
+    sinkage_zero_std: float = SINKAGE_ZERO_STD
     soil_scatter: float = 0.06
     loads_measured: bool = True
 

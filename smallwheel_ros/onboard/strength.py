@@ -17,8 +17,9 @@ from smallwheel_ros.physics.soil import Soil, usual_strength
 from smallwheel_ros.physics.wheel import Quantity, Strength
 
 # What the soil of a field differs by from its own sample in a laboratory, from place to place: friction
-# angles of sand by 9 %, cohesions by 30 % (Phoon and Kulhawy 1999, inherent variability).
-_FIELD_FRICTION, _FIELD_COHESION = 0.09, 0.3
+# angles of sand by 5 to 15 % (Cherubini 1997, as Phoon and Kulhawy 1999, fig. 5), drained cohesions by 10 to
+# 50 % (Probabilistic Model Code of the JCSS, 3.7, indicative deviations from point to point): the middles.
+_FIELD_FRICTION, _FIELD_COHESION = 0.1, 0.3
 # As a model's covariance calls c, phi, ln K, eta and mu.
 _FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_share", "rim_friction")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A wheel, the strength of the soil under it, and its slip; values with their uncertainty."""
+"""A wheel, and the strength of the soil under it; values with their uncertainty."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from smallwheel_ros.physics.conditions import ROLLING
 Array = NDArray[np.float64]
 
 GRAVITY = 9.80665  # m/s^2, standard
-_MOVES = 4.0  # standard deviations of a speed: one reading in 16,000 of what stands is beyond them
 
 
 class Quantity(NamedTuple):
@@ -89,23 +88,3 @@ class Strength:
             np.fill_diagonal(correlation, 1.0)
             numbers["correlation"] = correlation
         return replace(self, **numbers)
-
-
-def wheel_slip(speed: Quantity, rim_speed: Quantity, standstill: float) -> Quantity | None:
-    """Slip of a wheel: i = 1 - v/(r omega) driven, r omega/v - 1 skidding; None when standing.
-
-    speed, rim_speed: v and r omega, m/s, with one sign convention. A wheel that turns against the
-    travel has slip 1 (or -1 where it travels faster than it turns). standstill: m/s; the faster of
-    both must be above it, and above four of its own standard deviations: otherwise it cannot be told
-    that the wheel moves at all, and of the thousands of readings of a standing wheel some would be
-    slips. The standard deviation is to first order, and at most 1.
-    """
-    driven = abs(rim_speed.value) >= abs(speed.value)
-    base, other = (rim_speed, speed) if driven else (speed, rim_speed)
-    if abs(base.value) <= max(standstill, _MOVES * base.standard_deviation):
-        return None
-    ratio = other.value / base.value
-    spread = math.hypot(other.standard_deviation, ratio * base.standard_deviation)
-    spread /= abs(base.value)
-    slip = min(1.0, 1.0 - ratio)
-    return Quantity(slip if driven else -slip, min(spread, 1.0))

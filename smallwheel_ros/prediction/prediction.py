@@ -202,7 +202,7 @@ _UNEXPLAINED = (
 def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
     """Which settings are beyond those measured, or off those that were varied together."""
     found, beyond, outside = [], [], np.zeros(len(conditions), dtype=bool)
-    for name, ends in measured.ranges.items():
+    for name, ends in measured.settings.items():
         rows = measured.beyond(name, conditions)
         outside |= rows
         if rows.any():

@@ -124,7 +124,7 @@ class _Drive:
         self._go_on()
         self._happened = DriveEvents(self._pipeline, self.start)
         pull_std = onboard.noise.drawbar_pull if onboard.with_drawbar_pull else None
-        self._stretches = SteadyStretches(onboard.wheels, pull_std)
+        self._stretches = SteadyStretches(onboard.wheels, pull_std, onboard.gravity)
         self.twists, self.vehicle = TwistsTable(self.start), VehicleTable(self.start)
         self._soils: list[tuple[SoilEstimate, dict[str, Any]]] = []  # with its fields
         self._fields: tuple[str, ...] = ()

@@ -160,7 +160,8 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
             f"{1e3 * soil['reference_sinkage']:g} mm sinkage under a wheel of"
             f" {1e3 * soil['reference_diameter']:g} mm, at the end: "
             f"{number(1e-3 * soil['reference_pressure']['value'])} ±"
-            f" {number(1e-3 * soil['reference_pressure']['std'], 2)} kPa.",
+            f" {number(1e-3 * soil['reference_pressure']['std'], 2)} kPa"
+            f"{'' if soil['reference_pressure']['determined'] else ', largely of the prior'}.",
         ]
     )
     if soil["status"] and sunk:
@@ -216,6 +217,10 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
         lines.append(
             f"Margin, pull over load at the reference slip: {number(margin['median'], 2)}{std},"
             f" {by}."
+        )
+    if strength["of_prior"] and slip["median"] is not None:
+        lines.append(
+            f"Thrust, pull and energy: by the strength of {strength['of_prior']}, not measured."
         )
     if risk["highest"] is not None:
         lines.append(f"Risk of getting stuck: at most {number(risk['highest'], 2)}.")
@@ -410,11 +415,6 @@ def _inputs(summary: dict[str, Any]) -> list[Block]:
 
 def _caveats(summary: dict[str, Any]) -> Block:
     rows, lines = summary["measurements"]["rows"], []
-    if not summary["strength"]["measured_by"]:
-        lines.append(
-            "Nothing measured the strength: cohesion, friction angle and shear displacement are as "
-            "configured, and thrust and drawbar pull are as good as those."
-        )
     if any(wheel["used_for_soil"] for wheel in summary["wheels"].values()):
         lines.append("A filter can hide a missing physical effect by bending k, n and m.")
         if rows:

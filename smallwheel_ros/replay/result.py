@@ -19,7 +19,7 @@ from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.result import Result
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.drive.events import DriveEvents
-from smallwheel_ros.drive.messages import soil_fields
+from smallwheel_ros.drive.messages import soil_fields, strength_of_prior
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -238,6 +238,7 @@ class Replayed(Result, shown="replay.report"):
                 "determined": self.pipeline.strength.determined,
                 "status": list(self.pipeline.strength.status),
                 "of_model_file": self.pipeline.settings.strength_measured,
+                "of_prior": self._prior_strength(),
             },
             "sensors": list(self.pipeline.findings),
             "filter": self.pipeline.concern,
@@ -278,6 +279,12 @@ class Replayed(Result, shown="replay.report"):
         of_prior = spread is not None and bool(is_prior(spread, settings.reference_slip))
         told["margin"] = {**told["margin"], "of_prior": of_prior and not settings.strength_measured}
         return told
+
+    def _prior_strength(self) -> str:
+        """Whose strength pull is by where it is a prior's still; "" where it was measured."""
+        strength, settings = self.pipeline.strength, self.pipeline.settings
+        measured = strength.determined or settings.strength_measured
+        return "" if measured else strength_of_prior(settings)
 
     def _soil(self) -> dict[str, Any]:
         soil, alarm = self.pipeline.soil, self.pipeline.soil.missing_effect

@@ -28,7 +28,7 @@ from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
 from smallwheel_ros.physics.conditions import PRESSED
-from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers, Readings
@@ -288,11 +288,14 @@ def _write_table(table: pd.DataFrame, stem: Path) -> None:
 class SteadyStretches:
     """Takes readings as they come, and gives the rows of a table of measurements at the end.
 
-    pull_std: deviation (N) of a measured drawbar pull, None where none is measured. unsteady: stretches
-    that were left out, at_changes and unusable: readings.
+    pull_std: deviation (N) of a measured drawbar pull, None where none is measured. gravity: m/s^2. unsteady:
+    stretches that were left out, at_changes and unusable: readings.
     """
 
-    def __init__(self, wheels: Sequence[Wheel], pull_std: float | None = None) -> None:
+    def __init__(
+        self, wheels: Sequence[Wheel], pull_std: float | None = None, gravity: float = GRAVITY
+    ) -> None:
+        self._gravity = gravity
         self._wheels, self._pulls = {wheel.name: wheel for wheel in wheels}, pull_std is not None
         self._pull_std = math.nan if pull_std is None else pull_std
         self._names = np.array([wheel.name for wheel in wheels], dtype=object)
@@ -390,6 +393,8 @@ class SteadyStretches:
                 "drawbar_pull_std": "drawbar_pull_std [N]",
             }
         names |= {"slip": "slip", "speed": "speed [m/s]"}
+        if self._gravity != GRAVITY:
+            rows, names = rows.assign(gravity=self._gravity), names | {"gravity": "gravity [m/s^2]"}
         if "passes" in rows:
             rows, names = rows.astype({"passes": int}), names | {"passes": "pass_number"}
         soil, stretch = rows["soil"].astype(str), rows["stretch"].astype(str)

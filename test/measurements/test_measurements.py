@@ -457,3 +457,33 @@ def test_the_rigs_indentation_trials_are_read() -> None:
     assert plate.sum() == 2080
     assert np.unique(data.conditions.diameter[plate]).tolist() == pytest.approx([0.06, 0.08, 0.1])
     assert not any("a curve, not repeats" in w for w in data.warnings)  # that is what they are
+
+
+# Gravity
+
+
+@pytest.mark.parametrize(
+    ("unit", "load"), [("kg", 5 * 1.62), ("kgf", 49.03325), ("N", 5.0), ("lb", 2.26796185 * 1.62)]
+)
+def test_a_mass_weighs_by_the_gravity_of_its_row(write: Write, unit: str, load: float) -> None:
+    """What a load cell shows as kg is kgf; resistance comes from one, whatever the gravity."""
+    header = f"load [{unit}],diameter [m],width [m],sinkage [mm],resistance [kg],gravity"
+    data = read_measurements(write(header, "5,0.2,0.1,8,0.1,1.62", "5,0.2,0.1,8,0.1,1.62"))
+    assert data.conditions.load == pytest.approx([load, load])
+    assert data.channels["resistance"] == pytest.approx([0.980665, 0.980665])
+    assert data.conditions["gravity"].tolist() == [1.62, 1.62]
+    assert any("load cell shows" in line for line in data.understood) == (unit in ("kg", "lb"))
+
+
+def test_without_a_gravity_a_mass_weighs_as_on_the_earth(write: Write) -> None:
+    data = read_measurements(write("load [kg],diameter [m],width [m],sinkage [mm]", "5,0.2,0.1,8"))
+    assert data.conditions.load == pytest.approx([49.03325])
+
+
+@pytest.mark.parametrize("value", ["0", "-1.62", "1000"])
+def test_a_gravity_that_there_is_not_is_refused_with_what_to_write(
+    write: Write, value: str
+) -> None:
+    said = fault(write(HEADER + ",gravity", f"{ROW},{value}"))
+    assert f"line 2, column 'gravity': gravity is {value}, expected 0.01 to 100 m/s^2" in said
+    assert "1.62 on the moon; leave it out for 9.80665" in said

@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from smallwheel_ros.common.errors import ArgumentError
-from smallwheel_ros.measurements.typed import RangeError, check_setting, levels_of, number_of, typed
+from smallwheel_ros.measurements.typed import (
+    RangeError,
+    check_setting,
+    levels_of,
+    number_of,
+    typed,
+    weighed,
+)
 
 
 @pytest.mark.parametrize(
@@ -31,6 +38,29 @@ def test_ways_to_type(name: str, text: str, unit: str, values: list[float]) -> N
 def test_what_is_no_number_is_named(text: str) -> None:
     with pytest.raises(RangeError, match="load"):
         typed("load", text, "N")
+
+
+@pytest.mark.parametrize(("load", "newtons"), [("5kg", 8.1), ("5kgf", 49.03325), ("5", 5.0)])
+def test_a_mass_weighs_by_the_gravity_that_was_typed(load: str, newtons: float) -> None:
+    """What a load cell shows as kg is kgf."""
+    levels = weighed({"load": levels_of("load", load), "gravity": levels_of("gravity", "1.62")})
+    assert levels["load"].values == pytest.approx([newtons])
+    assert ("1.62 m/s^2" in levels["load"].said) == (load == "5kg")
+
+
+@pytest.mark.parametrize("gravity", ["0", "-1.62", "1000"])
+def test_a_gravity_that_there_is_not_is_refused(gravity: str) -> None:
+    levels = {"load": levels_of("load", "5"), "gravity": levels_of("gravity", gravity)}
+    with pytest.raises(
+        RangeError, match=r"gravity: found .*, expected 0\.01 to 100 m/s\^2; 9\.80665 on the earth"
+    ):
+        weighed(levels)
+
+
+def test_a_mass_under_several_gravities_is_refused() -> None:
+    levels = {"load": levels_of("load", "5kg"), "gravity": levels_of("gravity", "1.62,3.7")}
+    with pytest.raises(RangeError, match="give the load in N, or one gravity at a time"):
+        weighed(levels)
 
 
 def test_a_mass_is_said_to_be_a_weight() -> None:

@@ -261,6 +261,17 @@ covariance:
         ("k: 1600000.0", "k: -5", r"soils\[0\]: soil 'sand': k is -5.0, expected a pressure over"),
         ("  n: 0.8\n", "", r"soils\[0\].n: found nothing, expected a number"),
         ("- name: sand", "- name: sand\n  phi: 30", r"soils\[0\].phi: unknown key"),
+        (
+            "- name: sand",
+            "- name: sand\n  cohesoin: 300",
+            "cohesoin: unknown key; did you mean 'cohes",
+        ),
+        (
+            "- name: sand",
+            "- name: sand\n  rim_fricton: 1",
+            "unknown key; did you mean 'rim_friction'",
+        ),
+        ("n: 0.8", "n: 3.0", "soil 'sand': n is 3.0, expected a number between 0 and 3"),
         ("id: slip_sinkage", "id: slip_sinkege", "no effect 'slip_sinkege': did you mean 'slip_s"),
         ("id: slip_sinkage", "id: mine", "your own is given with --effects FILE"),
         ("form: exponential", "form: linaer", "has no form 'linaer': There is: added"),

@@ -223,6 +223,8 @@ class TestSettings:
             ({"front.joint_sign": 0}, "front.joint_sign is 0, expected 1 or -1"),
             ({"vehicle.mass": 0.0}, r"vehicle.mass is 0\.0, expected a double from 0\.01"),
             ({"sinkage_zero_std": -0.001}, r"sinkage_zero_std is -0\.001"),
+            ({"gravity": 0.0}, r"gravity is 0\.0, expected a double from 0\.01 to 100"),
+            ({"gravity": -1.62}, r"gravity is -1\.62, expected a double from 0\.01"),
             ({"autostart": 1}, "autostart is integer 1, expected a bool"),
             ({"soil.name": "dry_snad"}, "soil.name: no soil 'dry_snad': did you mean 'dry_sand'"),
             ({"load.source": "static"}, "vehicle.mass is missing: load.source static needs"),

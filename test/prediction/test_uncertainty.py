@@ -173,6 +173,23 @@ def test_beyond_the_ranges_and_off_a_line_there_is_a_note() -> None:
     assert "slip and load were varied together" in notes(25.0, 0.45)
 
 
+@pytest.mark.parametrize(
+    ("measured", "asked", "beyond"),
+    [
+        ({}, None, False), ({}, 9.81, False), ({}, 1.62, True),
+        ({"gravity": (1.62, 1.62)}, None, True), ({"gravity": (1.62, 1.62)}, 1.62, False),
+        ({"gravity": (1.62, 9.8)}, 3.7, False), ({"gravity": (1.62, 3.7)}, 9.8, True),
+    ],
+)  # fmt: skip
+def test_another_gravity_than_was_measured_under_is_noted(
+    measured: dict[str, tuple[float, float]], asked: float | None, beyond: bool
+) -> None:
+    model = fitted(ranges={"load": (20.0, 100.0), **measured})
+    given = {} if asked is None else {"gravity": asked}
+    notes = " ".join(predict_conditions(model, Conditions.of(60.0, 0.2, 0.1, **given))[1])
+    assert ("extrapolated: measured was gravity" in notes) == beyond
+
+
 def test_rivals_are_named_with_their_probabilities() -> None:
     parts = ((0.6, fitted()), (0.4, fitted() + effect("slip_sinkage", a=1.0)))
     notes = predict_conditions(fitted().changed(rivals=parts), AT)[1]

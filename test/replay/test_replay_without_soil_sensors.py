@@ -123,3 +123,28 @@ def test_encoders_and_an_imu_alone_give_the_twist_and_end_with_0(
     assert result.exit_code == 0, result.output
     twists = pd.read_csv(tmp_path / "out" / "twists.csv")
     assert len(twists) > 100
+
+
+def test_what_is_a_priors_says_so_in_message_text_and_page(
+    bags: dict[str, Path], repository: Path, tmp_path: Path
+) -> None:
+    """Margin, soil and strength of a drive that has told little of each."""
+    folder = tmp_path / "out"
+    config = repository / "config" / "without_soil_sensors.yaml"
+    arguments = ["replay", str(bags["own"]), "--config", str(config), "-o", str(folder)]
+    done = CliRunner().invoke(main, [*arguments, "--copy", "none"])
+    assert done.exit_code == 0, (done.output, done.exception)
+    strength = "by the strength of any sand, not measured"
+    assert f"Thrust, pull and energy: {strength}." in done.stdout
+    assert f"Thrust, pull and energy: {strength}." in (folder / "report.html").read_text()
+    assert "the soil's law is unknown" in done.stdout
+    table = pd.read_csv(folder / "estimates.csv")
+    pulls = table[table["drawbar_pull"].notna()]
+    assert pulls["status_text"].str.contains(strength).all()
+    assert table["status_text"].str.contains("the soil is not named").all()
+    first = table[table["mobility_margin"].notna()].iloc[0]
+    assert "margin of any ground: the drive has hardly told of this one yet" in first["status_text"]
+    summary = json.loads((folder / "replay.json").read_text())
+    assert summary["strength"]["of_prior"] == "any sand"
+    said = "any ground's: the drive has hardly told of this one"
+    assert (said in done.stdout) == summary["mobility"]["margin"]["of_prior"]

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from smallwheel_ros.onboard.prior import covariates_of
-from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.soil.stretches import Loads
@@ -48,7 +48,6 @@ _NEWEST, _FAR = (
 )  # sinkages among which one is far; deviations of the sensor: else the soil is another
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 _GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in 100 s does not
-_SLOW = 0.05  # m/s: where slip is not known at such a speed, it is because of the speed
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def answer(
         Condition.PRIOR_ONLY: ~measured,
         Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
         Condition.SLIP_UNKNOWN: slip_unknown,
-        Condition.STANDS: slip_unknown & (np.abs(rows.speed) <= _SLOW),
+        Condition.STANDS: slip_unknown & (np.abs(rows.speed) <= SLOWEST_RIM),
         Condition.DOES_NOT_FIT: _does_not_fit(state, rows, can, settings),
         Condition.NOT_USED: sensed & ~np.isfinite(rows.sinkage),
         Condition.LOAD_MISSING: ~np.isfinite(loads.load),

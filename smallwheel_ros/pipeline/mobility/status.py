@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What applies to an estimate of a wheel, and the one status of it that a message carries.
+"""What applies to an estimate of a wheel, and the numbers by which messages say it.
 
-The only place of the numbers of MobilityEstimate.msg and SoilEstimate.msg: a test compares both with it.
+The only place of the constants of the messages: a test compares them and their comments with it.
 """
 
 from __future__ import annotations
@@ -64,6 +64,25 @@ class SoilStatus(_Explained):
 
     OK = 0, "at least one measurement was accepted"
     PRIOR_ONLY = 1, "no measurement yet: the configured soil and its uncertainty"
+
+
+class Level(_Explained):
+    """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg."""
+
+    UNKNOWN = 0, "slip is not known: no speed of wheels or over ground"
+    OK = 1, "no sign of getting stuck"
+    MAY_GET_STUCK = 2, "slow down, or go another way"
+    GETS_STUCK = 3, "stop: it slips, and more is asked for than the ground gives"
+    STUCK = 4, "rims run, the vehicle does not"
+
+
+class MarginSource(_Explained):
+    """What the vehicle's margin rests on; numbers of VehicleMobility.msg."""
+
+    ANY_GROUND = 0, "prior: nothing of this ground"
+    CLASS = 1, "prior of a terrain class"
+    MEASURED = 2, "slip and accelerometer"
+    SOIL = 3, "soil and strength"
 
 
 # From the least serious to the most serious. A condition that is not listed is no status.

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
 from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.tables import (
     SECOND,
@@ -33,12 +34,9 @@ from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
 
 from .answer import STALE
+from .status import Level, MarginSource
 
-# Numbers of VehicleMobility.msg.
-UNKNOWN, OK, MAY_GET_STUCK, GETS_STUCK, STUCK = range(5)
-ANY_GROUND, MEASURED, BY_SOIL = 0, 2, 3
 _SURE = 0.5  # of the information, over which a margin is no prior any more
-_TURNS = 0.05  # m/s of rims or ground, under which a slip is no ratio of speeds
 _PAUSE = 10 * SECOND  # ns: after so long without any row the drive goes on with the next one
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 
@@ -173,8 +171,8 @@ class VehicleState:
         count = len(instants)
         known = np.isfinite(instants.rim) & np.isfinite(instants.ground)
         shown = 2 * known.sum(axis=1) > known.shape[1]
-        level = np.where(shown | (warned.level > 0), OK + warned.level, UNKNOWN)
-        level = np.where(stuck, STUCK, level)
+        level = np.where(shown | (warned.level > 0), Level.OK + warned.level, Level.UNKNOWN)
+        level = np.where(stuck, Level.STUCK, level)
         spread = _median(instants.ground_std)
         usual = np.where(np.isfinite(spread), spread, self.settings.noise.speed)
         moving = np.isfinite(instants.speed)
@@ -182,7 +180,7 @@ class VehicleState:
         wheels = _Newest(every, numbers, instants.stamp, len(self.settings.wheels))
         margin, margin_std = wheels.margin
         information = np.clip(1.0 - margin_std**2 / self._prior, 0.0, 1.0)
-        source = np.where(information > _SURE, MEASURED, ANY_GROUND)
+        source = np.where(information > _SURE, MarginSource.MEASURED, MarginSource.ANY_GROUND)
         ahead, across, asked = _felt(stamps, felt, instants.stamp, self.settings.gravity)
         return VehicleEstimates(
             stamp=instants.stamp, level=level, slip_warned=warned.slip, speed=instants.speed,
@@ -190,7 +188,7 @@ class VehicleState:
             slip=slips[0], slip_std=slips[1], slip_left=slips[2], slip_left_std=slips[3],
             slip_right=slips[4], slip_right_std=slips[5],
             margin=margin, margin_std=margin_std,
-            margin_source=np.where(wheels.by_soil, BY_SOIL, source), information=information,
+            margin_source=np.where(wheels.by_soil, MarginSource.SOIL, source), information=information,
             slope_ahead=ahead, slope_across=across, demand=asked, risk=wheels.risk,
             energy=wheels.energy, soil=wheels.soil, at_border=wheels.at_border,
         )  # fmt: skip
@@ -224,12 +222,10 @@ class VehicleState:
 
 def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:
     """Slip of wheels, driven or braked, and its deviation; NaN where a wheel stands."""
+    exact = np.zeros_like(rim)
+    slip, _, _ = slip_of(ground, exact, rim, exact, SLOWEST_RIM)
     larger = np.maximum(np.abs(rim), np.abs(ground))
-    turns = larger > _TURNS
-    along = np.where(np.abs(rim) >= np.abs(ground), np.sign(rim), np.sign(ground))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slip = np.clip(along * (rim - ground) / larger, -1.0, 1.0)
-        return np.where(turns, slip, np.nan), np.where(turns, spread / larger, np.nan)
+    return slip, np.where(np.isfinite(slip), spread / np.maximum(larger, SLOWEST_RIM), np.nan)
 
 
 def _median(table: Array) -> Array:

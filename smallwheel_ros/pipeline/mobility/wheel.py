@@ -29,7 +29,7 @@ from smallwheel_ros.pipeline.versions import Versions
 SCATTER, _LEAST_STD = 0.05, 0.15  # of a thrust about law and grip; N, resolution of any pull
 _FITTED, _UNFITTED = 0.03, 0.05  # of the load: a margin's law with a balance, and without one
 _LEAST_TORQUE = 0.25  # N at the rim
-_HARDLY_TRAVELS = 0.95
+HARDLY_TRAVELS = 0.95
 _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best one is looked for
 
 
@@ -129,7 +129,7 @@ def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
         driven = rows.slip >= 0.0
         ratio = np.where(driven, 1.0 / (1.0 - rows.slip), 1.0 + rows.slip)
         by_slip = np.where(driven, ratio**2, 1.0)
-    told = known & (rows.slip <= _HARDLY_TRAVELS)
+    told = known & (rows.slip <= HARDLY_TRAVELS)
     over = by_slip * rows.slip_std * found["thrust"]
     found["energy"] = np.where(told, ratio * found["thrust"], np.nan)
     found["energy_std"] = np.where(told, np.hypot(ratio * found["thrust_std"], over), np.nan)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smallwheel_ros.onboard.settings import SLOWEST_RIM
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers, Readings
@@ -53,7 +54,6 @@ LOSS_S, UNFELT, SEEN = (
 REPEAT, APART = 5.0, 2.0  # s, between two messages that it goes on; a gap that ends it
 # Of each level, at least. In snow 17 of 25 warnings were of a vehicle that got stuck, 17 of 19 of the second.
 RISKS = (0.0, 0.5, 0.9)
-_LEAST = 0.05  # m/s of a rim, by which is divided
 _KEEP = 10 * SECOND  # ns of instants, for the slow mean of an accelerometer without orientation
 
 
@@ -237,7 +237,7 @@ class Warnings:
         along = -1.0 if np.mean(rim) < 0.0 else 1.0
         rim, ground = rim * along, ground * along
         rolls = np.mean(rim)
-        slip, unsure = _slip(rim, ground), np.median(spread / np.maximum(rim, _LEAST))
+        slip, unsure = _slip(rim, ground), np.median(spread / np.maximum(rim, SLOWEST_RIM))
         gain, scatter = _line(time[b:], done.speed[b : i + 1], trend_s)
         gain = gain * along
         rises = done.rise[b : i + 1]
@@ -270,7 +270,7 @@ class Warnings:
 
 def _slip(rim: Array, ground: Array) -> float:
     """Slip of the middle wheel, -1 to 1."""
-    middle = float(np.median(1.0 - ground / np.maximum(rim, _LEAST)))
+    middle = float(np.median(1.0 - ground / np.maximum(rim, SLOWEST_RIM)))
     return min(max(middle, -1.0), 1.0)
 
 

@@ -12,7 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
+from smallwheel_ros.onboard.settings import (
+    IMU,
+    ODOMETRY,
+    SLOWEST_RIM,
+    VELOCITY,
+    OnboardSettings,
+)
 from smallwheel_ros.pipeline.checks.believed import BelievedRows
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
@@ -24,7 +30,6 @@ from .margin import AnyGround, GroundMargin, Margins
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
 _SPINS = 0.7
 _SURELY = 2.0  # deviations of the speed over ground
-_TURNS = 0.05  # m/s: rims that drive; encoders of one that stands show 0.02 at most
 _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some tenths later
 
 
@@ -205,7 +210,11 @@ def _gets_nowhere(rims: Array, ground: Array, spread: Array) -> bool:
     along = -1.0 if rims.mean() < 0.0 else 1.0
     each = along * rims.mean(axis=1)
     rim, reached = float(each.mean()), along * float(ground.mean()) + _SURELY * float(spread.mean())
-    drives = rim > _TURNS and each.min() > 0.5 * rim and (along * rims.mean(axis=0)).min() > -_TURNS
+    drives = (
+        rim > SLOWEST_RIM
+        and each.min() > 0.5 * rim
+        and (along * rims.mean(axis=0)).min() > -SLOWEST_RIM
+    )
     return bool(drives and reached < (1.0 - _SPINS) * rim)
 
 

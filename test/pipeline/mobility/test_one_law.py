@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from random_examples import examples
 
 from smallwheel_ros.api.predict import predict
+from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import Geometry, Model
 from smallwheel_ros.model.model_file import CalibratedModel, write_model
 from smallwheel_ros.onboard.parameters import ParametersError, settings_from
@@ -116,6 +117,17 @@ def test_the_paper_s_moist_earth_pulls_by_the_paper_s_strength() -> None:
 def of_file(tmp_path: Path, model: Model) -> dict[str, object]:
     write_model(tmp_path / "model.yaml", model)
     return {"model_file": str(tmp_path / "model.yaml")}
+
+
+def test_a_model_measured_under_another_gravity_is_noted(tmp_path: Path) -> None:
+    known = Measured(ranges={"load": (20.0, 90.0), "gravity": (1.62, 1.62)})
+    given = {
+        "wheels": ["w"], "w.diameter": 0.2, "w.width": 0.1,
+        **of_file(tmp_path, CalibratedModel(Model("dry_sand"), measured=known)),
+    }  # fmt: skip
+    note = settings_from(given).onboard.model_note
+    assert "measured was under a gravity of 1.62 m/s^2, and parameter gravity is 9.80665" in note
+    assert "gravity" not in settings_from(given | {"gravity": 1.62}).onboard.model_note
 
 
 def test_a_measured_strength_gives_the_margin_from_the_first_metre(tmp_path: Path) -> None:

@@ -15,22 +15,11 @@ from rows_of_drives import START, drive, give, rover
 from smallwheel_ros.drive.messages import mobility_columns, status_texts
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.model.model_file import write_model
-from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus, Status, status_of
+from smallwheel_ros.pipeline.mobility.status import Condition, Status, status_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND, Estimates
 
 ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.mark.parametrize(
-    ("message", "enum"), [("MobilityEstimate", Status), ("SoilEstimate", SoilStatus)]
-)
-def test_constants_and_comments_of_the_messages_are_those_of_the_enum(
-    message: str, enum: type[Status] | type[SoilStatus]
-) -> None:
-    text = (ROOT / "msg" / f"{message}.msg").read_text(encoding="utf-8")
-    found = re.findall(r"^uint8 STATUS_(\w+) = (\d+) +# (.+)$", text, re.MULTILINE)
-    assert found == [(one.name, str(int(one)), one.meaning) for one in enum]
 
 
 def test_the_page_of_the_node_explains_each_status_as_the_message_does() -> None:
