@@ -374,7 +374,8 @@ class SteadyStretches:
             rows[name] = [getattr(wheel, name) for wheel in wheels]
         pressed = rows["contact"] == PRESSED
         steady = pressed | ((rows["count"] >= _FEWEST_READINGS) & rows["steady"])
-        good = steady & ~before_change & (rows["sinkage"] <= rows["diameter"] / 2)
+        # Where the zero is off a wheel may show to be above the ground: no table has that.
+        good = steady & ~before_change & rows["sinkage"].between(0.0, rows["diameter"] / 2)
         self.unsteady = int((~good).sum())
         rows = rows[good]
         if 2 * rows["passes"].notna().sum() > len(rows):

@@ -47,6 +47,14 @@ def test_a_table_that_cannot_be_read_is_one_line() -> None:
     assert "floating" in found.lines[0]
 
 
+def test_where_nothing_shows_no_model_is_refitted() -> None:
+    found = diagnosed(stretches(140), "out/measurements.csv")
+    assert found.verdict == "adequate"
+    first, second = found.lines
+    assert first.startswith("Diagnosis of 140 steady stretches: no missing effect shows (p")
+    assert "smallwheel diagnose out/measurements.csv" in second
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("strength", "verdict"), [(1.0, "missing_effect"), (0.0, "adequate")])
 def test_slip_sinkage_that_the_model_lacks_is_named_in_two_lines(
