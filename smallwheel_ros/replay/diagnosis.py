@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 # Stretches: with fewer an effect that is there is rarely seen; of more every second, third and so on is
 # taken, since a diagnosis takes a tenth of a second for each.
 _FEWEST, _MOST = 120, 240
-# Chance of such stretches if nothing were missing, over which no model is refitted: four times the bench's own
-# alarm. Drives of another author's simulator are above in 1 of 8 with hidden slip sinkage, in none of 3 over
-# hardpans, and in 9 of 12 with nothing hidden.
+# Chance of such stretches if nothing were missing, over which no model is refitted: four times the bench's
+# own alarm. Drives of another author's simulator are above in 1 of 8 with hidden slip sinkage, in none of 3
+# over hardpans, and in 9 of 12 with nothing hidden.
 _NOTHING = 4.0 * ALARM
 
 
