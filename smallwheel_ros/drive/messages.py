@@ -11,7 +11,7 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.status import Condition, Level, SoilStatus
+from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus, WarningLevel
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
@@ -188,9 +188,9 @@ VEHICLE_VALID = {
 }
 _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepest_slope")
 LEVEL_WORDS = {
-    int(Level.UNKNOWN): Level.UNKNOWN.meaning,
-    int(Level.OK): Level.OK.meaning,
-    int(Level.STUCK): "the rims run, and the vehicle does not move: it is stuck",
+    int(WarningLevel.UNKNOWN): WarningLevel.UNKNOWN.meaning,
+    int(WarningLevel.OK): WarningLevel.OK.meaning,
+    int(WarningLevel.STUCK): "the rims run, and the vehicle does not move: it is stuck",
 }
 
 
@@ -223,7 +223,7 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
 
 
 def _level_texts(rows: VehicleEstimates) -> list[str]:
-    words = LEVEL_WORDS | {Level.OK + level: text for level, text in WORDS.items()}
+    words = LEVEL_WORDS | {WarningLevel.OK + level: text for level, text in WORDS.items()}
     return [
         words[level].format(slip=slip)
         for level, slip in zip(rows.level.tolist(), rows.slip_warned.tolist(), strict=True)

@@ -13,7 +13,7 @@ import pytest
 from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
 from smallwheel_ros.onboard.declared import PARAMETERS
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
-from smallwheel_ros.pipeline.mobility.status import Level, MarginSource, SoilStatus, Status
+from smallwheel_ros.pipeline.mobility.status import MarginSource, SoilStatus, Status, WarningLevel
 from smallwheel_ros.pipeline.mobility.wheel import HARDLY_TRAVELS
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.warning.hazard import PERIOD, SLIP_S
@@ -53,7 +53,7 @@ def fields_of(message: str) -> list[Field]:
     [
         ("MobilityEstimate", "STATUS", Status),
         ("SoilEstimate", "STATUS", SoilStatus),
-        ("VehicleMobility", "LEVEL", Level),
+        ("VehicleMobility", "LEVEL", WarningLevel),
         ("VehicleMobility", "MARGIN", MarginSource),
     ],
 )
@@ -66,7 +66,7 @@ def test_constants_and_their_comments_are_those_of_the_enum(
 
 def test_no_constant_is_left_out() -> None:
     found = re.findall(r"^uint8 [A-Z_]+ *=", "".join(map(text_of, MESSAGES)), re.MULTILINE)
-    assert len(found) == sum(len(one) for one in (Status, SoilStatus, Level, MarginSource))
+    assert len(found) == sum(len(one) for one in (Status, SoilStatus, WarningLevel, MarginSource))
 
 
 @pytest.mark.parametrize(

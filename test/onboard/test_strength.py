@@ -38,7 +38,7 @@ def test_what_was_measured_has_its_covariance_and_what_the_field_adds() -> None:
     assert measured
     assert found.cohesion.standard_deviation == pytest.approx(np.hypot(50.0, 0.3 * earth.cohesion))
     angle = found.friction_angle.standard_deviation
-    assert angle == pytest.approx(np.hypot(0.01, 0.09 * earth.friction_angle))
+    assert angle == pytest.approx(np.hypot(0.01, 0.1 * earth.friction_angle))
     # What the field adds goes with nothing: the covariance is that of the fit.
     assert found.correlation is not None
     together = found.correlation[0, 1] * found.cohesion.standard_deviation * angle

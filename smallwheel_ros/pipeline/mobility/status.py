@@ -66,7 +66,7 @@ class SoilStatus(_Explained):
     PRIOR_ONLY = 1, "no measurement yet: the configured soil and its uncertainty"
 
 
-class Level(_Explained):
+class WarningLevel(_Explained):
     """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg."""
 
     UNKNOWN = 0, "slip is not known: no speed of wheels or over ground"

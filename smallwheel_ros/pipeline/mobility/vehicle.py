@@ -34,7 +34,7 @@ from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
 
 from .answer import STALE
-from .status import Level, MarginSource
+from .status import MarginSource, WarningLevel
 
 _SURE = 0.5  # of the information, over which a margin is no prior any more
 _PAUSE = 10 * SECOND  # ns: after so long without any row the drive goes on with the next one
@@ -171,8 +171,10 @@ class VehicleState:
         count = len(instants)
         known = np.isfinite(instants.rim) & np.isfinite(instants.ground)
         shown = 2 * known.sum(axis=1) > known.shape[1]
-        level = np.where(shown | (warned.level > 0), Level.OK + warned.level, Level.UNKNOWN)
-        level = np.where(stuck, Level.STUCK, level)
+        level = np.where(
+            shown | (warned.level > 0), WarningLevel.OK + warned.level, WarningLevel.UNKNOWN
+        )
+        level = np.where(stuck, WarningLevel.STUCK, level)
         spread = _median(instants.ground_std)
         usual = np.where(np.isfinite(spread), spread, self.settings.noise.speed)
         moving = np.isfinite(instants.speed)

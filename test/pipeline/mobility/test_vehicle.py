@@ -9,7 +9,7 @@ from rows_of_drives import drive, give, rover
 
 from smallwheel_ros.drive.messages import VEHICLE_VALID, vehicle_columns
 from smallwheel_ros.pipeline.intake.layout import widths_of
-from smallwheel_ros.pipeline.mobility.status import Level
+from smallwheel_ros.pipeline.mobility.status import WarningLevel
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND
@@ -38,7 +38,7 @@ def test_there_is_a_row_each_tenth_of_a_second_and_its_messages_are_finite() -> 
             assert np.isfinite(np.asarray(column, dtype=float)).all(), name
     assert all(columns["text"])
     late = rows.stamp > rows.stamp[0] + 5 * SECOND
-    assert (rows.level[late] >= Level.OK).all()
+    assert (rows.level[late] >= WarningLevel.OK).all()
     slip = np.concatenate([turn.estimates.slip for turn in turns])
     assert np.nanmedian(rows.slip[late]) == pytest.approx(np.nanmedian(slip), abs=0.03)
     for flag in ("speed_valid", "slip_valid", "margin_valid", "slope_valid"):
@@ -58,7 +58,7 @@ def test_cuts_change_nothing(seconds: float) -> None:
 def test_what_nothing_tells_is_0_and_its_flag_false() -> None:
     rows = [row for row in drive() if row[0] != "odom"]
     columns = vehicle_columns(joined(turns_of(rows)))
-    assert set(np.asarray(columns["level"]).tolist()) == {Level.UNKNOWN}
+    assert set(np.asarray(columns["level"]).tolist()) == {WarningLevel.UNKNOWN}
     assert "slip is not known" in columns["text"][0]
     for flag in ("speed_valid", "slip_valid", "energy_valid"):
         assert not columns[flag].any()
