@@ -27,8 +27,8 @@ _OFF_LINE = 4.0  # deviations off the line that two settings lay on
 class RunScatter:
     """What a new measurement of one channel differs by from the right model, in standard deviations.
 
-    run: of its run, relative. zero: of its run, SI. absolute, relative: of one row. law: what the law itself is
-    off by from setting to setting, relative.
+    run: of its run, relative. zero: of its run, SI. absolute, relative: of one row. law: what the law itself
+    is off by from setting to setting, relative.
     """
 
     run: float = 0.0

@@ -2,7 +2,8 @@
 """How far a prediction may be off: of the law, and of one row of one new run.
 
     law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, and of
-            pull and torque what their law itself is off by (`ForceLaw`)
+            pull and torque what their law itself is off by (`ForceLaw`), of the others what theirs is off by
+            from setting to setting
     run     besides that (tau dy / d ln k)^2, the soil of a new run, and its instruments' and rows' scatter
             (`RunScatter`)
 
@@ -193,8 +194,8 @@ def _of_runs(
 ) -> UncertainPrediction:
     """With what the law is off by from setting to setting, and the deviation of a row of a new run.
 
-    Its soil, its instruments and its rows scatter. Where no law describes the data, what runs differ by may be
-    an error of the law, and counts as one.
+    Its soil, its instruments and its rows scatter. Where no law describes the data, what runs differ by may
+    be an error of the law, and counts as one.
     """
     laws, runs = dict(laws), {}
     for name, scatter in measured.runs.items():
