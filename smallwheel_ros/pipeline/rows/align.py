@@ -143,7 +143,8 @@ class Align:
             load=load, load_std=load_std, vehicle_speed=middle, speed=speed, speed_std=speed_std,
             rim_speed=rim, rim_std=rim_std_of(rim), slip=slip, slip_std=slip_std,
             stands=stands, forward=~(faster < 0.0), slope=slope, gained=gained,
-            pushed=pushed, across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque, pull=own["drawbar_pull"],
+            pushed=pushed, across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque,
+            pull=own["drawbar_pull"],
             pitch=np.nan_to_num(moves[:, PITCH]), x=moves[:, X], y=moves[:, Y], heading=heading,
         )  # fmt: skip
 
@@ -211,7 +212,7 @@ class Align:
     def _felt(
         self, believed: BelievedRows, stamps: Integers, moves: Array, middle: Array, felt: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """What slope and gaining speed take of the wheels per mass, the slope across, and both, m/s^2."""
+        """Per mass (m/s^2): what slope and gaining speed take of the wheels, the slope across, both ahead."""
         over = np.maximum(_GAINING, 2 * believed.period(stamps))
         before = believed.speeds(stamps - over)[:, 0]
         gained = (middle - before) / (over / SECOND)
@@ -225,7 +226,9 @@ class Align:
             # Without an orientation and a speed nothing tells a slope from a gain, but both are felt.
             both = slope + gained
             both = np.where(np.isnan(both), ahead, both)
-            slope, across, both = (np.where(upright, each, np.nan) for each in (slope, across, both))
+            slope, across, both = (
+                np.where(upright, each, np.nan) for each in (slope, across, both)
+            )
             return slope, gained, across, both
         # An odometry of the plane has a pitch of exactly 0 in every message: it measures none.
         pitch = moves[:, PITCH]

@@ -3,11 +3,11 @@
 
     hazard = slip + 2 (max(sin slope, 0)/2 + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
 
-slip: of the middle wheel, what is in use of the grip; loss of speed: pull that is missing already; slope: half
-of the pull that goes on being asked for, since slip answers to a slope within a second. All along the way that
-the rims go. Two levels: over 0.38 it is on the way to get stuck, over 0.48 it gets stuck. Either begins where
-slip grows, or speed is lost: whoever climbs at a steady slip, as near to the limit as it may be, gets on. The
-second begins over a slip of 0.5, too. A level goes on while the hazard is not 0.1 under it.
+slip: of the middle wheel, what is in use of the grip; loss of speed: pull that is missing already; slope:
+half of the pull that goes on being asked for, since slip answers to a slope within a second. All along the
+way that the rims go. Two levels: over 0.38 it is on the way to get stuck, over 0.48 it gets stuck. Either
+begins where slip grows, or speed is lost: whoever climbs at a steady slip, as near to the limit as it may
+be, gets on. The second begins over a slip of 0.5, too. A level goes on until the hazard is 0.1 under it.
 
 On the way it is as well where slip is over 0.3 by two deviations, after the same gates: ground that gives way
 at once takes away no speed before (docs/without_soil_sensors.md).
@@ -36,11 +36,12 @@ SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a
 # Of a slope. By the law of slip alone it counts nothing once slip has answered; of 17 immobilisations in snow
 # the whole slope brought a little more in time (12.3 for 11.6), and on climbs half of all false warnings.
 OF_SLOPE = 0.5
-# Of the hazard: with the whole slope 0.4 and 0.5, by the 17 in snow; half of their slopes was about 0.02 of it.
+# Of the hazard. By the 17 in snow 0.4 and 0.5, with the whole slope: 0.02 less stand for the half left out.
 FIRST, SECOND_LEVEL = 0.38, 0.48
 HOLDS = 0.1  # of the hazard under its level, down to which a level goes on: noise of slip made several of one
 SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
-SLIP_OF_SECOND = 0.5  # with which the second begins though slip does not grow: most of a wheel's way is lost
+# With which the second level begins though slip does not grow: half of the way of the wheels is lost.
+SLIP_OF_SECOND = 0.5
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
 # have heavy tails: by two, 7 warnings on 190 m of wet grass were false, by 2.5 three.
 MAY_BE_NONE = 3.0
@@ -48,8 +49,8 @@ WORDS = {
     1: "the wheels slip by {slip:.2f}: the vehicle may get stuck",
     2: "the wheels slip by {slip:.2f}: the vehicle gets stuck, its wheels dig in: stop",
 }
-# 1/s of slip, over `GROWTH_S`, and of the rims' speed: less is a steady climb. In snow slip grew from 0.2 to 0.3
-# in 2 s, on waves of simulated ground that hold by 0.03 in most; by 0.06 a tenth of the warnings in time is lost.
+# 1/s of slip, over `GROWTH_S`, and of the rims' speed: less is a steady climb. In snow slip grew from 0.2 to
+# 0.3 in 2.1 s and to 0.4 in 1.2 s more; with 0.06 a tenth of the warnings in time is lost in own worlds.
 GROWS, LOSES, GROWTH_S = 0.05, 0.10, 2.0
 DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
 DEVIATIONS = 1.0  # of the hazard, that are taken off
@@ -107,7 +108,10 @@ class Warned(Columns):
 
 @dataclass(frozen=True)
 class _Hazard:
-    """Of an instant: hazard, slip, what slip surely is; whether slip grows or speed is lost. NaN: not judged."""
+    """Of an instant: hazard, slip, what slip surely is; whether slip grows or speed is lost.
+
+    NaN: not judged.
+    """
 
     value: float = np.nan
     slip: float = np.nan
@@ -135,7 +139,7 @@ class Warnings:
         # Of each wheel: time, rim, ground and its deviation.
         self._newest = np.full((self.rolling.size, 4), np.nan)
         self._done: Instants | None = None
-        self._slips = np.empty(0)  # of each of these, whether judged or not
+        self._slips: Array = np.empty(0)  # of each of these, whether judged or not
         self._rolled, self._level = False, 0
         self._last, self._said = np.full(2, -np.inf), np.full(2, -np.inf)
 
