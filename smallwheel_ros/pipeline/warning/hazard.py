@@ -45,9 +45,10 @@ SLIP_OF_SECOND = 0.5
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
 # have heavy tails: by two, 7 warnings on 190 m of wet grass were false, by 2.5 three.
 MAY_BE_NONE = 3.0
+LEVELS = {1: "may get stuck", 2: "gets stuck"}  # in short, of the vehicle
 WORDS = {
-    1: "the wheels slip by {slip:.2f}: the vehicle may get stuck",
-    2: "the wheels slip by {slip:.2f}: the vehicle gets stuck, its wheels dig in: stop",
+    1: f"the wheels slip by {{slip:.2f}}: the vehicle {LEVELS[1]}",
+    2: f"the wheels slip by {{slip:.2f}}: the vehicle {LEVELS[2]}, its wheels dig in: stop",
 }
 # 1/s of slip, over `GROWTH_S`, and of the rims' speed: less is a steady climb. In snow slip grew from 0.2 to
 # 0.3 in 2.1 s and to 0.4 in 1.2 s more; with 0.06 a tenth of the warnings in time is lost in own worlds.

@@ -201,9 +201,6 @@ class AnyGround:
         speed, rims = float(np.mean(rows.speed)), rows.rim.mean(axis=0)
         pull, rise = float(np.mean(rows.felt)) / self._gravity, float(np.mean(rows.rise))
         rim = float(np.mean(rims))
-        if any(stamp <= (number + 1) * STEP for stamp in self._anew):
-            self.ground, self.steps, self._asked = GroundMargin(self._reference_slip), 0, np.nan
-            self._anew = [stamp for stamp in self._anew if stamp > (number + 1) * STEP]
         self.ground.forget(abs(speed) * STEP / SECOND if math.isfinite(speed) else 0.0)
         noise = self._noise(number, speed, pull - (rise if math.isfinite(rise) else 0.0))
         known = math.isfinite(speed + pull + rim) and len(rows) >= _FEWEST
@@ -216,12 +213,19 @@ class AnyGround:
             self._asked = before + share * (way * pull - before)
         elif not math.isfinite(pull):
             self._asked = np.nan
+        if any(stamp <= (number + 1) * STEP for stamp in self._anew):
+            self._begin_anew((number + 1) * STEP)
         low, middle, high = self.ground.quantiles()
         mean, std = self.ground.moments()
         _, lower_std = self.ground.lower_half()
         told = self.steps > 0
         risk = self.ground.risk(self._asked) if told and math.isfinite(self._asked) else np.nan
         return ((number + 1) * STEP, mean, std, low, middle, high, lower_std, self._asked, risk)
+
+    def _begin_anew(self, until: int) -> None:
+        """Drop what was learnt up to a stamp (ns), which ends a step."""
+        self.ground, self.steps, self._asked = GroundMargin(self._reference_slip), 0, np.nan
+        self._anew = [stamp for stamp in self._anew if stamp > until]
 
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float
