@@ -17,13 +17,13 @@ from scipy.ndimage import uniform_filter1d
 from rates.drive_worlds import WorldDrive, make_drive
 from rates.faults import BEGINS, FAULTS, Raw
 from rates.judges import Line
+from rates.random_worlds import RandomWorld
 from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import Warned
 from smallwheel_ros.simulate.vehicle import EPOCH, TICK
-from smallwheel_ros.simulate.world import World
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE
 
 SETTLE = 2.0  # m, before which nothing is scored
@@ -39,7 +39,7 @@ _WITHIN = 1.35  # m of the front wheels' way behind a border in which either soi
 _NUMBER = re.compile(r"[-+]?\d+\.?\d*")
 
 
-def trial(world: World, seed: int) -> Line:
+def trial(world: RandomWorld, seed: int) -> Line:
     """Make a drive, let the pipeline drive it, and judge."""
     return judged(make_drive(world, seed))[1]
 

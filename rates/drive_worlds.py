@@ -19,16 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.simulate.sensors import Integers, MeasuredRows, Rows
-from smallwheel_ros.simulate.vehicle import EPOCH, Truth, driven
-from smallwheel_ros.simulate.world import PLAIN, VEHICLES, Feature, Sensors, SimulatedRover, World
-from smallwheel_ros.simulate.world_ground import (
-    TrueGround,
+from rates.random_worlds import (
+    PLAIN,
+    VEHICLES,
+    Feature,
+    RandomWorld,
     draw_features,
     draw_soil,
-    make_ground,
-    settle,
+    driven,
 )
+from smallwheel_ros.simulate.sensors import Integers, MeasuredRows, Rows
+from smallwheel_ros.simulate.vehicle import EPOCH, Truth
+from smallwheel_ros.simulate.world import Sensors, SimulatedRover
+from smallwheel_ros.simulate.world_ground import TrueGround, make_ground, settle
 
 _ATTEMPTS = 300
 
@@ -37,7 +40,7 @@ _ATTEMPTS = 300
 class WorldDrive:
     """A drive. parameters: what its user tells of the vehicle, by name."""
 
-    world: World
+    world: RandomWorld
     rover: SimulatedRover
     ground: TrueGround
     truth: Truth
@@ -50,7 +53,7 @@ class WorldDrive:
         return np.clip(found, 0, self.truth.time.size - 1)
 
 
-def make_drive(world: World, seed: int) -> WorldDrive:
+def make_drive(world: RandomWorld, seed: int) -> WorldDrive:
     """Draw a drive; one that got on where the world does not let it get stuck."""
     world, rover = world.drawn(seed), VEHICLES[world.vehicle]
     for attempt in range(_ATTEMPTS):
@@ -67,7 +70,9 @@ def make_drive(world: World, seed: int) -> WorldDrive:
     raise RuntimeError(f"{world.name}: no ground carries this vehicle")
 
 
-def parameters_of(world: World, rover: SimulatedRover, rng: np.random.Generator) -> dict[str, Any]:
+def parameters_of(
+    world: RandomWorld, rover: SimulatedRover, rng: np.random.Generator
+) -> dict[str, Any]:
     """What the user tells: nothing of the noise, and of the soil only where sinkage is measured."""
     sensors = world.sensors
     found: dict[str, Any] = {"wheels": [w.name for w in rover.wheels]}
@@ -94,10 +99,10 @@ def parameters_of(world: World, rover: SimulatedRover, rng: np.random.Generator)
 # --- Rows
 
 
-Worlds = dict[str, World]
+Worlds = dict[str, RandomWorld]
 
 
-def _named(worlds: Iterable[World]) -> Worlds:
+def _named(worlds: Iterable[RandomWorld]) -> Worlds:
     return {world.name: world for world in worlds}
 
 
@@ -115,49 +120,49 @@ def _with(**sensors: object) -> Sensors:
 _ZERO = {"sinkage_zero_std": 3e-4}  # a zero that is known
 _WAY = {"vehicle": "two sizes", "way": "straight"}
 _SOIL = (
-    World("nominal"),
-    World("nominal, equal", "four"),
-    World("zero known", told=_ZERO),
-    World("zero known, equal", "four", told=_ZERO),
-    World("load noise 10 %", sensors=_with(load_noise=0.10)),
-    World("zero +3 mm", sensors=_with(zero=3e-3)),
-    World("zero -1 mm", sensors=_with(zero=-1e-3)),
-    World("zero +5 mm", sensors=_with(zero=5e-3)),
-    World("zero drifts by 2 mm", sensors=_with(zero_drift=2e-3)),
-    World("load -20 %", sensors=_with(load_scale=(0.8,) * 4), said="loads add up"),
-    World("load +20 %, one wheel", sensors=_with(load_scale=(1.2, 1, 1, 1)), said="load"),
-    World("load tare +6 N, zero known", sensors=_with(tare=6.0), told=_ZERO, said="load"),
-    World("sinkage gain 1.1, zero known", sensors=_with(gain=1.1), told=_ZERO),
-    World("delay 200 ms", sensors=_with(delay=0.2)),
-    World("rough 3 mm", sensors=_with(rough=3e-3)),
-    World("one track", "two sizes, one track"),
-    World("ruts z x1.23, equal", "four", rut=1.23),
-    World("ruts z x0.8, one track", "two sizes, one track", rut=0.8, told=_ZERO),
-    World("scatter 15 %", scatter=0.15, told=_ZERO),
-    World("drift 20 %", drift=0.2),
-    World("correlated noise", sensors=_with(correlated=1e-3)),
-    World("quantised 1 mm", sensors=_with(step=1e-3)),
-    World("outliers 5 %", sensors=_with(outliers=0.05)),
-    World("turning", way="turning"),
-    World("firm", firmness=2.5, sensors=_with(sinkage_noise=1e-3)),
-    World("rebound", sensors=_with(rebound=1e-7)),
-    World("pitch error", sensors=_with(pitch_error=0.03)),
-    World("slip digs", digging=(0.06, 0.06)),
-    World("slip digs much", digging=(0.2, 0.2)),
-    World("load hardly varies", swing=0.2, slope=0.01),
-    World("n 0.45", exponent=0.45),
-    World("n 1.3, zero known", exponent=1.3, told=_ZERO),
-    World("right x1.5", right=math.log(1.5)),
-    World("right x3, equal", "four", right=math.log(3.0)),
-    World("hard at 8 mm", hardpan=8e-3),
-    World("another law of the rim", law="peaked"),
-    World("soil x1.5", features=_modulus(1.5)),
-    World("soil x2", features=_modulus(2.0)),
-    World("soil x3, zero known", features=_modulus(3.0), told=_ZERO),
-    World("soil x0.67", features=_modulus(0.67)),
-    World("soil x0.5", features=_modulus(0.5)),
-    World("soil x2 over 1 m", features=_modulus(2.0, 1.0)),
-    World("soil x2, n +0.3", features=(*_modulus(2.0), Feature("exponent", (0.3, 0.3)))),
+    RandomWorld("nominal"),
+    RandomWorld("nominal, equal", vehicle="four"),
+    RandomWorld("zero known", told=_ZERO),
+    RandomWorld("zero known, equal", vehicle="four", told=_ZERO),
+    RandomWorld("load noise 10 %", sensors=_with(load_noise=0.10)),
+    RandomWorld("zero +3 mm", sensors=_with(zero=3e-3)),
+    RandomWorld("zero -1 mm", sensors=_with(zero=-1e-3)),
+    RandomWorld("zero +5 mm", sensors=_with(zero=5e-3)),
+    RandomWorld("zero drifts by 2 mm", sensors=_with(zero_drift=2e-3)),
+    RandomWorld("load -20 %", sensors=_with(load_scale=(0.8,) * 4), said="loads add up"),
+    RandomWorld("load +20 %, one wheel", sensors=_with(load_scale=(1.2, 1, 1, 1)), said="load"),
+    RandomWorld("load tare +6 N, zero known", sensors=_with(tare=6.0), told=_ZERO, said="load"),
+    RandomWorld("sinkage gain 1.1, zero known", sensors=_with(gain=1.1), told=_ZERO),
+    RandomWorld("delay 200 ms", sensors=_with(delay=0.2)),
+    RandomWorld("rough 3 mm", sensors=_with(rough=3e-3)),
+    RandomWorld("one track", vehicle="two sizes, one track"),
+    RandomWorld("ruts z x1.23, equal", vehicle="four", rut=1.23),
+    RandomWorld("ruts z x0.8, one track", vehicle="two sizes, one track", rut=0.8, told=_ZERO),
+    RandomWorld("scatter 15 %", scatter=0.15, told=_ZERO),
+    RandomWorld("drift 20 %", drift=0.2),
+    RandomWorld("correlated noise", sensors=_with(correlated=1e-3)),
+    RandomWorld("quantised 1 mm", sensors=_with(step=1e-3)),
+    RandomWorld("outliers 5 %", sensors=_with(outliers=0.05)),
+    RandomWorld("turning", way="turning"),
+    RandomWorld("firm", firmness=2.5, sensors=_with(sinkage_noise=1e-3)),
+    RandomWorld("rebound", sensors=_with(rebound=1e-7)),
+    RandomWorld("pitch error", sensors=_with(pitch_error=0.03)),
+    RandomWorld("slip digs", digging=(0.06, 0.06)),
+    RandomWorld("slip digs much", digging=(0.2, 0.2)),
+    RandomWorld("load hardly varies", swing=0.2, slope=0.01),
+    RandomWorld("n 0.45", exponent=0.45),
+    RandomWorld("n 1.3, zero known", exponent=1.3, told=_ZERO),
+    RandomWorld("right x1.5", right=math.log(1.5)),
+    RandomWorld("right x3, equal", vehicle="four", right=math.log(3.0)),
+    RandomWorld("hard at 8 mm", hardpan=8e-3),
+    RandomWorld("another law of the rim", law="peaked"),
+    RandomWorld("soil x1.5", features=_modulus(1.5)),
+    RandomWorld("soil x2", features=_modulus(2.0)),
+    RandomWorld("soil x3, zero known", features=_modulus(3.0), told=_ZERO),
+    RandomWorld("soil x0.67", features=_modulus(0.67)),
+    RandomWorld("soil x0.5", features=_modulus(0.5)),
+    RandomWorld("soil x2 over 1 m", features=_modulus(2.0, 1.0)),
+    RandomWorld("soil x2, n +0.3", features=(*_modulus(2.0), Feature("exponent", (0.3, 0.3)))),
 )
 SOIL = _named(
     replace(w, way="straight" if w.way == "plain" else w.way,
@@ -170,19 +175,19 @@ SOIL = _named(
 _PATCH = Feature("grip", (-1.9, -0.36), (0.35, 0.7), (0.3, 1.0), (1.0, 3.0))
 _SLOPE = Feature("climb", (0.5, 0.5), (0.25, 0.5), (4.0, 7.0))
 _GROUNDS = (
-    World("cruise"),
-    World("patch", features=(_PATCH,), sticks=True),
-    World("slope", features=(_SLOPE,), sticks=True),
-    World("slow slope", features=(replace(_SLOPE, edge=(10.0, 12.0)),), sticks=True),
-    World("soft ahead", features=_modulus(0.5, 1.0), sticks=True),
-    World("firm", firmness=1.5),
-    World("uneven", grip=0.3, own_grip=0.1, sticks=True),
-    World("another law of the rim", law="peaked", features=(_SLOPE,), sticks=True),
-    World(
+    RandomWorld("cruise"),
+    RandomWorld("patch", features=(_PATCH,), sticks=True),
+    RandomWorld("slope", features=(_SLOPE,), sticks=True),
+    RandomWorld("slow slope", features=(replace(_SLOPE, edge=(10.0, 12.0)),), sticks=True),
+    RandomWorld("soft ahead", features=_modulus(0.5, 1.0), sticks=True),
+    RandomWorld("firm", firmness=1.5),
+    RandomWorld("uneven", grip=0.3, own_grip=0.1, sticks=True),
+    RandomWorld("another law of the rim", law="peaked", features=(_SLOPE,), sticks=True),
+    RandomWorld(
         "other shear", rolling=(0.3, 0.3), residual=0.8, dragging=(0.015, 0.015), features=(_SLOPE,),
         sticks=True,
     ),
-    World("bad motors", sensors=_with(torque_scale=0.12, friction=0.15)),
+    RandomWorld("bad motors", sensors=_with(torque_scale=0.12, friction=0.15)),
 )  # fmt: skip
 # Without an imu the odometry tells the slope.
 _NO_IMU = {"imu": "", "pitch": True}
@@ -217,48 +222,50 @@ PRIORS = _named(
 _SWAPPED, _STUCK = r"follow each the load|interchanged", r"front_left.*(stuck|the same)"
 _ENCODER = r"front_left.*(joint|encoder)"
 _FIELD = (
-    World("plain"),
-    World("plain, two sizes", "two sizes"),
-    World("plain, six", "six"),
-    World("plain, long", "long", speed=0.5),
-    World("turned", way="turned"),
-    World("slow sensors", sensors=_with(sinkage_rate=5.0)),
-    World("no mass", told={"vehicle.mass": None}),
-    World("odometry alike", sensors=_with(alike=(1.0, 1.0))),
-    World("stop and go", way="stop and go"),
-    World("stop and go, six", "six", "stop and go", ramp=1.5),
-    World("stop and go, long", "long", "stop and go", speed=0.6),
-    World("creeping", way="short", speed=0.05),
-    World("stops of 40 s", "two sizes", "stops of 40 s"),
-    World("manoeuvres", way="manoeuvres"),
-    World("manoeuvres, six", "six", "manoeuvres", speed=0.2),
-    World("there and back, ruts", way="there and back", rut=1.23),
-    World("there and back, firm ruts", way="there and back", rut=0.8),
-    World("random ground", scatter=0.2, told=_ZERO),
-    World("hardpan", hardpan=0.015, firmness=-0.4, told=_ZERO),
-    World("static loads", sensors=_with(load=False)),
-    World("static loads, long", "long", sensors=_with(load=False)),
-    World("caster not listed", spare=0.15, said="loads add up"),
-    World("loads in kg", faults=("loads in kg",), said="kg"),
-    World("loads 15 % high", "two sizes", sensors=_with(load_scale=(1.15,) * 4), said="loads add up"),
-    World("front loads swapped", faults=("front loads swapped",), said=_SWAPPED),
-    World("left loads swapped", faults=("left loads swapped",), said=_SWAPPED),
-    World("sinkage in mm", faults=("one sinkage in mm",), said="in mm"),
-    World("sinkage frozen", faults=("one sinkage frozen",), said=_STUCK),
-    World("imu tilted", faults=("imu 3 degrees",), said=r"imu|slope"),
-    World("imu tilted, turned", way="turned", faults=("imu 3 degrees",), said=r"imu|slope"),
-    World("encoder at 0", faults=("encoder shows 0",), said=_ENCODER),
-    World("encoder holds", faults=("encoder holds",), said=_ENCODER),
-    World("encoder holds, stops", way="stop and go", faults=("encoder holds",), said=_ENCODER),
-    World("odometry repeats", faults=("odometry repeats",), said="odom"),
-    World("odometry repeats, stops", way="stop and go", faults=("odometry repeats",), said="odom"),
+    RandomWorld("plain"),
+    RandomWorld("plain, two sizes", vehicle="two sizes"),
+    RandomWorld("plain, six", vehicle="six"),
+    RandomWorld("plain, long", vehicle="long", speed=0.5),
+    RandomWorld("turned", way="turned"),
+    RandomWorld("slow sensors", sensors=_with(sinkage_rate=5.0)),
+    RandomWorld("no mass", told={"vehicle.mass": None}),
+    RandomWorld("odometry alike", sensors=_with(alike=(1.0, 1.0))),
+    RandomWorld("stop and go", way="stop and go"),
+    RandomWorld("stop and go, six", vehicle="six", way="stop and go", ramp=1.5),
+    RandomWorld("stop and go, long", vehicle="long", way="stop and go", speed=0.6),
+    RandomWorld("creeping", way="short", speed=0.05),
+    RandomWorld("stops of 40 s", vehicle="two sizes", way="stops of 40 s"),
+    RandomWorld("manoeuvres", way="manoeuvres"),
+    RandomWorld("manoeuvres, six", vehicle="six", way="manoeuvres", speed=0.2),
+    RandomWorld("there and back, ruts", way="there and back", rut=1.23),
+    RandomWorld("there and back, firm ruts", way="there and back", rut=0.8),
+    RandomWorld("random ground", scatter=0.2, told=_ZERO),
+    RandomWorld("hardpan", hardpan=0.015, firmness=-0.4, told=_ZERO),
+    RandomWorld("static loads", sensors=_with(load=False)),
+    RandomWorld("static loads, long", vehicle="long", sensors=_with(load=False)),
+    RandomWorld("caster not listed", spare=0.15, said="loads add up"),
+    RandomWorld("loads in kg", faults=("loads in kg",), said="kg"),
+    RandomWorld(
+        "loads 15 % high", vehicle="two sizes", sensors=_with(load_scale=(1.15,) * 4), said="loads add up",
+    ),
+    RandomWorld("front loads swapped", faults=("front loads swapped",), said=_SWAPPED),
+    RandomWorld("left loads swapped", faults=("left loads swapped",), said=_SWAPPED),
+    RandomWorld("sinkage in mm", faults=("one sinkage in mm",), said="in mm"),
+    RandomWorld("sinkage frozen", faults=("one sinkage frozen",), said=_STUCK),
+    RandomWorld("imu tilted", faults=("imu 3 degrees",), said=r"imu|slope"),
+    RandomWorld("imu tilted, turned", way="turned", faults=("imu 3 degrees",), said=r"imu|slope"),
+    RandomWorld("encoder at 0", faults=("encoder shows 0",), said=_ENCODER),
+    RandomWorld("encoder holds", faults=("encoder holds",), said=_ENCODER),
+    RandomWorld("encoder holds, stops", way="stop and go", faults=("encoder holds",), said=_ENCODER),
+    RandomWorld("odometry repeats", faults=("odometry repeats",), said="odom"),
+    RandomWorld("odometry repeats, stops", way="stop and go", faults=("odometry repeats",), said="odom"),
 )  # fmt: skip
 FIELD = _named(_FIELD)
 
 # --- Without soil sensors
 
 _DIGS = (0.015, 0.06)
-_BASE = World(
+_BASE = RandomWorld(
     "", way="straight", speed=0.4, soil="any", slope=0.04, swing=0.6, grip=0.15, scatter=0.1, digging=_DIGS,
     rolling=(0.2, 1.0), dragging=(0.0, 0.03), sensors=PLAIN,
 )  # fmt: skip
@@ -268,7 +275,7 @@ _SLIPPERY = (Feature("grip", (-1.4, -0.5), **_EDGE),)  # type: ignore[arg-type]
 _STEEP = (Feature("climb", (0.25, 0.6), (0.35, 0.7), (2.0, 8.0)),)
 
 
-def _plain(name: str, vehicle: str = "20 kg", soil: str = "any", **more: object) -> World:
+def _plain(name: str, vehicle: str = "20 kg", soil: str = "any", **more: object) -> RandomWorld:
     sensors = {
         k: more.pop(k) for k in list(more) if k in PLAIN.__dataclass_fields__ and k != "grip"
     }

@@ -18,6 +18,7 @@ import numpy as np
 
 from rates.drive_worlds import WorldDrive, make_drive
 from rates.judges import Judge, Line, Subject, middle, share
+from rates.random_worlds import RandomWorld
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.pipeline.checks.believed import RawRows
@@ -26,7 +27,7 @@ from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
 from smallwheel_ros.pipeline.intake.buffer import Samples
 from smallwheel_ros.pipeline.tables import Array, Integers
 from smallwheel_ros.simulate.sensors import Rows
-from smallwheel_ros.simulate.world import GRAVITY, World
+from smallwheel_ros.simulate.world import GRAVITY
 
 Stream = tuple[Integers, Array]
 BEGINS, JUMPS_AT = 0.3, 0.5  # share of the way
@@ -201,11 +202,11 @@ FAULTS = {fault.name: fault for fault in _FAULTS}
 
 # Drives by seed, on which all sensors are good.
 DRIVES = (
-    World("good, plain"),
-    World("good, two sizes", "two sizes", way="bends"),
-    World("good, long", "long", way="straight", speed=0.6),
-    World("good, manoeuvres", way="manoeuvres"),
-    World("good, stops", way="stop and go", speed=0.5),
+    RandomWorld("good, plain"),
+    RandomWorld("good, two sizes", vehicle="two sizes", way="bends"),
+    RandomWorld("good, long", vehicle="long", way="straight", speed=0.6),
+    RandomWorld("good, manoeuvres", way="manoeuvres"),
+    RandomWorld("good, stops", way="stop and go", speed=0.5),
 )
 NOTHING = "nothing"
 

@@ -109,7 +109,8 @@ def _explained(family: tuple[type[Effect], ...]) -> str:
     if first.next_step:
         lines.append(f"  to be sure: {first.next_step}")
     for form in family:
-        lines += ["", f"  form '{form.form}': {form.formula}", f"    source: {form.source}"]
+        lines += ["", f"  form '{form.form}': {form.formula}"]
+        lines += [f"    source: {form.source}"] if form.source else []
         lines.append(f"    acts at: {form.stage}")
         for p in form.parameters():
             published = (

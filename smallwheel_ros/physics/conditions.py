@@ -51,7 +51,23 @@ class Conditions:
     ) -> Conditions:
         """Conditions from scalars and arrays, broadcast to one length.
 
-        Raises ConditionsError where lengths differ or a load, diameter or width is not positive.
+        Parameters
+        ----------
+        load
+            Normal load, N, above 0.
+        diameter, width
+            Of the wheel, or of the plate (its equivalent diameter), m, above 0.
+        contact
+            `rolling`, `pressed` or `plate`, for all rows or for each.
+        soil
+            Name of the soil of each row; None where there is only one.
+        **covariates
+            What else is known of each row, by name: slip, slope (rad), speed (m/s), columns of your own.
+
+        Raises
+        ------
+        ConditionsError
+            If lengths differ, or a load, diameter or width is not positive.
         """
         numbers = {"load": load, "diameter": diameter, "width": width, **covariates}
         columns = {name: np.asarray(value, dtype=float) for name, value in numbers.items()}

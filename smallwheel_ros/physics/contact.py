@@ -147,9 +147,22 @@ def contact_load(
     modulus: ArrayLike,
     exponent: ArrayLike,
 ) -> Array:
-    """Normal load (N) that a rolling wheel carries at this sinkage, by the contact integral.
+    """Normal load (N) that a rolling wheel carries at a sinkage, by the contact integral.
 
-    sinkage: m, 0 .. diameter/2. modulus: K = k D^m, Pa/m^n. exponent: n.
+    Parameters
+    ----------
+    sinkage
+        m, 0 to half of the diameter.
+    diameter, width
+        m.
+    modulus
+        K = k D^m, Pa/m^n.
+    exponent
+        n.
+
+    Returns
+    -------
+    array of the broadcast shape
     """
     z, d, n = (np.asarray(a, dtype=float) for a in (sinkage, diameter, exponent))
     shape = shape_integral(n, z / d).value

@@ -81,20 +81,46 @@ class PaperLine:
 
 
 def sinkage(soil: Soil, load: float, exponent: float | None = None) -> float:
-    """Sinkage (m) of the paper's wheel by eq. 10 (eq. 7 for m = 0) or with another n."""
+    """Sinkage (m) of the paper's wheel, by eq. 10 (eq. 7 for m = 0).
+
+    Parameters
+    ----------
+    soil
+        k, n and m.
+    load
+        N.
+    exponent
+        n in place of the soil's.
+    """
     modulus = effective_modulus(soil.k, soil.m, DIAMETER)
     n = soil.n if exponent is None else exponent
     return float(closed_form_sinkage(load, DIAMETER, WIDTH, modulus, n))
 
 
 def resistance(soil: Soil, depth: float) -> float:
-    """Compaction resistance (N) of the paper's wheel at a sinkage (m), by eq. 14."""
+    """Compaction resistance (N) of the paper's wheel, by eq. 14.
+
+    Parameters
+    ----------
+    soil
+        k, n and m.
+    depth
+        Sinkage, m.
+    """
     modulus = effective_modulus(soil.k, soil.m, DIAMETER)
     return float(compaction_resistance(depth, WIDTH, modulus, soil.n))
 
 
 def sinkage_for(soil: Soil, force: float) -> float:
-    """Sinkage (m) at which eq. 14 gives a compaction resistance (N)."""
+    """Sinkage (m) at which eq. 14 gives a compaction resistance.
+
+    Parameters
+    ----------
+    soil
+        k, n and m.
+    force
+        Compaction resistance, N.
+    """
     return float(brentq(lambda depth: resistance(soil, depth) - force, 1e-4, 0.1, xtol=1e-12))
 
 

@@ -43,6 +43,11 @@ def equivalent_diameter(width: ArrayLike, length: ArrayLike) -> Array:
 
     D = sqrt(4 w l / pi): the equivalent radius of a rectangular footing under vertical load
     (Richart, Hall and Woods 1970, Vibrations of Soils and Foundations, chapter 7).
+
+    Parameters
+    ----------
+    width, length
+        Sides of the plate, m.
     """
     area = np.asarray(width, dtype=float) * np.asarray(length, dtype=float)
     return np.asarray(np.sqrt(4.0 / np.pi * area))
@@ -83,22 +88,57 @@ class PlateLaw(NamedTuple):
     tied_to_n: float = 0.0
 
     def modulus(self, log_pressure: float, n: float) -> float:
-        """K = p_ref / z_ref^n, Pa/m^n, from ln p_ref (Pa)."""
+        """K = p_ref / z_ref^n, Pa/m^n.
+
+        Parameters
+        ----------
+        log_pressure
+            ln of the pressure p_ref (Pa) at the reference sinkage z_ref.
+        n
+            Exponent of sinkage.
+        """
         return float(np.exp(log_pressure - n * np.log(REFERENCE_SINKAGE)))
 
     def moduli(
         self, conditions: Conditions, reference: float, log_pressure: float, n: float, s: float
     ) -> Array:
-        """K = p / z^n (Pa/m^n) under each plate or wheel, shape (rows,). reference: of the size, m."""
+        """K = p / z^n (Pa/m^n) under each plate or wheel, shape (rows,).
+
+        Parameters
+        ----------
+        conditions
+            Loads and sizes of the rows.
+        reference
+            Reference size, m.
+        log_pressure
+            ln of the pressure (Pa) at the reference sinkage under the reference size.
+        n
+            Exponent of sinkage.
+        s
+            The law's constant of size.
+        """
         g = np.maximum(self.factor(self.size(conditions) / reference, n, s), _LEAST_FACTOR)
         return np.asarray(self.modulus(log_pressure, n) * g)
 
     def sinkage(
         self, conditions: Conditions, reference: float, log_pressure: float, n: float, s: float
     ) -> Array:
-        """Sinkage (m) of each plate or wheel under its load, shape (rows,). reference: of the size, m.
+        """Sinkage (m) of each plate or wheel under its load, shape (rows,).
 
         A wheel's by the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with K of its size.
+
+        Parameters
+        ----------
+        conditions
+            Loads and sizes of the rows.
+        reference
+            Reference size, m.
+        log_pressure
+            ln of the pressure (Pa) at the reference sinkage under the reference size.
+        n
+            Exponent of sinkage.
+        s
+            The law's constant of size.
         """
         modulus = self.moduli(conditions, reference, log_pressure, n, s)
         plate = conditions.plate

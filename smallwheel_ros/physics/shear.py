@@ -10,7 +10,17 @@ Array = NDArray[np.float64]
 
 
 def shear_strength(normal_stress: ArrayLike, cohesion: ArrayLike, friction: ArrayLike) -> Array:
-    """tau_max = c + sigma tan(phi), Pa (Mohr and Coulomb). friction: tan(phi)."""
+    """Shear strength tau_max = c + sigma tan(phi), Pa (Mohr and Coulomb).
+
+    Parameters
+    ----------
+    normal_stress
+        sigma, Pa.
+    cohesion
+        c, Pa.
+    friction
+        tan(phi), not the angle.
+    """
     return np.asarray(np.asarray(cohesion) + np.asarray(normal_stress) * np.asarray(friction))
 
 

@@ -38,6 +38,21 @@ def closed_form_sinkage(
     Bekker 1956 (eq. 7): K = kc/b + kphi; Meirion-Griffith and Spenko 2011 (eq. 10): K = k D^m.
     It stands on a parabola for the wheel and two terms of a series: for n < 3 and z0 << D only, and
     1 to 10 % off the contact integral on real soils.
+
+    Parameters
+    ----------
+    load
+        W, N.
+    diameter, width
+        D and b, m.
+    modulus
+        K, Pa/m^n.
+    exponent
+        n, under 3.
+
+    Returns
+    -------
+    array of the broadcast shape
     """
     n = np.asarray(exponent, dtype=float)
     d, k = np.asarray(diameter, dtype=float), np.asarray(modulus, dtype=float)
@@ -96,11 +111,22 @@ def closed_form(
     n: ArrayLike,
     m: ArrayLike,
 ) -> ClosedForm:
-    """Eq. 10 and eq. 14 (Meirion-Griffith and Spenko 2011) together, for many rows.
+    """Sinkage and resistance by eq. 10 and eq. 14 (Meirion-Griffith and Spenko 2011), for many rows.
 
-    Units as in `soil.Soil` and `closed_form_sinkage`; n < 3. In logarithms, the three powers that
-    the two equations need are two logarithms and two exponentials, and D^m is met once. Rows are
-    worked on in blocks, so that what lies between stays in the processor's cache.
+    In logarithms, the three powers that the two equations need are two logarithms and two
+    exponentials, and D^m is met once. Rows are worked on in blocks, so that what lies between stays
+    in the processor's cache.
+
+    Parameters
+    ----------
+    load
+        W, N.
+    diameter, width
+        D and b, m.
+    k
+        Pa/m^(n+m).
+    n, m
+        Exponents of sinkage and diameter; n under 3.
     """
     columns = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (load, diameter, width, k, n, m))
@@ -138,7 +164,19 @@ def closed_form(
 def plate_sinkage(
     load: ArrayLike, diameter: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
 ) -> Array:
-    """Sinkage (m) of a flat round plate: W = K z^n pi D^2 / 4 (Bernstein 1913; eq. 8, 9)."""
+    """Sinkage (m) of a flat round plate: W = K z^n pi D^2 / 4 (Bernstein 1913; eq. 8, 9).
+
+    Parameters
+    ----------
+    load
+        W, N.
+    diameter
+        D, m.
+    modulus
+        K, Pa/m^n.
+    exponent
+        n.
+    """
     area = np.pi / 4.0 * np.asarray(diameter, dtype=float) ** 2
     pressure = np.asarray(load, dtype=float) / area
     return np.asarray((pressure / np.asarray(modulus)) ** (1.0 / np.asarray(exponent, dtype=float)))
@@ -147,11 +185,20 @@ def plate_sinkage(
 def compaction_resistance(
     sinkage: ArrayLike, width: ArrayLike, modulus: ArrayLike, exponent: ArrayLike
 ) -> Array:
-    """R_c = b K z^(n+1) / (n+1), N: the work of the pressure over a metre of rut.
+    """Compaction resistance R_c = b K z^(n+1) / (n+1), N: the work of the pressure over a metre of rut.
 
     Bekker 1956; Meirion-Griffith and Spenko 2011, eq. 14. Exact for any shape of the contact.
-    sinkage, width: m. modulus: K = k D^m, Pa/m^n. A sinkage below 0, as effects can make it, is a
-    wheel above the soil: it compacts nothing.
+
+    Parameters
+    ----------
+    sinkage
+        z, m. Below 0, as effects can make it, the wheel is above the soil and compacts nothing.
+    width
+        b, m.
+    modulus
+        K = k D^m, Pa/m^n.
+    exponent
+        n.
     """
     n = np.asarray(exponent, dtype=float)
     depth = np.maximum(np.asarray(sinkage, dtype=float), 0.0)
@@ -164,8 +211,20 @@ def loads_by_depth(
 ) -> tuple[Array, Array]:
     """Depths (m) of the soil below a wheel, and the load (N) that p = K z^n bears at each of them.
 
-    Both of shape (nodes,) + rows; their sum is the load by the contact integral, and the sum of their
-    products with any factor f of depth that for p = K z^n f(z).
+    The sum of the loads is that of the contact integral; the sum of their products with any factor f of depth
+    that for p = K z^n f(z).
+
+    Parameters
+    ----------
+    sinkage, diameter, width
+        m, each of shape (rows,).
+    modulus, exponent
+        K (Pa/m^n) and n, each of shape (rows,).
+
+    Returns
+    -------
+    depths, loads
+        Each of shape (nodes, rows).
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     height = _HEIGHT[column] * sinkage
@@ -180,8 +239,16 @@ def loads_by_depth(
 def layered_work(sinkage: Array, modulus: Array, exponent: Array, factor: PressureFactor) -> Array:
     """Work (N/m) of the pressure p = K z^n f(z) down to a sinkage, for each metre of width.
 
-    The integral of eq. 14 (Meirion-Griffith and Spenko 2011). factor takes depths (m) of shape (nodes,) +
-    rows and returns the same shape.
+    The integral of eq. 14 (Meirion-Griffith and Spenko 2011).
+
+    Parameters
+    ----------
+    sinkage
+        m, shape (rows,).
+    modulus, exponent
+        K (Pa/m^n) and n, shape (rows,).
+    factor
+        f: takes depths (m) of shape (nodes, rows) and returns the same shape.
     """
     column = (slice(None),) + (None,) * sinkage.ndim
     # depth = z u^3 makes the power at depth 0 smooth

@@ -99,7 +99,15 @@ class Soil:
 
 
 def k_from_reference(log_reference_pressure: ArrayLike, n: ArrayLike, m: ArrayLike) -> Array:
-    """k (Pa/m^(n+m)) from ln of the pressure at the reference sinkage and diameter."""
+    """k (Pa/m^(n+m)) from the pressure at the reference sinkage and diameter.
+
+    Parameters
+    ----------
+    log_reference_pressure
+        ln of that pressure, Pa.
+    n, m
+        Exponents of sinkage and diameter.
+    """
     return np.asarray(
         np.exp(
             np.asarray(log_reference_pressure)

@@ -83,7 +83,15 @@ class WheelForces(NamedTuple):
 
 
 def rim_friction(bare: ArrayLike, lug_height: ArrayLike) -> Array:
-    """mu of each row: `bare` of a rim without lugs, else 1."""
+    """mu of each row: what part of the soil's strength acts at the rim.
+
+    Parameters
+    ----------
+    bare
+        mu of a rim without lugs.
+    lug_height
+        m; with lugs mu is 1.
+    """
     return np.asarray(np.where(np.asarray(lug_height) <= 0.0, bare, 1.0))
 
 
@@ -109,13 +117,32 @@ def wheel_forces(
     peak: ArrayLike = 0.0,
     pressure: ArrayLike | None = None,
 ) -> WheelForces:
-    """Forces of wheels at a given sinkage; see the module. Arguments broadcast to shape (rows,).
+    """Forces of wheels at a given sinkage; the formulas stand in the module's docstring.
 
-    load: N. sinkage, diameter, width, lug_height: m. slip: -1 .. 1 of the speed along the wheel's plane.
-    exponent: n. slip_angle: rad. factor: multiplies the pressure, by the depth (m), shape (nodes, rows).
-    peak: place of the largest pressure, of the entry angle; behind it pressure falls as it rises ahead,
-    over the arc that is left (Wong and Reece 1967). pressure: of the soil at the depth z (Pa), where that
-    decides and not the load: the load that comes out is then what the soil carries.
+    Parameters
+    ----------
+    load
+        N. All arguments broadcast to shape (rows,).
+    sinkage, diameter, width
+        m.
+    slip
+        -1 to 1, of the speed along the wheel's plane.
+    exponent
+        n.
+    shear
+        Strength of the soil and of its contact with the rim.
+    lug_height
+        m.
+    slip_angle
+        rad.
+    factor
+        Multiplies the pressure: takes depths (m) of shape (nodes, rows) and returns the same shape.
+    peak
+        Place of the largest pressure as a share of the entry angle; from there to the exit the pressure falls
+        as it rose from the entry (Wong and Reece 1967).
+    pressure
+        Of the soil at the depth z, Pa, where that decides and not the load: the load that comes out is then
+        what the soil carries.
     """
     given = (load, sinkage, diameter, width, slip, exponent, lug_height, slip_angle, peak)
     columns = (*given, *shear, np.nan if pressure is None else pressure)
@@ -282,7 +309,34 @@ def closed_form_forces(
 
     tan(delta) = (tan phi + c b r t1/W) m, with m the mean of mu (1 - exp(-|j|/K)) at kappa -+ sigma of the
     arc: all of the pressure acts at its mean place. A check by hand, and quick enough for planners: of a
-    driven wheel to 0.004 of the load in the mean, of one that skids to 0.05. tangent: of phi.
+    driven wheel to 0.004 of the load in the mean, of one that skids to 0.05.
+
+    Parameters
+    ----------
+    load
+        W, N.
+    sinkage, diameter, width
+        m.
+    slip
+        -1 to 1.
+    place
+        kappa and sigma: the pressure's mean place on the arc, and its spread.
+    cohesion
+        c, Pa.
+    tangent
+        tan(phi).
+    shear_displacement
+        K, m.
+    rolling_share
+        Share of the rolling displacement that shears the soil.
+    rim_friction
+        mu of a rim without lugs.
+    lug_height
+        m.
+
+    Returns
+    -------
+    drawbar pull (N), torque (N m)
     """
     r = 0.5 * diameter
     big = r + LUG_SHARE * lug_height

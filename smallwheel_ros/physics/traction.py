@@ -18,7 +18,13 @@ ThrustForm = Literal["stress_integral", "integrated", "exponential", "wong_reece
 
 
 def contact_length(sinkage: ArrayLike, diameter: ArrayLike) -> Array:
-    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r, to the axle."""
+    """Length (m) of the contact's arc, l = r theta0 with cos(theta0) = 1 - z/r, to the axle.
+
+    Parameters
+    ----------
+    sinkage, diameter
+        z and 2 r, m.
+    """
     radius = 0.5 * np.asarray(diameter, dtype=float)
     return np.asarray(radius * np.arccos(1.0 - np.clip(np.asarray(sinkage) / radius, 0.0, 1.0)))
 
@@ -40,7 +46,23 @@ def thrust(
     exponential: H = H0 (1 - exp(-i l / kappa))                 (eq. 2)
     integrated:  H = H0 [1 - kappa/(i l) (1 - exp(-i l/kappa))] (Janosi and Hanamoto 1961)
     The second averages the first over the contact, along which shear displacement grows to i l.
-    load: N. slip: -1 .. 1. friction_angle: rad. shear_displacement: kappa, m.
+
+    Parameters
+    ----------
+    load
+        W, N.
+    slip
+        i, -1 to 1.
+    sinkage, diameter, width
+        z, D and b, m.
+    cohesion
+        c, Pa.
+    friction_angle
+        phi, rad.
+    shear_displacement
+        kappa, m.
+    form
+        Which of the two formulas.
     """
     length = contact_length(sinkage, diameter)
     limit = np.asarray(width) * length * np.asarray(cohesion) + np.asarray(load) * np.tan(

@@ -258,7 +258,7 @@ def _world(settings: DriveSettings, rng: np.random.Generator) -> World:
     legs = Leg(half, bend, stand=3.0), Leg(half + _FINISH, -bend, stand=1.0)
     sensors = replace(settings.sensors, noise_factor=settings.noise, outliers=settings.outliers)
     return World(
-        "drive", way=legs, speed=_SPARE * settings.speed, ramp=0.35, slope=0.06, swing=1.6, grip=0.05,
+        "drive", legs=legs, speed=_SPARE * settings.speed, ramp=0.35, slope=0.06, swing=1.6, grip=0.05,
         own_grip=0.02, scatter=0.05, sticks=True, patience=4.0, sensors=sensors,
     )  # fmt: skip
 
@@ -290,7 +290,7 @@ class _Wheels:
         # The ground is as long with a finish as without; what comes before is the same.
         first, last = world.legs
         arrives = first, replace(last, metres=last.metres - _FINISH)
-        self.world = world if finish else replace(world, way=arrives)
+        self.world = world if finish else replace(world, legs=arrives)
         self.unrecorded = np.tanh(texture(self.rng, self.ground.at, 1.0, 5.0))
         self._settle(settings.speed)
 

@@ -365,22 +365,6 @@ def stamps_of(time: Array) -> NDArray[np.int64]:
     return EPOCH + np.round(1e9 * time).astype(np.int64)
 
 
-def driven(
-    world: World, rover: SimulatedRover, ground: TrueGround, rng: np.random.Generator
-) -> Truth | None:
-    """The truth of a drive; None where it went on no drive that this world means."""
-    sinks = [w.diameter * (0.4 if world.sticks else 0.25) for w in rover.wheels]
-    deep = ground.rest[:, ground.at > -1.0].max(axis=1)
-    if not np.isfinite(deep).all() or (deep > sinks).any():
-        return None
-    vehicle = SimulatedVehicle(world, rover, ground, rng)
-    vehicle.run()
-    least = 6.0 if world.sticks else 0.0
-    if vehicle.failed or vehicle.path < least or (not world.sticks and vehicle.hardly):
-        return None
-    return truth_of(vehicle)
-
-
 def truth_of(vehicle: SimulatedVehicle) -> Truth:
     """What was true of a drive that is over."""
     columns: list[Any] = [np.array(column) for column in zip(*vehicle.rows, strict=True)]

@@ -1,18 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A world of drives is a row: vehicle, way, ground, sensors and their faults; a seed draws its numbers."""
+"""What a simulated drive is made from: a rover, the legs of its way, its ground and its sensors."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass
 
 Range = tuple[float, float]  # a number is drawn between
 GRAVITY = 9.80665
-_SPOT = 0.5 * math.pi
 
 
 @dataclass(frozen=True)
@@ -37,42 +31,23 @@ class SimulatedRover:
     gravity_height: float = 0.33
 
 
-def _vehicle(
-    mass: float, axles: tuple[tuple[float, float, float, float], ...], height: float, ahead: float = 0.0
-) -> SimulatedRover:  # fmt: skip
-    """Axles from front to rear: place, half of the track, diameter and width, m."""
+def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWheel, ...]:
+    """Wheels of axles from front to rear: place, half of the track, diameter and width, m."""
     names = ("front", "rear") if len(axles) == 2 else ("front", "middle", "rear")
-    wheels = tuple(
+    return tuple(
         RoverWheel(f"{name}_{side}", diameter, width, x, sign * half)
         for name, (x, half, diameter, width) in zip(names, axles, strict=True)
         for side, sign in (("left", 1.0), ("right", -1.0))
     )
-    return SimulatedRover(wheels, mass, ahead, 0.0, height)
 
-
-VEHICLES = {
-    "four": _vehicle(23.6, ((0.35, 0.28, 0.25, 0.10), (-0.35, 0.28, 0.25, 0.10)), 0.30, 0.02),
-    "two sizes": _vehicle(
-        30.0, ((0.35, 0.28, 0.25, 0.10), (-0.35, 0.42, 0.40, 0.12)), 0.35, 0.02
-    ),
-    "two sizes, one track": _vehicle(
-        30.0, ((0.35, 0.28, 0.25, 0.10), (-0.35, 0.28, 0.40, 0.12)), 0.35, 0.02
-    ),
-    "six": _vehicle(
-        26.0, tuple((x, 0.30, 0.22, 0.09) for x in (0.45, 0.0, -0.45)), 0.28, 0.02
-    ),
-    "long": _vehicle(80.0, ((0.60, 0.35, 0.40, 0.15), (-0.50, 0.35, 0.40, 0.15)), 0.45, 0.05),
-    "20 kg": _vehicle(20.0, tuple((x, 0.22, 0.20, 0.08) for x in (0.28, -0.28)), 0.22),
-    "35 kg, six": _vehicle(35.0, tuple((x, 0.30, 0.22, 0.10) for x in (0.42, 0.0, -0.42)), 0.24),
-    "80 kg": _vehicle(80.0, tuple((x, 0.35, 0.33, 0.13) for x in (0.45, -0.45)), 0.36),
-    "200 kg": _vehicle(200.0, tuple((x, 0.50, 0.50, 0.20) for x in (0.65, -0.65)), 0.55),
-    "300 kg, six": _vehicle(300.0, tuple((x, 0.55, 0.46, 0.20) for x in (0.80, 0.0, -0.80)), 0.51),
-}  # fmt: skip
 
 # Those of `smallwheel simulate drive`. The larger rear wheels run beside the front wheels' ruts: what ruts do
 # is not taken for wheel size.
+_AXLE = (0.35, 0.28, 0.25, 0.10)
+_SAME, _LARGER = (-0.35, 0.28, 0.25, 0.10), (-0.35, 0.42, 0.40, 0.12)
 ROVERS = {
-    name.replace(" ", "_"): SimulatedRover(VEHICLES[name].wheels) for name in ("four", "two sizes")
+    "four": SimulatedRover(wheels_on_axles(_AXLE, _SAME)),
+    "two_sizes": SimulatedRover(wheels_on_axles(_AXLE, _LARGER)),
 }
 
 
@@ -84,42 +59,6 @@ class Leg:
     bend: float = 0.0
     turn: float = 0.0
     stand: float = 0.0
-
-
-WAYS = {
-    "plain": (Leg(20.0, stand=1.0),),
-    "straight": (Leg(24.0, stand=1.0),),
-    "half": (Leg(12.0, stand=1.0),),
-    "short": (Leg(8.0, stand=1.0),),
-    "bends": (Leg(6.0, 0.2), Leg(6.0, -0.3), Leg(6.0, 0.1), Leg(6.0, stand=1.0)),
-    "stop and go": (Leg(1.5, stand=2.0),) * 14,
-    "stops of 40 s": (Leg(4.0, stand=40.0),) * 4,
-    "manoeuvres": (Leg(3.0), Leg(-1.5, 0.5, stand=1.0), Leg(2.5, -0.4), Leg(turn=_SPOT, stand=1.0)) * 3,
-    "there and back": (Leg(8.0, stand=1.0), Leg(-8.0, stand=1.0), Leg(8.0)),
-    "turned": (Leg(8.0), Leg(turn=math.pi), Leg(8.0, 0.05), Leg(turn=_SPOT), Leg(6.0)),
-    "turning": (Leg(6.0), Leg(turn=2.0 * math.pi)) * 4,
-    "on the spot": (
-        Leg(3.0, stand=1.0), Leg(turn=_SPOT), Leg(3.0, stand=1.0), Leg(turn=-2.0 * _SPOT),
-        Leg(3.0, stand=1.0), Leg(turn=4.0 * _SPOT, stand=1.0), Leg(3.0), Leg(turn=-_SPOT), Leg(3.0),
-        Leg(turn=3.0 * _SPOT, stand=1.0), Leg(4.0), Leg(turn=-3.0 * _SPOT), Leg(3.0),
-    ),
-    "to and fro": (Leg(6.0, stand=1.0), Leg(-4.0, stand=1.0), Leg(8.0), Leg(-3.0, stand=1.0), Leg(6.0)),
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Feature:
-    """Something of the ground that begins at a place, a share of the way, over `edge` (m).
-
-    what: `modulus` and `grip` (ln of a factor), `exponent` (added to n), `climb` (rad), `floor` (hard ground,
-    size 1). length: m, after which it ends; None: it stays.
-    """
-
-    what: str
-    size: Range
-    start: Range = (0.5, 0.5)
-    edge: Range = (0.02, 0.02)
-    length: Range | None = None
 
 
 @dataclass(frozen=True)
@@ -175,41 +114,28 @@ class Sensors:
     imu_rate: float = 50.0
 
 
-PLAIN = Sensors(
-    sinkage=False, load=False, odometry_rate=(10.0, 15.0, 30.0), lag=(0.0, 0.06), noise=(0.005, 0.015),
-    alike=(0.3, 0.3), scale=0.007,
-)  # fmt: skip
-
-
 @dataclass(frozen=True)
 class World:
-    """What is in a world; lengths in m, speeds in m/s, angles in rad.
+    """What the ground and the vehicle of a drive are like; lengths in m, speeds in m/s, angles in rad.
 
-    soil: `sand` is drawn about dry sand, as a prior has it; `any` so that the wheels sink by 2 to 7 % of
-    their diameter; `loam`; `floor`. law: of `wheel_laws`. slope: deviation of the waves. swing: of the
-    loads from one diagonal to the other, over its usual size. grip, own_grip, scatter: deviations of ln
-    grip, of places and of what each wheel finds, and of ln k. drift: of ln k, after 5 m. digging: m of
-    sinkage per m by which a rim gets ahead. rolling, residual: as in `RimStrength`. dragging: resistance
-    that no law of sinkage gives, over load. rut: factor on the sinkage of a wheel in a track, once. right:
-    ln of a factor on k under the right wheels. skid: how much of a turn comes, where all turns are made by
-    skidding. differential: whether the wheels of an axle share its torque. spare: share of the weight on a
-    wheel that is not listed. sticks: whether it may get stuck. patience: s for which rims spin before the
-    driver gives up. priors: whether sensors, sides, ruts and digging are off by as much as the node's priors
-    state, by the seed (`drawn`). told: parameters. faults: of the sensors, by name, put in by the code that
-    drives it. said: pattern of what has to be reported; "": nothing may be.
+    legs: of the way. floor: all ground is hard. law: of `wheel_laws`. slope: deviation of the waves. swing:
+    of the loads from one diagonal to the other, over its usual size. grip, own_grip, scatter: deviations of
+    ln grip, of places and of what each wheel finds, and of ln k. drift: of ln k, after 5 m. digging: m of
+    sinkage per m by which a rim gets ahead, drawn between. dragging: resistance that no law of sinkage gives,
+    over load, drawn between. rut: factor on the sinkage of a wheel in a track, once. right: ln of a factor on
+    k under the right wheels. skid: how much of a turn comes, where all turns are made by skidding.
+    differential: whether the wheels of an axle share its torque. spare: share of the weight on a wheel that
+    is not listed. sticks: whether it may get stuck. patience: s for which rims spin before the driver gives
+    up.
     """
 
     name: str
-    vehicle: str = "four"
-    way: str | tuple[Leg, ...] = "plain"
+    legs: tuple[Leg, ...] = ()
     speed: float = 0.3
     ramp: float = 0.6
     turning: float = 0.5
-    soil: str = "sand"
+    floor: bool = False
     law: str = "rim"
-    features: tuple[Feature, ...] = ()
-    firmness: float = 0.0
-    exponent: float | None = None
     slope: float = 0.05
     swing: float = 1.0
     grip: float = 0.12
@@ -217,8 +143,6 @@ class World:
     scatter: float = 0.06
     drift: float = 0.0
     digging: Range = (0.0, 0.0)
-    rolling: Range = (1.0, 1.0)
-    residual: float = 1.0
     dragging: Range = (0.0, 0.0)
     hardpan: float | None = None
     rut: float = 1.0
@@ -229,39 +153,4 @@ class World:
     spare: float = 0.0
     sticks: bool = False
     patience: float = 1.5
-    priors: bool = False
     sensors: Sensors = Sensors()
-    told: Mapping[str, Any] = field(default_factory=dict)
-    faults: tuple[str, ...] = ()
-    said: str = ""
-
-    @property
-    def legs(self) -> tuple[Leg, ...]:
-        """Of the way; a name is one of `WAYS`."""
-        return WAYS[self.way] if isinstance(self.way, str) else self.way
-
-    def drawn(self, seed: int) -> World:
-        """The world itself, or with `priors` what is off of sensors and soil, with the deviations of priors.
-
-        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm and of their scale 0.05, of all loads'
-        scale 0.1 and of each wheel's half of that, of their zero 0.03 of a wheel's load, of the sides of a
-        vehicle a factor of 1.8 in k, of the delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the
-        sinkage. Slip digs, at one deviation, as deep as half of that of its prior: it cannot fill up.
-        """
-        if not self.priors:
-            return self
-        normal = np.random.default_rng([seed, *self.name.encode()]).standard_normal
-        rover = VEHICLES[self.vehicle]
-        count = len(rover.wheels)
-        scales = np.exp(0.1 * normal() + 0.05 * normal(count))
-        sensors = replace(
-            self.sensors, zero=0.002 * normal(), load_scale=tuple(scales.tolist()),
-            tare=0.03 * rover.mass * GRAVITY / count * normal(), delay=0.1 * abs(normal()),
-            pitch_error=0.01 * normal(), torque_scale=0.1, friction=0.05,
-        )  # fmt: skip
-        digging = 0.05 * abs(normal())
-        rut, right = math.exp(0.3 * normal()), math.log(1.8) * normal()
-        sensors = replace(sensors, gain=math.exp(0.05 * normal()))
-        return replace(
-            self, sensors=sensors, rut=rut, right=right, digging=(digging, digging)
-        )  # fmt: skip

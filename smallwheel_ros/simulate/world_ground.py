@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from smallwheel_ros.simulate.truth import Array, Contact, static_sinkage
+from smallwheel_ros.simulate.truth import Array, static_sinkage
 from smallwheel_ros.simulate.wheel_laws import RimStrength
-from smallwheel_ros.simulate.world import GRAVITY, Feature, SimulatedRover, World
+from smallwheel_ros.simulate.world import GRAVITY, SimulatedRover, World
 
 CELL = 0.02  # m
 _BEFORE, _BEHIND = 12.0, 3.0  # m of ground before the start and behind the end
-# Where ln pressure is told: 10 mm under a wheel of 0.2 m; what dry sand has there, with n and m.
+# Where ln pressure is told: 10 mm under a wheel of 0.2 m.
 SINKAGE, DIAMETER = 0.01, 0.2
-_SAND = (math.log(21_500.0), 0.8, 0.39)
 _HARDER = 8.0  # times as much as above, below a hardpan
 
 
@@ -127,39 +126,6 @@ class Frame:
         return found
 
 
-def draw_soil(world: World, rover: SimulatedRover, rng: np.random.Generator) -> TrueSoil:
-    """Draw the law and the strength."""
-    rolling = rng.uniform(*world.rolling)
-    if world.soil == "sand":
-        pressure = _SAND[0] + 0.35 * rng.standard_normal() + world.firmness
-        n = _SAND[1] + 0.15 * rng.standard_normal()
-        m = _SAND[2] + 0.2 * rng.standard_normal()
-        cohesion = abs(300.0 * rng.standard_normal())
-        friction = max(0.475 + 0.05 * rng.standard_normal(), 0.3)
-        n = float(np.clip(n, 0.35, 1.5)) if world.exponent is None else world.exponent
-    else:
-        cohesion, friction = abs(400.0 * rng.standard_normal()), rng.uniform(0.47, 0.65)
-        n, m = rng.uniform(0.6, 1.2), _SAND[2]
-        if world.soil == "loam":
-            cohesion, friction, n = rng.uniform(1500.0, 4000.0), 0.35, 0.6
-        wheel = rover.wheels[0]
-        depth = np.array([rng.uniform(0.02, 0.07) * wheel.diameter])
-        contact = Contact.at(np.array([wheel.diameter]), depth)
-        carried = contact.upward(np.maximum(contact.depth, 0.0) ** n, np.array([wheel.width]))
-        load = rover.mass * GRAVITY / len(rover.wheels)
-        modulus = math.log(load / float(carried[0])) + world.firmness
-        pressure = modulus + n * math.log(SINKAGE) - m * math.log(wheel.diameter / DIAMETER)
-    shear = 0.012 * math.exp(0.3 * rng.standard_normal())
-    strength = RimStrength(cohesion, friction, shear, rolling, world.residual)
-    return TrueSoil(pressure, n, m, strength)
-
-
-def draw_features(world: World, rng: np.random.Generator) -> tuple[Started, ...]:
-    """Draw the numbers of the features of a world."""
-    length = sum(abs(leg.metres) for leg in world.legs)
-    return tuple(_started(feature, length, rng) for feature in world.features)
-
-
 def make_ground(
     world: World,
     rover: SimulatedRover,
@@ -197,7 +163,7 @@ def make_ground(
         found.kind[j] = found.kinds(at)
         found.exponent[j] = exponents[found.kind[j]] + found.value("exponent", at)
         found.grip[j] = grip + world.own_grip * tracks[wheel.y] + found.value("grip", at)
-        found.floor[j] = (world.soil == "floor") | (found.value("floor", at) > 0.5)
+        found.floor[j] = world.floor | (found.value("floor", at) > 0.5)
     # Loads of the planned heading; what a turn or a start changes comes on top in time.
     yaw = _heading(world, at)
     climb, roll = tilt(found, np.arange(at.size), yaw)
@@ -242,13 +208,6 @@ def tilt(
     """Climb and roll (rad; positive nose up, left side up) in a cell, looking along a yaw."""
     east, north, cosine, sine = ground.east[cell], ground.north[cell], np.cos(yaw), np.sin(yaw)
     return east * cosine + north * sine + ground.steepens[cell], north * cosine - east * sine
-
-
-def _started(feature: Feature, length: float, rng: np.random.Generator) -> Started:
-    start = rng.uniform(*feature.start) * length
-    edge = rng.uniform(*feature.edge)
-    end = math.inf if feature.length is None else start + edge + rng.uniform(*feature.length)
-    return Started(feature.what, rng.uniform(*feature.size), start, edge, end)
 
 
 def _heading(world: World, at: Array) -> Array:

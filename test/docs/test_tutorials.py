@@ -25,12 +25,14 @@ from click.testing import CliRunner
 from smallwheel_ros import cli
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-FAST, SLOW = ("../README", "theory", "tutorial_bench", "lab_tests"), ("tutorial_robot",)
+FAST = ("../README", "theory", "tutorial_bench", "lab_tests", "your_own_effect", "learn")
+LONG, SLOW = ("benchmark",), ("tutorial_robot",)
 FIRST_HOUR = "first_hour"
 LEFT_OUT = "..."  # a line for those that a page does not show
 CONTINUED = "\\\n"  # a command that goes on in the next line of a block, after `> `
 WIDTH = 76  # columns of a block: a page of 1280 pixels shows as many
 BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
+SAVED = re.compile(r"save it as `(\w+\.py)`[^\n]*\n\n```python\n(.*?)```", re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 # Another processor or numerical library moves the last digits; of small differences, more.
 RELATIVE, DIGITS = 0.05, 2
@@ -169,10 +171,17 @@ def set_up(folder: Path) -> None:
         (folder / part).symlink_to(DOCS.parent / part)
 
 
+def save(text: str) -> None:
+    """Write the files of a page that its reader is told to save."""
+    for name, content in SAVED.findall(text):
+        Path(name).write_text(content, encoding="utf-8")
+
+
 def check(text: str) -> None:
     """Run a page's commands in the working folder and compare."""
     blocks = BLOCK.findall(text)
     assert blocks
+    save(text)
     for block in blocks:
         for command, shown, printed in played(block):
             there = abridged(shown, printed)
@@ -189,7 +198,9 @@ def text_of(page: str) -> str:
     return (DOCS / f"{page}.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", FAST)
+@pytest.mark.parametrize(
+    "page", [*FAST, *(pytest.param(page, marks=pytest.mark.slow) for page in LONG)]
+)
 def test_it_prints_what_it_says(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     set_up(tmp_path)
@@ -289,11 +300,13 @@ def write_anew(page: Path) -> None:
             for command, shown, printed in played(block[0])
         )
 
-    page.write_text(BLOCK.sub(renewed, page.read_text(encoding="utf-8")), encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    save(text)
+    page.write_text(BLOCK.sub(renewed, text), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or (*FAST, *SLOW, FIRST_HOUR):
+    for name in sys.argv[1:] or (*FAST, *LONG, *SLOW, FIRST_HOUR):
         with tempfile.TemporaryDirectory() as scratch:
             set_up(Path(scratch))
             os.chdir(scratch)

@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
 SOURCES = PAGE.parent.parent / "smallwheel_ros"
-FOLDERS = {"<!-- packages -->": SOURCES, "<!-- rooms -->": SOURCES / "pipeline"}
+ROOMS, ROOMS_TABLE = SOURCES / "pipeline", "<!-- rooms -->"
 PACKAGE, PAGE_OF_CODE = "smallwheel_ros/", "pipeline/pipeline.py"
 MOST_CHANGES = 579  # of file in a turn of one wheel
 ROVER: dict[str, object] = {
@@ -80,39 +80,32 @@ def trace() -> tuple[list[Call], list[Call]]:
     return append, calls(lambda: list(pipeline.turns()), from_the_page)
 
 
-def table(append: list[Call], turn: list[Call]) -> str:
-    """What a message passes, and the stages of a turn in their order."""
-    words = ", ".join(f"`{name}`" for _, name in append)
-    where = ", ".join(f"`{file}`" for file in dict.fromkeys(file for file, _ in append))
+def in_words(append: list[Call], turn: list[Call]) -> str:
+    """What a message passes, and what the page of a turn calls, in their order."""
+
+    def listed(calls: list[Call]) -> str:
+        files: dict[str, list[str]] = {}
+        for file, name in calls:
+            files.setdefault(file.removeprefix("pipeline/"), []).append(name)
+        return ", ".join(f"`{file}` ({', '.join(names)})" for file, names in files.items())
+
     lines = [
-        f"A message as it comes: {len(append)} functions of {where}: {words}.",
+        f"A message as it comes: {len(append)} functions of {listed(append)}.",
         "",
-        f"A turn: {len(turn)} calls from one page, `{PAGE_OF_CODE}`.",
-        "",
-        "| file | what is called there |",
-        "| --- | --- |",
+        f"A turn: {len(turn)} calls from one page, `{PAGE_OF_CODE}`: {listed(turn)}.",
     ]
-    files: dict[str, list[str]] = {}
-    for file, name in turn:
-        files.setdefault(file, []).append(name)
-    lines += [f"| {file} | {', '.join(names)} |" for file, names in files.items()]
     return "\n".join(lines) + "\n"
 
 
 def with_files(text: str) -> str:
-    """The page with the files of each package and room as they are, in the last column of its table."""
-    lines, folder = [], SOURCES
+    """The page with the files of each room as they are, in the last column of their table."""
+    lines, rooms = [], False
     for line in text.splitlines():
-        if line in FOLDERS:
-            folder = FOLDERS[line]
+        rooms = rooms or line == ROOMS_TABLE
         name = line.split("`")[1] if line.startswith("| `") else ""
-        if name and (folder / name).is_dir():
-            files = sorted(path.stem for path in (folder / name).glob("[!_]*.py"))
-            rooms = [
-                f"{path.parent.name}/" for path in sorted((folder / name).glob("*/__init__.py"))
-            ]
-            first = line.rsplit("|", 2)[0].rstrip()
-            line = f"{first} | {', '.join([*files, *rooms])} |"
+        if rooms and name and (ROOMS / name).is_dir():
+            files = sorted(path.stem for path in (ROOMS / name).glob("[!_]*.py"))
+            line = f"{line.rsplit('|', 2)[0].rstrip()} | {', '.join(files)} |"
         lines.append(line)
     return "\n".join(lines) + "\n"
 
@@ -120,7 +113,7 @@ def with_files(text: str) -> str:
 def rewritten(text: str) -> str:
     """The page with trace and files as they are now."""
     before, rest = with_files(text).split(BEGIN)
-    return before + BEGIN + table(*trace()) + END + rest.split(END)[1]
+    return before + BEGIN + in_words(*trace()) + END + rest.split(END)[1]
 
 
 def test_the_page_shows_the_way_of_a_message_as_it_is() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rates.drive_worlds import WorldDrive, make_drive
+from rates.random_worlds import PLAIN, VEHICLES, Feature, RandomWorld
 from smallwheel_ros.simulate.truth import Circumstances
 from smallwheel_ros.simulate.vehicle import EPOCH, REFERENCE_SLIP, STUCK, TICK
 from smallwheel_ros.simulate.wheel_laws import (
@@ -21,21 +22,21 @@ from smallwheel_ros.simulate.wheel_laws import (
     response_of,
     rim_curves,
 )
-from smallwheel_ros.simulate.world import GRAVITY, PLAIN, VEHICLES, Feature, Sensors, World
+from smallwheel_ros.simulate.world import GRAVITY, Sensors
 
 SOFT = (
     Feature("modulus", (-2.5, -2.5), (0.5, 0.5), (1.0, 1.0)),
     Feature("grip", (-0.8, -0.8), (0.5, 0.5), (1.0, 1.0)),
 )
-GIVES_WAY = World(
-    "gives way", "80 kg", "half", 0.5, soil="any", digging=(0.03, 0.03), features=SOFT, sticks=True,
-    sensors=PLAIN,
+GIVES_WAY = RandomWorld(
+    "gives way", vehicle="80 kg", way="half", speed=0.5, soil="any", digging=(0.03, 0.03), features=SOFT,
+    sticks=True, sensors=PLAIN,
 )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def plain() -> WorldDrive:
-    return make_drive(World("plain", way="short"), 1)
+    return make_drive(RandomWorld("plain", way="short"), 1)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,9 @@ def test_sensors_show_the_truth_but_for_their_noise(plain: WorldDrive) -> None:
 
 @pytest.mark.parametrize("kind", ["wheels", "pose"])
 def test_odometry_of_wheels_shows_no_slip_and_one_of_poses_no_speed(kind: str) -> None:
-    world = World("odometry", "80 kg", "short", soil="any", sensors=replace(PLAIN, odometry=kind))
+    world = RandomWorld(
+        "odometry", vehicle="80 kg", way="short", soil="any", sensors=replace(PLAIN, odometry=kind)
+    )
     made = make_drive(world, 1)
     stamps, shown = made.rows["odom"]
     rim = np.interp((stamps - EPOCH) / 1e9, made.truth.time, made.truth.rim.mean(axis=1))
@@ -130,7 +133,7 @@ def test_odometry_of_wheels_shows_no_slip_and_one_of_poses_no_speed(kind: str) -
 
 def test_a_current_is_nothing_where_the_motor_stands() -> None:
     sensors = Sensors(torque=True, current=True)
-    made = make_drive(World("current", way="short", sensors=sensors), 1)
+    made = make_drive(RandomWorld("current", way="short", sensors=sensors), 1)
     stamps, shown = made.rows["front_left/torque"]
     stands = np.interp((stamps - EPOCH) / 1e9, made.truth.time, np.abs(made.truth.rim[:, 0])) == 0.0
     assert stands.any()
@@ -164,5 +167,8 @@ def test_stresses_carry_the_load_and_moved_soil_carries_less() -> None:
 
 def test_every_vehicle_drives_on_its_soil() -> None:
     for name in VEHICLES:
-        made = make_drive(World("drives", name, "short", 0.5, soil="any", sensors=PLAIN), 0)
+        made = make_drive(
+            RandomWorld("drives", vehicle=name, way="short", speed=0.5, soil="any", sensors=PLAIN),
+            0,
+        )
         assert made.truth.path[-1] == pytest.approx(8.0, abs=0.05), name
