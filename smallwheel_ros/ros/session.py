@@ -23,7 +23,7 @@ from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import HIGHEST
 from smallwheel_ros.drive.autosave import Autosave
 from smallwheel_ros.drive.soil_file import SoilFile
-from smallwheel_ros.drive.statements import Kind, Statement, alarms
+from smallwheel_ros.drive.statements import WARNINGS, Kind, Statement, alarms
 from smallwheel_ros.onboard.parameters import ParametersError, idle_remaps
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import NodeSettings
@@ -357,8 +357,9 @@ class Session:
 
     def _log_alarms(self) -> None:
         """Say once that an alarm begins, and that it has ended: not everybody looks at diagnostics."""
-        log, said = self._node.get_logger(), alarms(self._pipeline, self._outputs.newest)
+        log, said = self._node.get_logger(), alarms(self._pipeline)
         now = {alarm.kind: alarm for alarm in said}
+        another_level = not now.keys().isdisjoint(WARNINGS)
         for alarm in now.values():
             if alarm.kind in self._alarms:
                 continue
@@ -367,6 +368,6 @@ class Session:
             else:
                 log.warning(alarm.text)
         for alarm in self._alarms.values():
-            if alarm.kind not in now:
+            if alarm.kind not in now and not (another_level and alarm.kind in WARNINGS):
                 log.info(f"no longer: {alarm.text}")
         self._alarms = now
