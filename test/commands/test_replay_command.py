@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`smallwheel replay` as it is typed: one bag or many, which options go together, and the exit codes."""
+"""`smallwheel replay` as it is typed: one bag or many, which options go together, and the exit codes.
+
+Tests `replay.py`.
+"""
 
 from __future__ import annotations
 
