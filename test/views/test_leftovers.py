@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import smallwheel_ros as sw
+from smallwheel_ros.fitting.held_out import CvErrors
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.views.leftovers import (
     Left,
@@ -34,8 +32,7 @@ def table() -> Measurements:
 
 
 def left(error: np.ndarray, name: str = "model", colour: str = "with") -> Left:
-    errors: Any = SimpleNamespace(error={"sinkage": error}, run=np.arange(error.size))
-    return Left(errors, name, colour)
+    return Left(CvErrors({"sinkage": error}, np.arange(error.size)), name, colour)
 
 
 def test_means_are_of_runs_and_their_band_is_twice_the_standard_error() -> None:
@@ -84,7 +81,7 @@ def test_where_no_row_has_both_there_are_no_points() -> None:
 
 
 def test_a_model_without_the_channel_is_left_out() -> None:
-    none: Any = SimpleNamespace(error={}, run=np.arange(12))
+    none = CvErrors({}, np.arange(12))
     panel = residual_panel(table(), [Left(none, "none", "base")], "sinkage", "load")
     assert len(panel.layers) == 1
     assert len(measured_panel(MEASURED, [Left(none, "none", "base")], "sinkage").layers) == 1
