@@ -53,8 +53,10 @@ def test_a_feature_rises_over_its_edge_and_falls_over_it_again() -> None:
 
 def test_features_of_a_kind_are_added_up() -> None:
     made = ground(
-        Started("grip", 0.4, 1.0, 0.1, 5.0), Started("grip", 0.2, 3.0, 0.1, 9.0), Started("floor", 1.0, 4.0, 0.1, 6.0)
-    )  # fmt: skip
+        Started("grip", 0.4, 1.0, 0.1, 5.0),
+        Started("grip", 0.2, 3.0, 0.1, 9.0),
+        Started("floor", 1.0, 4.0, 0.1, 6.0),
+    )
     places = np.array([0.0, 2.0, 4.0, 8.0])
     assert made.value("grip", places) == pytest.approx([0.0, 0.4, 0.6, 0.2])
     assert made.value("nothing", places) == pytest.approx(0.0)
