@@ -24,9 +24,9 @@ from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
-from smallwheel_ros.replay.ahead import RecordedAhead
 from smallwheel_ros.replay.diagnosis import diagnosed
 from smallwheel_ros.replay.new_bag import NewBag
+from smallwheel_ros.replay.recorded_ahead import RecordedAhead
 from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.result import (
     BAG,
