@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.onboard.gravity import unlike_gravity
 from smallwheel_ros.onboard.joint_motion import SECOND, JointMotion
 
 Array = NDArray[np.float64]
@@ -25,8 +26,6 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
-_WEAKEST, _STRONGEST = 8.0, 12.0  # m/s^2: gravity as accelerometers feel it that are not calibrated
-_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
 _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
@@ -173,25 +172,13 @@ def upright(reader: BagReader, topic: str) -> tuple[int, str]:
     table = table[np.isfinite(table).all(axis=1)]
     if not len(table):
         return 0, f"none of its {len(felt)} accelerations is a number"
-    if not table.any():
-        return 0, "its accelerations are all 0, so it tells no slope"
     mean = table.mean(axis=0)
     strength = float(np.linalg.norm(mean))
-    if not _WEAKEST < strength < _STRONGEST:
-        return 0, _no_gravity(strength)
+    if why := unlike_gravity(strength):
+        return 0, why
     if abs(mean[2]) > _UPRIGHT * strength:
         return int(np.sign(mean[2])), ""
     along = " ".join(f"{number:.1f}" for number in mean)
     return 0, (
         f"gravity is not along its z axis, but ({along}) m/s^2: publish it in base_link's axes"
     )
-
-
-def _no_gravity(strength: float) -> str:
-    """What a mean acceleration is that is not gravity in m/s^2."""
-    for unit, factor in _UNITS.items():
-        if _WEAKEST < strength * factor < _STRONGEST:
-            return f"it feels {strength:.4g} on average, gravity in {unit}? expected 9.81 m/s^2"
-    if strength < _WEAKEST:
-        return f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope"
-    return f"it feels {strength:.4g} m/s^2 on average, expected 9.81"

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether what an imu feels on average is gravity, and what it is where it is not."""
+
+from __future__ import annotations
+
+from smallwheel_ros.physics.wheel import GRAVITY
+
+_WEAKEST, _STRONGEST = (
+    0.82,
+    1.22,
+)  # of gravity: accelerometers that nobody calibrated are within 2 %
+_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
+
+
+def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
+    """What a mean specific force (its length, m/s^2) is that is not gravity, in words; "" where it is."""
+    if _WEAKEST < strength / gravity < _STRONGEST:
+        return ""
+    expected = f"expected {gravity:.3g} m/s^2"
+    if strength == 0.0:
+        return "its accelerations are all 0, so it tells no slope"
+    for unit, factor in _UNITS.items():
+        if _WEAKEST < strength * factor / gravity < _STRONGEST:
+            return f"it feels {strength:.4g} on average, gravity in {unit}? {expected}"
+    if strength < gravity:
+        return f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope"
+    return f"it feels {strength:.4g} m/s^2 on average, {expected}"
