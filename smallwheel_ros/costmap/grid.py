@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.files import write_together
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
 Cells = NDArray[np.int8]
@@ -263,11 +263,15 @@ def spread(costs: Cells, reach: float) -> Cells:
 
 def write_map(path: Path, grid: Grid) -> None:
     """Write a grid into path (.yaml) and an image of that name (.pgm). Raises OutputError."""
+    write_together(map_files(path, grid))
+
+
+def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
+    """Contents of the two files of a map, by their paths: path (.yaml), and the image (.pgm) beside it."""
     image = path.with_suffix(".pgm")
     height, width = grid.cells.shape
     # The first row of an image is its top.
     pixels = np.where(grid.cells < 0, _UNKNOWN_PIXEL, grid.cells).astype(np.uint8)[::-1]
-    write_bytes(image, f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes())
     lines = {
         "image": image.name,
         "mode": _MODE,
@@ -278,7 +282,10 @@ def write_map(path: Path, grid: Grid) -> None:
         "free_thresh": 0.25,
         "frame": grid.frame,
     }
-    write_bytes(path, write_yaml(lines).encode())
+    return {
+        image: f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes(),
+        path: write_yaml(lines).encode(),
+    }
 
 
 def read_map(path: Path) -> Grid:

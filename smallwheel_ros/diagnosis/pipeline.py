@@ -129,7 +129,8 @@ class Diagnosis(Result, shown="views.diagnosis"):
         if evidence is None or decision is None:
             return self.fit.model
         tied = {name for one in self.fit.measured.tied for name in (one.setting, one.other)}
-        unknown = decision.word == "unknown_effect"
+        # A single candidate describes the data, though these do not confirm it.
+        unknown = decision.word == "unknown_effect" and not decision.rivals
         if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
             return self.fit.model
         found, left = evidence.found, evidence.misfit

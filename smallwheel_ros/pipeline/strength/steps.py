@@ -192,12 +192,12 @@ def _means(
     contact = _contacts(rows, inside, group, good, (slip, mean(of.speed)), soils, settings)
     sound = ~contact.sunk & np.isfinite(contact.sinkage)
     good[good] = sound
-    slope, gained = _of_vehicle(step, sign * of.slope), _of_vehicle(step, sign * of.gained)
+    force = _of_vehicle(step, sign * of.pushed)
     ahead, behind = (sign * of.gained)[ends - 1], (sign * of.gained)[starts]
     late = np.abs(ahead - behind) * np.minimum(_LAG / np.maximum(duration, 1e-3), 1.0)
     noise = settings.noise.drawbar_pull / np.sqrt(np.maximum(count, 1))
     return Steps(
-        of.stamp[ends], np.array(way), of.forward[starts], slope + gained,
+        of.stamp[ends], np.array(way), of.forward[starts], force,
         np.hypot(_FORCE_STD, np.nan_to_num(late)), rows.soil[starts], number[good], wheel[good],
         slip[good], slip_std[good], mean(sign * of.torque)[good], mean(of.pull)[good], noise[good],
         contact.take(sound),

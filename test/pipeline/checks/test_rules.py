@@ -202,6 +202,19 @@ def test_accelerations_that_are_not_gravity_say_what_they_are(
     assert words in found.text
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_noisy_speed_is_no_scale_of_radii(seed: int) -> None:
+    """Poses that scatter make speeds and yaw rates noisy; over a metre that is nothing."""
+    rows = drive(120.0, seed, (0.03,) * 4)
+    _, values = rows[ODOMETRY]
+    rng = np.random.default_rng(seed)
+    moves = values[:, 0] != 0.0
+    for column, noise in ((0, 0.4), (1, 0.15)):  # m/s, rad/s; over half a second the same
+        lasting = np.convolve(rng.standard_normal(moves.size), np.full(7, 7**-0.5), "same")
+        values[:, column] += np.where(moves, noise * lasting, 0.0)
+    assert not [finding for finding in heard(rows) if finding.rule == "rolling"]
+
+
 def test_a_vehicle_that_spins_on_a_diagonal_has_good_encoders() -> None:
     assert said(drive(slips=(0.89, 0.2, 0.2, 0.85), uneven=0.3)) == set()
 
