@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainc
 
+from smallwheel_ros.measurements.columns import to_base
 from smallwheel_ros.measurements.measurements import Measurements, codes_of
 from smallwheel_ros.measurements.settings import set_columns
 from smallwheel_ros.physics.conditions import Array
 
 _SCATTER = 0.02  # of a reading: runs in soil that was prepared anew differ by 3 to 10 %
 _CHANCE = 1e-3  # that chance alone makes so many runs equal
+_MANY = 10  # different values, whose smallest step is that of the gauge
+_MOST_DECIMALS = 10
 _EXACT = 1e-9  # of the largest value: less is the rounding of a unit's conversion
 
 
@@ -31,7 +34,7 @@ def without_copies(data: Measurements) -> tuple[Measurements, str]:
     rows = _stretches(data)
     settings, readings = _columns(data)
     everything = np.column_stack([settings, *readings.values()])
-    chances = _chances(readings, len(data))
+    chances = _chances(data, readings)
     alike: defaultdict[bytes, list[NDArray[np.intp]]] = defaultdict(list)
     equal_settings: defaultdict[bytes, list[float]] = defaultdict(list)
     for one in rows:
@@ -73,20 +76,31 @@ def _columns(data: Measurements) -> tuple[Array, dict[str, Array]]:
     }
 
 
-def _chances(readings: dict[str, Array], rows: int) -> Array:
+def _chances(data: Measurements, readings: dict[str, Array]) -> Array:
     """The chance that another run of its setting reads the same as this row, shape (rows,).
 
     A channel that shows one value throughout tells no two runs apart.
     """
-    found = np.ones(rows)
+    found = np.ones(len(data))
     for name, values in readings.items():
         known = values > -1e299
         if name.endswith("_std") or not known.any() or np.ptp(values[known]) == 0.0:
             continue
-        steps = np.diff(np.unique(values[known]))
-        steps = steps[steps > _EXACT * np.abs(values[known]).max()]
+        unit = data.written_units.get(name)
+        factor = float(to_base(np.ones(1), unit)[0]) if unit else 1.0
+        finest = factor * _step(values[known] / factor)
         scatter = np.maximum(_SCATTER * np.abs(values), 1e-300)
-        finest = float(steps.min()) if steps.size else np.inf
         chance = finest / (2.0 * np.sqrt(np.pi) * scatter)
         found *= np.where(known, np.minimum(chance, 1.0), 1.0)
     return found
+
+
+def _step(values: Array) -> float:
+    """Step in which values are written: the smallest between two of many, the last decimal of few."""
+    exact = _EXACT * float(np.abs(values).max())
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > exact]
+    if steps.size >= _MANY:
+        return float(steps.min())
+    near = (np.abs(values - np.round(values, d)).max() <= exact for d in range(_MOST_DECIMALS))
+    return 10.0 ** -next((d for d, fits in enumerate(near) if fits), _MOST_DECIMALS)

@@ -19,9 +19,9 @@ def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
     expected = f"expected {gravity:.3g} m/s^2"
     if strength == 0.0:
         return "its accelerations are all 0, so it tells no slope"
-    for unit, factor in _UNITS.items():
-        if _WEAKEST < strength * factor / gravity < _STRONGEST:
-            return f"it feels {strength:.4g} on average, gravity in {unit}? {expected}"
+    units = [u for u, f in _UNITS.items() if _WEAKEST < strength * f / gravity < _STRONGEST]
+    if units:
+        return f"it feels {strength:.4g} on average, gravity in {' or '.join(units)}? {expected}"
     if strength < gravity:
         return f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope"
     return f"it feels {strength:.4g} m/s^2 on average, {expected}"

@@ -25,7 +25,7 @@ _STARTED = 5  # blocks, after which a filter's delay no longer makes a fourth of
 _ALIKE = 0.9  # correlation of the two, under which they are not of one joint
 _NEAR = 0.04  # of a known factor
 # What a velocity is in whose factor to rad/s is this, where positions are in rad.
-_VELOCITIES = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi, "turns/s": 0.5 / math.pi}
+UNITS_OF_TURNING = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi, "turns/s": 0.5 / math.pi}
 _POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in turns or degrees
 
 
@@ -118,7 +118,7 @@ class VelocityUnit:
             return
         if any(abs(factor / known - 1.0) < _NEAR for known in _POSITIONS):
             return  # velocities are right, and nothing else is needed
-        near = [u for u, known in _VELOCITIES.items() if abs(factor / known - 1.0) < _NEAR]
+        near = [u for u, known in UNITS_OF_TURNING.items() if abs(factor / known - 1.0) < _NEAR]
         other = "in m/s at the rim" if factor < 1.0 else "of a motor before its gear"
         perhaps = f"in {near[0]}" if near else other
         times = f"its velocity is {factor:.3g} times what its position turns"
