@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _AWAY = 0.1  # rad from 0: more than an encoder that stands flickers by
+_TURNS = 0.05  # rad/s: faster than the noise of a joint that stands
 # ns: an encoder that begins anew at 0 and stands is believed after that, since no others come any more
 _BETWEEN = 1_000_000_000
 _NEVER = -(1 << 62)
@@ -32,7 +33,8 @@ class IdlePublisher:
         stamps: ns. velocity, position: rad/s and rad, NaN where a message has none; all (messages,).
         """
         zero = (position == 0.0) & ((velocity == 0.0) | np.isnan(velocity))
-        away = np.where(np.abs(position) > _AWAY, stamps, _NEVER)
+        turns = (np.abs(position) > _AWAY) | ((np.abs(velocity) > _TURNS) & (position != 0.0))
+        away = np.where(turns, stamps, _NEVER)
         newest = np.maximum.accumulate(np.concatenate([[self._away], away]))[1:]
         if stamps.size:
             self._away = int(newest[-1])

@@ -187,7 +187,7 @@ class Jumps:
         return [Said("odometry", self.most, text)] if self.count else []
 
 
-class Gravity:
+class FeltGravity:
     """Length of what the imu feels on average, over all of its rows."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:

@@ -55,7 +55,7 @@ from .odometry import (
     STANDS,
     TILT,
     TILT_CHANCE,
-    Gravity,
+    FeltGravity,
     Jumps,
     Late,
     NoTwist,
@@ -238,7 +238,7 @@ RULES: tuple[Rule, ...] = (
         "under 0.82, or over 1.22",
         "no accelerometer is off by so much; worst good drive 0.003 off",
         "unit of the accelerations, or gravity taken out: the slope is not by them",
-        Gravity,
+        FeltGravity,
     ),
     Rule(
         "tilt",
