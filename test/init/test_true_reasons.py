@@ -21,7 +21,7 @@ import robots
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.init.rover import wheel_joints
 from smallwheel_ros.measurements.from_file import read_measurements
-from smallwheel_ros.onboard.gravity import unlike_gravity
+from smallwheel_ros.onboard.felt_gravity import unlike_gravity
 from smallwheel_ros.onboard.idle_publisher import IDLE, IdlePublisher
 from smallwheel_ros.onboard.joint_units import VelocityUnit
 from smallwheel_ros.pipeline.intake.buffer import StampRules

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 from scipy.special import stdtrit
 
-from smallwheel_ros.onboard.gravity import unlike_gravity
+from smallwheel_ros.onboard.felt_gravity import unlike_gravity
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.tables import Array
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from smallwheel_ros.onboard.gravity import unlike_gravity
+from smallwheel_ros.onboard.felt_gravity import unlike_gravity
 
 EARTH, MARS = 9.80665, 3.71
 
