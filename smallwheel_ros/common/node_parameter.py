@@ -152,7 +152,9 @@ class NodeParameter:
         """What a text is expected to be, if it is not of its form."""
         if not value and self.form != "topic":
             return None
-        named = _TOPIC.fullmatch(value) and len(value) <= _LONGEST_TOPIC
+        of_all = self.name.startswith(f"{ALL}.")  # of each wheel by its name
+        topic = value.replace(WHEEL, "wheel") if of_all else value
+        named = _TOPIC.fullmatch(topic) and len(value) <= _LONGEST_TOPIC
         if self.form in ("topic", "no_topic") and not named:
             return (
                 f"the name of a topic, at most {_LONGEST_TOPIC} letters, digits and _, in parts"

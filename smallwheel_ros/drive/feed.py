@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from smallwheel_ros.onboard.idle_publisher import IDLE
 from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
 from smallwheel_ros.pipeline.intake.decoder import Decoder
 from smallwheel_ros.pipeline.intake.inputs import Topic
@@ -75,6 +76,10 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
     for stream in [name for name in rows if name.endswith("/wheel_speed")]:
         stamps, values, order = rows.pop(stream)
         joint = pipeline.joints[stream]
+        idle = pipeline.idle[stream].idle(stamps, values[:, 0], values[:, 1])
+        if idle.any():
+            pipeline.note(stream, "no_value", IDLE, int(idle.sum()))
+            stamps, values, order = stamps[~idle], values[~idle], order[~idle]
         unit = pipeline.units[stream]
         usable = unit.usable(stamps, values[:, 0], values[:, 1])
         if not usable.all():

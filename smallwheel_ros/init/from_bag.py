@@ -28,6 +28,8 @@ from smallwheel_ros.init.recorded import (
     is_of_wheels,
     signs_of,
     speed_of,
+    times_the_way,
+    unit_by_way,
     unlike_wheels,
     upright,
 )
@@ -41,6 +43,7 @@ from smallwheel_ros.init.rover import (
     wheel_joints,
 )
 from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
+from smallwheel_ros.onboard.parameters import for_each_wheel
 from smallwheel_ros.onboard.robot_description import (
     DESCRIPTION_TYPE,
     described_mass,
@@ -131,8 +134,13 @@ class _Finder:
         rims = [joint for joint in turning.values() if joint in joints.names]
         if which := [joint for joint in rims if joint in joints.by_positions]:
             self._notes.append(f"{topic}: {', '.join(which)}: {BY_POSITIONS}")
+        for joint in rims:
+            if joint in joints.wrong:
+                self._notes.append(f"{topic}: {joint}: {joints.wrong[joint]}; it will not be used")
         speed = self._odometry(joints, rims)
         values |= self._named
+        if speed is not None:
+            self._unit(joints, speed, turning, values)
         if speed is not None:
             signs = signs_of(joints, speed, rims)
             if not self._looks_back(values, turning, signs):
@@ -210,6 +218,28 @@ class _Finder:
         if said:
             self._notes.append("; ".join(said))
         return speeds[chosen]
+
+    def _unit(
+        self,
+        joints: JointSpeeds,
+        speed: Speed,
+        turned: Mapping[str, str],
+        values: Mapping[str, Value],
+    ) -> None:
+        """Say where the rims turn so many times the vehicle's way that their speeds are in another unit."""
+        each = for_each_wheel(values)
+        radii = {
+            joint: float(cast("float", each[f"{wheel}.diameter"])) / 2.0
+            for wheel, joint in turned.items()
+            if f"{wheel}.diameter" in each and joint not in joints.wrong
+        }
+        times = times_the_way(joints, speed, radii)
+        unit = unit_by_way(times, sum(radii.values()) / len(radii)) if radii else ""
+        if unit and {*radii} & {*joints.by_positions}:
+            unit = unit.replace("/s", "") + " (positions)"
+        if unit:
+            words = f"by their joints the rims turn {times:.3g} times the way of the odometry"
+            self._notes.append(f"{words}: in {unit}? expected rad and rad/s")
 
     def _looks_back(
         self, values: Mapping[str, Value], turned: Mapping[str, str], signs: Mapping[str, int]

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.onboard.felt_gravity import unlike_gravity
+from smallwheel_ros.onboard.idle_publisher import IdlePublisher
 from smallwheel_ros.onboard.joint_motion import SECOND, JointMotion
-from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.onboard.joint_units import UNITS_OF_TURNING, VelocityUnit
 
 Array = NDArray[np.float64]
 _MOST = 50_000  # messages of a topic that are looked at: minutes of driving tell all of this
@@ -26,21 +29,25 @@ _CLEAR = 0.5  # cosine between a joint's speed and the vehicle's over a drive, f
 _OF_WHEELS = 0.01
 _LEAST = 50  # instants of driving, under which nothing is reported
 _BASE = 1.0  # s between two places whose difference is a speed
-_WEAKEST, _STRONGEST = 8.0, 12.0  # m/s^2: gravity as accelerometers feel it that are not calibrated
-_UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
+_FAR = 4.0  # times the way: no drive has such a slip throughout
+_NEAR = (
+    1.5  # times a known factor, or less: slip makes it larger, and the next one is 6 times as large
+)
 _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
     """times: s. names: of the joints. speeds: rad/s, (instants, joints), NaN where not told.
 
-    by_positions: joints whose speed is the difference of their positions.
+    by_positions: joints whose speed is the difference of their positions. wrong: by joint, what is wrong
+    with its velocities by its positions.
     """
 
     times: Array
     names: list[str]
     speeds: Array
     by_positions: Sequence[str] = ()
+    wrong: Mapping[str, str] = MappingProxyType({})
 
     def turning(self) -> list[str]:
         """Joints that turn at some time."""
@@ -72,10 +79,18 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
             row = stamp, float(velocity), float(position), has
             told.setdefault(str(name), []).append(row)
     found, by_positions = {}, []
+    wrong: dict[str, str] = {}
     for name, rows in told.items():
         stamps, velocity, position, has_one = (
             np.array(column) for column in zip(*rows, strict=True)
         )
+        idle = IdlePublisher().idle(stamps, velocity, position)
+        stamps, velocity, position, has_one = (
+            c[~idle] for c in (stamps, velocity, position, has_one)
+        )
+        unit = VelocityUnit()
+        unit.usable(stamps, velocity, position)
+        wrong |= {name: unit.wrong} if unit.wrong else {}
         joint = JointMotion()
         at, speeds, _ = joint.take(stamps, velocity, position, has_one)
         found[name] = dict(zip(at.tolist(), speeds.tolist(), strict=True))
@@ -83,7 +98,7 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
     times = sorted({stamp for one in found.values() for stamp in one})
     table = [[one.get(stamp, math.nan) for one in found.values()] for stamp in times]
     speeds = np.array(table, dtype=float).reshape(len(times), len(found))
-    return JointSpeeds(np.array(times) / SECOND, list(found), speeds, by_positions)
+    return JointSpeeds(np.array(times) / SECOND, list(found), speeds, by_positions, wrong)
 
 
 def speed_of(reader: BagReader, topic: str) -> Speed:
@@ -160,6 +175,28 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
     return float(np.linalg.norm(values - fitted) / np.linalg.norm(values))
 
 
+def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
+    """How many times the vehicle's way the rims of joints turn; NaN where that is not known. radii: m."""
+    wheels = [joint for joint in radii if joint in joints.names]
+    turned, values = _together(joints, speed, wheels) if wheels else (np.empty((0, 0)), np.empty(0))
+    if len(values) < _LEAST:
+        return math.nan
+    rims = np.abs(turned) @ np.array([radii[joint] for joint in wheels]) / len(wheels)
+    return float(rims.sum() / np.abs(values).sum())
+
+
+def unit_by_way(times: float, radius: float) -> str:
+    """What speeds of joints are in by whose rims the vehicle makes so many times its way; "" if in rad/s.
+
+    Wheels that slip by 0.75 turn 4 times the way, and that over a whole drive is none. radius: m.
+    """
+    if not (times > _FAR or times < 1.0 / _FAR):
+        return ""
+    units = {**UNITS_OF_TURNING, "m/s at the rim": radius}
+    known = [unit for unit, factor in units.items() if 1.0 / _NEAR < times / factor < _NEAR]
+    return " or ".join(known) or "another unit, or of a motor before its gear"
+
+
 def is_of_wheels(share: float | None) -> bool:
     """Whether an odometry with that share is made of the wheels."""
     return share is not None and share < _OF_WHEELS
@@ -174,28 +211,13 @@ def upright(reader: BagReader, topic: str) -> tuple[int, str]:
     table = table[np.isfinite(table).all(axis=1)]
     if not len(table):
         return 0, f"none of its {len(felt)} accelerations is a number"
-    if not table.any():
-        return 0, "its accelerations are all 0, so it tells no slope"
     mean = table.mean(axis=0)
     strength = float(np.linalg.norm(mean))
-    if not _WEAKEST < strength < _STRONGEST:
-        return 0, _no_gravity(strength)
+    if why := unlike_gravity(strength):
+        return 0, why
     if abs(mean[2]) > _UPRIGHT * strength:
         return int(np.sign(mean[2])), ""
     along = " ".join(f"{number:.1f}" for number in mean)
     return 0, (
         f"gravity is not along its z axis, but ({along}) m/s^2: publish it in base_link's axes"
     )
-
-
-def _no_gravity(strength: float) -> str:
-    """What a mean acceleration is that is not gravity in m/s^2."""
-    for unit, factor in _UNITS.items():
-        if _WEAKEST < strength * factor < _STRONGEST:
-            return f"it feels {strength:.4g} on average, gravity in {unit}? expected {GRAVITY:.3g} m/s^2"
-    if strength < _WEAKEST:
-        return (
-            f"it feels {strength:.2g} m/s^2 on average: gravity has been taken out, so it tells no slope (of"
-            " another world: give gravity and imu_topic)"
-        )
-    return f"it feels {strength:.4g} m/s^2 on average, expected {GRAVITY:.3g}"

@@ -161,7 +161,11 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
             f"all plates have a diameter of {1e3 * diameters[0]:.4g} mm: m, and kc apart from kphi, need "
             "plates of two sizes, and three to check the laws"
         )
-    edges = np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1))
+    edges = np.unique(np.quantile(points.value, np.linspace(0.0, 1.0, _RANGES + 1)))
+    if edges.size < 2:
+        raise FittingError(
+            f"all plates show a sinkage of {1e3 * edges[0]:.4g} mm, whatever the load: does the gauge move?"
+        )
     where = np.searchsorted(edges[1:-1], points.value, side="right")
     # What a value of a new run is off the right law, relative: the root of V.
     believed = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness)

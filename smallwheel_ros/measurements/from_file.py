@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.measurements.cells import CellGrid, MeasurementsError, clipped
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
+from smallwheel_ros.measurements.copies import without_copies
 from smallwheel_ros.measurements.files import read_grid
 from smallwheel_ros.measurements.headers import UNKNOWN, meant
 from smallwheel_ros.measurements.lab import (
@@ -38,12 +39,12 @@ from smallwheel_ros.measurements.reading import (
     weigh,
 )
 from smallwheel_ros.measurements.settings import (
-    ends_of_runs,
     one_row_a_wheel,
     order_columns,
     set_columns,
     setting_codes,
 )
+from smallwheel_ros.measurements.suspicions import SHARES, order_followed, suspicions
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 
 if TYPE_CHECKING:
@@ -53,10 +54,6 @@ if TYPE_CHECKING:
 _AT_REST = {"slip": 0.0, "slip_angle": 0.0, "slope": 0.0, "pass_number": 1.0}
 # A wheel that moves more across its plane than along it is ploughed, not rolled.
 _PLOUGHED = np.pi / 4
-_SHARES = 0.01  # slip that is nowhere over 1 %: no rig sets it so finely
-_SLIP_LIMIT = 0.95
-_STEADY_LOAD = 1.5  # largest over smallest load within one run of repeats
-_OTHER_UNIT = {"m": "mm", "N": "kN", "m/s": "mm/s"}  # the likeliest mistake
 _VEHICLE = (
     "each run has one row of each of several wheels: they count as wheels of one vehicle at one "
     "place. If runs are numbered anew for each wheel, give each a name of its own"
@@ -202,11 +199,11 @@ def _read_grid(
         name_curves(columns)
     if (columns.contact != ROLLING).any() and not every_row:
         keep_rows_on_soil(columns, _runs(columns))
-    return _measurements(columns)
+    return _measurements(columns, every_row)
 
 
-def _measurements(columns: TableColumns) -> Measurements:
-    """The table of columns in which nothing is wrong."""
+def _measurements(columns: TableColumns, every_row: bool) -> Measurements:
+    """The table of columns in which nothing is wrong. every_row: whether copies are wanted, too."""
     numbers, notes = columns.numbers, columns.notes
     sizes = {n: columns.values(n) for n in ("load", "diameter", "width")}
     channels = {name: numbers[name] for name in CHANNELS if name in numbers}
@@ -249,10 +246,13 @@ def _measurements(columns: TableColumns) -> Measurements:
     if not runs_given:
         data, found = _with_repeats(data, columns.place)
         notes.append(found)
+    data, copies = (data, "") if every_row else without_copies(data)
     if data.responses:
         notes.append(_ANSWERS.format(", ".join(data.responses)))
     if one_row_a_wheel(data):
         notes.append(_VEHICLE)
+    if followed := order_followed(data):
+        notes.append(followed)
     own = [heading.name for heading in headings.values() if heading.rank == UNKNOWN]
     for use, names in (
         ("columns of your own, used as covariates", set_columns(data)),
@@ -260,13 +260,13 @@ def _measurements(columns: TableColumns) -> Measurements:
     ):
         if listed := ", ".join([clipped(name) for name in own if name in names][:30]):
             columns.understood.append(f"{use}: {listed}")
-    kept, there = int(columns.lines.size), columns.rows_there
+    kept, there = len(data), columns.rows_there
     first = [f"{kept} of {there} rows kept"] if kept < there else []
     return replace(
         data,
         notes=tuple(notes),
         understood=(*first, *columns.understood),
-        warnings=(*columns.warnings, *_suspicions(data)),
+        warnings=(*columns.warnings, *([copies] if copies else []), *suspicions(data)),
     )
 
 
@@ -385,80 +385,9 @@ def _check_shares(columns: TableColumns) -> None:
     """Add a problem for shares below a [%] in a workbook, whose cells may be shown in per cent."""
     for name, heading in columns.headings.items():
         most = float(np.nanmax(np.abs(columns.values(name)), initial=0.0))
-        if heading.unit == "%" and 0.0 < most <= _SHARES:
+        if heading.unit == "%" and 0.0 < most <= SHARES:
             columns.problem(
                 f"{name} is {100.0 * most:.3g} % at most: are these shares, shown in per cent? Then the "
                 f"header is '{name}', without a unit",
                 name,
             )
-
-
-def _suspicions(data: Measurements) -> Iterator[str]:
-    """Yield one sentence for each thing that deserves a second look: units, signs, runs."""
-    c, z = data.conditions, data.channels
-    odd: list[tuple[Mask, str]] = []
-    for name, spec in COLUMNS.items():
-        values = c[name] if name in c else np.full(len(data), np.nan)
-        unit = _OTHER_UNIT.get(spec.unit, spec.unit)
-        for rows, word in ((values > spec.usual[1], "more"), (values < spec.usual[0], "less")):
-            first = values[int(np.argmax(rows))]
-            odd.append(
-                (
-                    rows,
-                    f"{name} is {first:.4g} {spec.unit} {{}}, {word} than expected of a small "
-                    f"wheel: is the unit right? A header names it, like '{name} [{unit}]'",
-                )
-            )
-    if z:
-        blank = np.all([np.isnan(values) for values in z.values()], axis=0)
-        odd.append((blank, "nothing was measured {}"))
-    odd.append((data.sunk_to_axle, "sinkage is over half the diameter {}, where the wheel is dragged "
-                "across its plane: deeper than any model of a rolling wheel holds"))  # fmt: skip
-    depth = z.get("sinkage", np.full(len(data), np.nan))
-    rollers = (c.diameter < c.width) & (c.contact != PLATE)
-    odd.append((rollers, "the diameter is under the width {}: rollers, or the two interchanged?"))
-    third = (depth > c.diameter / 3) & (c.contact != PLATE) & ~data.sunk_to_axle
-    odd.append((third, "sinkage is over a third of the diameter {}"))
-    if "slip" in c:
-        odd.append(
-            (
-                np.abs(c["slip"]) > _SLIP_LIMIT,
-                f"slip is beyond ±{_SLIP_LIMIT} {{}}: a wheel that "
-                "spins on the spot or is dragged locked, outside the range of the models",
-            )
-        )
-    if "resistance" in z:
-        words = "resistance is negative {}: it is positive against the direction of travel"
-        odd.append((z["resistance"] < 0, words))
-    if "slip" in c and data.written_units.get("slip") == "%":
-        most = float(np.nanmax(np.abs(c["slip"]), initial=0.0))
-        shares = np.full(len(data), 0.0 < most <= _SHARES)
-        odd.append((shares, f"slip is {100.0 * most:.3g} % at most: if the numbers are shares and not "
-                    "per cent, the header is 'slip'"))  # fmt: skip
-    for rows, words in odd:
-        if rows.any():
-            first = f"{data.place} {data.line[int(np.argmax(rows))]}"
-            count = int(rows.sum())
-            yield words.format(
-                f"in {first}" if count == 1 else f"in {count} rows (first in {first})"
-            )
-    if not data.runs_given or one_row_a_wheel(data):
-        return  # the wheels of a vehicle carry different loads, each one load
-    names, index = codes_of(data.run)
-    for what, column in (("wheels", data.wheel), ("soils", data.soil)):
-        low, high = ends_of_runs(codes_of(column)[1].astype(float), index, len(names))
-        if (low < high).any():
-            yield (
-                f"run '{names[int(np.argmax(low < high))]}' has rows of several {what}: rows of one run "
-                "are repeats of one setting. If runs are numbered anew for each, give each a name of its own"
-            )
-    low, high = ends_of_runs(c.load, index, len(names))
-    rolling = np.bincount(index, c.rolling) > 0  # what is pressed in is a curve
-    wide = rolling & (high > _STEADY_LOAD * low)
-    if wide.any():
-        at = int(np.argmax(wide))
-        yield (
-            f"the load varies within {int(wide.sum())} of {int(rolling.sum())} runs (run '{names[at]}': "
-            f"{low[at]:.4g} to {high[at]:.4g} N): a curve, not repeats. Its rows stay "
-            "together in every split, and say nothing of the repeatability"
-        )

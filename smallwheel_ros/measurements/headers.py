@@ -87,6 +87,7 @@ SYMBOLS = {symbol: name for name, line in WORDS["symbols"].items() for symbol in
 _QUALIFIERS, _DEVIATIONS = _plain_words(WORDS["qualifiers"]), _plain_words(WORDS["deviations"])
 _MEANS = _plain_words(WORDS["means"])
 _SUMMARIES = _MEANS | _DEVIATIONS | _plain_words(WORDS["summaries"])
+_MEAN_SIGNS = ("Ø", "⌀", "x̄", "MW")  # alone: with a number it is a diameter, or a name
 _STARTS = {word[:2] for word in _SUMMARIES}
 _CONTACT: dict[str, str] = {
     plain(w): n for n, line in WORDS["contact"].items() for w in (n, *line.split(","))
@@ -250,6 +251,8 @@ def is_summary(text: str, names: Collection[str] = ()) -> bool:
 
     names: of the runs around it, for what is the mean of one of them (`Mean a`).
     """
+    if text.strip() in _MEAN_SIGNS:
+        return True
     if plain(text[:4])[:2] not in _STARTS:
         return False  # quick, for many rows
     whole = plain(text)

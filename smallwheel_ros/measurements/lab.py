@@ -183,7 +183,10 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
         what = "rows of curves are left out: the load was taken off or put on again there"
         columns.understood.append(columns.count(off, what))
     if (early | off).all():
-        columns.add("no row of load and sinkage over 0 is left")
+        signs = {"load": load, "sinkage": sinkage}
+        under = " and ".join(n for n, v in signs.items() if not (v > 0.0).any() and (v < 0.0).any())
+        hint = f": {under} is under 0 throughout, is its sign the other one?" if under else ""
+        columns.add(f"no row of load and sinkage over 0 is left{hint}")
         columns.raise_any()
     columns.keep(~(early | off))
 

@@ -4,12 +4,13 @@
 The header is the row, of the first forty, in which most cells name a quantity; units may stand in a row
 below it. A row is no measurement if it is blank, a comment, has no number, repeats the header, begins
 with a word of a summary (Mittelwert), or is exactly the mean of the rows above under a name of
-another kind.
+another kind, or below such a mean another statistic of the same rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby, pairwise
@@ -31,6 +32,7 @@ from smallwheel_ros.measurements.columns import (
     CHANNELS,
     COLUMNS,
     DIMENSIONLESS,
+    Array,
     UnitsError,
     fits,
     shown_unit,
@@ -52,9 +54,30 @@ _MOSTLY = 0.8  # a column of the user's own with at least this share of numbers 
 _MOST_SAID = 5  # rows that are reported in a line of their own
 _NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
 _SUMMARY, _REMARK = "is no measurement", "is a remark"
-_FEWEST = 3  # rows of which a mean is told by its numbers
-_MOST_MEANS = 100  # rows that are looked at
+_MOST_MEANS = 1000  # rows that are looked at
 _FEW = 0.25  # share of rows at most that have an odd name
+
+
+# What spreadsheets compute below a mean.
+_STATISTICS: dict[str, Callable[[Array], float]] = {
+    "the standard deviation": lambda x: float(np.std(x, ddof=min(1, x.size - 1))),
+    "the standard deviation (of all)": lambda x: float(np.std(x)),
+    "the standard error": lambda x: float(np.std(x, ddof=min(1, x.size - 1)) / np.sqrt(x.size)),
+    "the variance": lambda x: float(np.var(x, ddof=min(1, x.size - 1))),
+    "the coefficient of variation": lambda x: _variation(x),
+    "the coefficient of variation (%)": lambda x: 100.0 * _variation(x),
+    "the median": lambda x: float(np.median(x)),
+    "the least": lambda x: float(np.min(x)),
+    "the largest": lambda x: float(np.max(x)),
+    "the range": lambda x: float(np.ptp(x)),
+    "the number": lambda x: float(x.size),
+    "the sum": lambda x: float(np.sum(x)),
+}
+
+
+def _variation(x: Array) -> float:
+    """Standard deviation over the mean."""
+    return float(np.std(x, ddof=min(1, x.size - 1)) / np.mean(x)) if np.mean(x) else np.nan
 
 
 # Columns of texts; of each row's name in the first, whether it has digits, else is a code of 1 or 2 letters.
@@ -249,30 +272,41 @@ def _means(
     names: RowNames,
     left_out: Mapping[int, str],
 ) -> dict[int, str]:
-    """Rows that are the mean of those above, and those that follow under names like it (a deviation).
+    """Rows that are the mean of those above, and those below it that are another statistic of the same.
 
-    The name has to be of another kind than those of the measurements: a word among numbers.
+    The name has to be of another kind than those of the measurements, a word among numbers; or it stands
+    again and again, below other names.
     """
     texts, kinds = names
     numeric = {i: n for i, n in parsed.items() if i not in texts and not n.blank.all()}
     if not texts or not numeric:
         return {}
-    others = [row for row in range(_FEWEST, len(kinds)) if kinds[row] != kinds[0]][:_MOST_MEANS]
+    cells = layout.columns[texts[0]]
+    apart = Counter(cell for cell, other in pairwise([*cells, None]) if cell != other)
+    others = [
+        row
+        for row in range(2, len(kinds))
+        if row in left_out or kinds[row] != kinds[0] or (apart[cells[row]] > 1 and len(apart) > 2)
+    ]
     measured = np.ones(len(kinds), dtype=bool)
     measured[[*left_out, *layout.ragged]] = False
     found: dict[int, str] = {}
     begins = 0
+    of: tuple[NDArray[np.intp], ...] = ()
     for row in others:
         above = np.flatnonzero(measured[:row])
-        for rows in (above, above[above >= begins]):
-            if row not in left_out and rows.size >= 2 and _is_mean(layout, numeric, rows, row):
+        below = row - 1 in found or left_out.get(row - 1) == _SUMMARY
+        if not below:
+            of = above, above[above >= begins]
+        for rows in of if row not in left_out else ():
+            if rows.size >= 2 and _is(np.nanmean, layout, numeric, rows, row):
                 found[row] = f"is the mean of the {rows.size} rows above"
+            elif below and rows.size >= 2:
+                words = (w for w, f in _STATISTICS.items() if _is(f, layout, numeric, rows, row))
+                if name := next(words, ""):
+                    found[row] = f"is {name} of the {rows.size} rows above"
+            if row in found:
                 break
-        else:
-            below = row - 1 in found or left_out.get(row - 1) == _SUMMARY
-            # A deviation has a name like that of the mean; a measurement has not.
-            if below and row not in left_out and kinds[row] == kinds[row - 1]:
-                found[row] = "stands below a mean"
         if row in found or row in left_out:
             measured[row], begins = False, row + 1
     return found
@@ -309,23 +343,33 @@ def row_names(
     return texts, [kind[name] for name in names]
 
 
-def _is_mean(
-    layout: Layout, numeric: Mapping[int, Numbers], rows: NDArray[np.intp], row: int
+def _is(
+    statistic: Callable[[Array], float],
+    layout: Layout,
+    numeric: Mapping[int, Numbers],
+    rows: NDArray[np.intp],
+    row: int,
 ) -> bool:
-    """Whether a row has the mean of these in all of its numbers, of which one varies."""
+    """Whether a row has that statistic of these in all of its numbers, of which one varies.
+
+    Where all of these have one value, a row that is no mean may repeat it.
+    """
     varies = False
     for position, numbers in numeric.items():
         value, above = numbers.values[row], numbers.values[rows]
+        above = above[np.isfinite(above)]
         if np.isnan(value):
             continue
         cell = layout.columns[position][row]
         places = (
             len(cell.replace(",", ".").strip().partition(".")[2]) if isinstance(cell, str) else 9
         )
-        mean = float(np.nanmean(above)) if np.isfinite(above).any() else np.nan
-        if not abs(value - mean) <= 1.01 * 10.0**-places + 1e-9 * abs(mean):
+        expected = float(statistic(above)) if above.size else np.nan
+        alike = above.size > 0 and float(np.ptp(above)) <= 10.0**-places
+        near = 1.01 * 10.0**-places + 1e-9 * abs(expected)
+        if not (abs(value - expected) <= near or (alike and abs(value - above[0]) <= near)):
             return False
-        varies |= bool(np.ptp(above[np.isfinite(above)]) > 10.0**-places)
+        varies |= not alike
     return varies
 
 

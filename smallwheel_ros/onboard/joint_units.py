@@ -25,7 +25,7 @@ _STARTED = 5  # blocks, after which a filter's delay no longer makes a fourth of
 _ALIKE = 0.9  # correlation of the two, under which they are not of one joint
 _NEAR = 0.04  # of a known factor
 # What a velocity is in whose factor to rad/s is this, where positions are in rad.
-_VELOCITIES = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi, "turns/s": 0.5 / math.pi}
+UNITS_OF_TURNING = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi, "turns/s": 0.5 / math.pi}
 _POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in turns or degrees
 
 
@@ -43,6 +43,9 @@ class VelocityUnit:
         self._count, self._pp, self._vv, self._pv = 0, 0.0, 0.0, 0.0
         self._by_position = self._by_velocity = 0.0
         self._suspect = False  # far from rad/s by the little that has turned so far
+        # rad that it has turned since the beginning, by positions and by velocities; whether these agreed
+        self._net_position = self._net_velocity = 0.0
+        self._agreed = False
 
     def usable(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
         """Which messages, in the order in which they came, may be used: not those of a wrong velocity.
@@ -56,7 +59,7 @@ class VelocityUnit:
                 found[number:] = not self.wrong
                 break
             self._add(*row)
-            found[number] = not (self.wrong or self._suspect)
+            found[number] = not (self.wrong or self._suspect or self._not_yet())
         return found
 
     def _add(self, stamp: int, velocity: float, position: float) -> None:
@@ -68,10 +71,13 @@ class VelocityUnit:
         turned = position - last[2]
         if abs(turned) > math.pi:  # it begins anew at each turn
             return
+        by_velocity = 0.5 * (velocity + last[1]) * (stamp - last[0]) / SECOND
+        self._net_position += turned
+        self._net_velocity += by_velocity
         block = self._block
         block[0] += stamp - last[0]
         block[1] += turned
-        block[2] += 0.5 * (velocity + last[1]) * (stamp - last[0]) / SECOND
+        block[2] += by_velocity
         if block[0] < _BLOCK:
             return
         _, by_position, by_velocity = block
@@ -92,6 +98,17 @@ class VelocityUnit:
         elif self._by_velocity > _STANDS > 100.0 * self._by_position:
             self._known = True
 
+    def _not_yet(self) -> bool:
+        """Whether the joint turns by its positions, and its velocities have not yet shown that they agree."""
+        turned = abs(self._net_position)
+        nothing = (
+            turned < _LITTLE or self._net_velocity == 0.0
+        )  # `JointMotion` knows what zeros are
+        if self._agreed or self._known or nothing:
+            return False
+        self._agreed = turned / _APART <= abs(self._net_velocity) <= turned * _APART
+        return not self._agreed
+
     def _judge(self) -> None:
         self._known = True
         if abs(self._pv) < _ALIKE * math.sqrt(self._pp * self._vv):
@@ -101,7 +118,7 @@ class VelocityUnit:
             return
         if any(abs(factor / known - 1.0) < _NEAR for known in _POSITIONS):
             return  # velocities are right, and nothing else is needed
-        near = [u for u, known in _VELOCITIES.items() if abs(factor / known - 1.0) < _NEAR]
+        near = [u for u, known in UNITS_OF_TURNING.items() if abs(factor / known - 1.0) < _NEAR]
         other = "in m/s at the rim" if factor < 1.0 else "of a motor before its gear"
         perhaps = f"in {near[0]}" if near else other
         times = f"its velocity is {factor:.3g} times what its position turns"

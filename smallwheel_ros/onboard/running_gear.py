@@ -27,6 +27,9 @@ _LOWEST = 0.25  # of the height over which joints turn: a wheel is no higher abo
 # Of the length or width of the vehicle: wheels of two sizes, and rockers, whose joints are all low.
 _LEVEL = 0.1
 _TRAIL = 0.1  # of its height above a wheel: a swivel so far ahead of the wheel's axis is a caster's
+_OF_TRACK = 3  # wheels of a side, from which others above them in line make it a track
+_IN_LINE = 0.15  # of the vehicle's width: rollers are beside sprockets
+_SHOWN = 6  # joints that are named
 _AHEAD = (
     (1.0, 0.0),
     (0.0, 1.0),
@@ -118,6 +121,15 @@ def running_gear(urdf: Urdf) -> RunningGear:
             if above > highest:
                 why[one.joint.name] = f"{above:.2g} m above the lowest wheel"
     wheels = [one for one in could if not why[one.joint.name]]
+    _refuse_tracks(wheels, [one for one in could if why[one.joint.name]], across)
+    if (
+        len(wheels) == 1
+        and "wheel" not in f"{wheels[0].joint.name} {wheels[0].joint.child}".lower()
+    ):
+        raise RobotDescriptionError(
+            f"one joint alone turns about a horizontal axis and without end, {wheels[0].joint.name!r}, and"
+            " nothing calls it a wheel"
+        )
     steering = {name for one in wheels if (name := _steered_by(one, turning))}
     for name in sorted(steering):
         carried = [one.joint.name for one in wheels if _steered_by(one, turning) == name]
@@ -144,6 +156,23 @@ def running_gear(urdf: Urdf) -> RunningGear:
         left = {name: reason for name, reason in left.items() if not _is_steer(name, one)}
     notes += [f"joints that turn and are no wheels: {words}" for words in _left_out(left)]
     return RunningGear([one.joint for one in wheels], notes)
+
+
+def _refuse_tracks(wheels: list[_Turning], higher: list[_Turning], across: int) -> None:
+    """Refuse rows of wheels with others above them in line on both sides: sprockets and idlers of tracks."""
+    sides = [float(one.centre[across]) for one in wheels]
+    middle = 0.5 * (max(sides, default=0.0) + min(sides, default=0.0))
+    line = _IN_LINE * (max(sides, default=0.0) - min(sides, default=0.0))
+    for sign in (1.0, -1.0):
+        row = [y for y in sides if sign * (y - middle) > 0.0]
+        above = [one for one in higher if row and abs(one.centre[across] - np.median(row)) < line]
+        if len(row) < _OF_TRACK or not above:
+            return
+    names = ", ".join(one.joint.name for one in higher[:_SHOWN])
+    raise RobotDescriptionError(
+        f"{len(wheels)} joints turn like wheels, in two rows, and higher ones in line with them ({names}):"
+        " the rollers, sprockets and idlers of tracks? A tracked vehicle is not estimated"
+    )
 
 
 def _is_steer(name: str, one: _Turning) -> bool:

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 
 TURNING = ("continuous", "revolute")
 BASE = "base_link"
+_EXPAND = "give what `xacro FILE > robot.urdf` writes"
 _LARGEST = 1e6  # m or rad: beyond any robot, and products of it stay finite
 
 
@@ -66,14 +67,17 @@ class Urdf:
         try:
             root = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
+            if "<xacro:" in text and "unbound prefix" in str(error):
+                raise RobotDescriptionError(
+                    f"it is xacro, without its namespace: {_EXPAND}"
+                ) from None
             raise RobotDescriptionError(f"it is no XML: {error}") from None
         if root.tag != "robot":
             raise RobotDescriptionError(f"its outermost element is {root.tag!r}, expected 'robot'")
         macro = _macro(root)
         if macro:
             raise RobotDescriptionError(
-                f"it is xacro that has not been expanded ({macro}): give what `xacro FILE > robot.urdf`"
-                " writes"
+                f"it is xacro that has not been expanded ({macro}): {_EXPAND}"
             )
         self.links = {link.get("name", ""): link for link in root.findall("link")}
         self.joints: dict[str, Joint] = {}

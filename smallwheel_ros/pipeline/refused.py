@@ -57,7 +57,7 @@ class ProblemLog:
         found = []
         for name, rows in received:
             refused = self.refused(name)
-            count = rows + sum(self.counts[name, reason] for reason in _NO_ROW)
+            count = rows + sum(self.counts[name, reason] for reason in NO_ROW)
             if rows >= _ENOUGH and refused > _MANY * count:
                 newest = [text for key, text in self.words.items() if key[0] == name][-1]
                 found.append(
@@ -66,6 +66,6 @@ class ProblemLog:
         return tuple(found)
 
 
-_NO_ROW = ("no_value", "not_readable", "velocity_unit")  # of messages that gave the stream no row
+NO_ROW = ("no_value", "not_readable", "velocity_unit")  # of messages that gave the stream no row
 # Reasons of streams that keep the message.
 _USED = frozenset(["no_orientation", "load_not_positive", "time_jump"])

@@ -17,6 +17,7 @@ from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.drive.statements import WARNINGS
 from smallwheel_ros.measurements.display import number
+from smallwheel_ros.pipeline.refused import NO_ROW
 from smallwheel_ros.pipeline.warning.hazard import LEVELS
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.replay.tables import is_used
@@ -393,6 +394,11 @@ def _events(summary: dict[str, Any]) -> list[Block]:
 
 def _not_used(summary: dict[str, Any]) -> list[Block]:
     received = {item["stream"]: item["messages"] for item in summary["inputs"]}
+    for drop in summary[
+        "not_used"
+    ]:  # of messages that concerned a stream, those that gave it no row, too
+        if drop["stream"] in received and drop["reason"] in NO_ROW:
+            received[drop["stream"]] += drop["count"]
     rows = []
     for drop in summary["not_used"]:
         why = drop["reason"].replace("_", " ")

@@ -233,3 +233,12 @@ def test_files_of_one_plate_each(tmp_path: Path) -> None:
     assert "Bekker" in str(found)
     assert len(found.rows()) > len(found.parameters)
     assert found.to_dict()["plate_laws"][0]["runs"] == 2
+
+
+@pytest.mark.parametrize("name", ["load", "sinkage"])
+def test_a_sign_that_is_the_other_one_is_said(tmp_path: Path, name: str) -> None:
+    rows = [{"load": 30.0 * i, "sinkage": 0.001 * i} for i in range(1, 7)]
+    lines = [f"plate,0.1,{r['load']},{r['sinkage']}" for r in (r | {name: -r[name]} for r in rows)]
+    text = "\n".join(["contact,diameter,load,sinkage", *lines, ""])
+    with pytest.raises(MeasurementsError, match=f"{name} is under 0 throughout, is its sign"):
+        read_measurements(table(tmp_path, text))

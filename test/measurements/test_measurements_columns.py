@@ -113,7 +113,7 @@ def test_rows_that_were_left_out_are_counted_first(tmp_path: Path) -> None:
 
 def test_a_diameter_under_the_width_is_said(tmp_path: Path) -> None:
     found = read_measurements(write(tmp_path / "a.csv", diameter="0.1", width="0.2"))
-    assert "the diameter is under the width in line 3: rollers, or the two" in "; ".join(
+    assert "the diameter is under the width in line 3: a roller of 100 mm" in "; ".join(
         found.warnings
     )
 

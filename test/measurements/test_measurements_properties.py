@@ -29,6 +29,7 @@ ROWS = st.lists(
     ),
     min_size=1,
     max_size=20,
+    unique=True,  # copies count once
 )
 
 

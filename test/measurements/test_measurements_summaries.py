@@ -81,7 +81,9 @@ def test_statistics_below_each_block_are_of_that_block(tmp_path: Path) -> None:
     data = read(tmp_path, "".join([*lines[:4], one, "\n", *lines[4:], other]))
     assert data.line.tolist() == [2, 3, 4, 8, 9, 10]
     assert sum("the mean of the 3 rows above" in said for said in data.understood) == 2
-    assert sum("stands below a mean" in said for said in data.understood) == 2
+    assert (
+        sum("the standard deviation of the 3 rows above" in said for said in data.understood) == 2
+    )
 
 
 @pytest.mark.parametrize(

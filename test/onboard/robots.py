@@ -51,6 +51,21 @@ def four(names: str = "{}_joint", **more: str) -> str:
     return robot(*(wheel(names.format(n), "base_link", xyz, **more) for n, xyz in at.items()))
 
 
+def tracked(*, sprockets: bool = True) -> str:
+    """Four rollers on each side, with a sprocket and an idler above and beyond them."""
+    parts = [
+        wheel(f"roller_{i}_{side}", "base_link", f"{0.2 * i} {y} 0", body=MESH)
+        for i in range(4)
+        for side, y in (("left", 0.3), ("right", -0.3))
+    ]
+    ends = [(x, y) for x in (-0.3, 0.9) for y in (0.3, -0.3)] if sprockets else []
+    parts += [
+        wheel(f"sprocket_{i}", "base_link", f"{x} {y} 0.25", body=MESH)
+        for i, (x, y) in enumerate(ends, 1)
+    ]
+    return robot(*parts)
+
+
 def rocker_bogie(
     drive: str, steer: str, steered: tuple[str, ...], *extra: str, axis: str = "0 0 1", beside: float = 0.0
 ) -> str:  # fmt: skip

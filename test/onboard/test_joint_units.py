@@ -68,7 +68,24 @@ def test_a_filter_that_is_late_is_no_unit() -> None:
     stamps, velocity, position = messages(1.0)
     unit = VelocityUnit()
     late = np.concatenate([np.zeros(10), velocity[:-10]])  # 0.2 s
-    assert unit.usable(stamps, late, position).all()
+    used = unit.usable(stamps, late, position)
+    assert unit.wrong == ""
+    # Not while it shows that the joint stands, and the joint turns.
+    assert used[stamps - stamps[0] > 10**9].all()
+    assert used[:50].sum() > 10
+
+
+@pytest.mark.parametrize("factor", [30.0 / np.pi, 0.125])
+def test_no_speed_in_another_unit_is_used_from_the_first_turn_on(factor: float) -> None:
+    """From 0.05 rad on: a tenth of a second of a wheel at 1 rad/s."""
+    stamps, velocity, position = messages(factor)
+    used = VelocityUnit().usable(stamps, velocity, position)
+    assert not used[np.abs(position - position[0]) > 0.11].any()
+
+
+def test_a_joint_that_begins_to_turn_loses_no_message_where_its_unit_is_right() -> None:
+    stamps, velocity, position = messages(1.0)
+    assert VelocityUnit().usable(stamps, velocity, position).all()
 
 
 @given(st.lists(st.integers(1, 599), max_size=5), st.sampled_from([1.0, 30 / np.pi]))

@@ -273,6 +273,16 @@ class TestSettings:
         made = settings_from({**ONE_WHEEL, "vehicle.mass": 280, "imu_yaw": 0})
         assert (repr(made.vehicle.mass), repr(made.imu_yaw)) == ("280.0", "0.0")
 
+    def test_a_topic_of_all_wheels_has_the_name_of_each(self) -> None:
+        values = {
+            "wheels": ["a", "b"],
+            "all_wheels.diameter": 0.3,
+            "all_wheels.width": 0.1,
+            "all_wheels.sinkage_topic": "/range/<wheel>",
+        }
+        made = settings_from(values)
+        assert [made.inputs[name].sinkage_topic for name in "ab"] == ["/range/a", "/range/b"]
+
     def test_a_wheel_has_its_own_then_what_all_have_then_the_description_then_the_default(
         self,
     ) -> None:

@@ -137,6 +137,12 @@ def test_a_wheel_that_is_not_where_its_name_says_is_said(tmp_path) -> None:
             ),
             "it is xacro that has not been expanded (it has <xacro:wheel>)",
         ),
+        (robots.tracked(), "8 joints turn like wheels, in two rows, and higher ones in line with them (spr"),
+        (
+            robot(robots.joint("arm_1", "base_link", "arm")),
+            "one joint alone turns about a horizontal axis and without end, 'arm_1'",
+        ),
+        ("<robot name='a'><xacro:wheel/></robot>", "it is xacro, without its namespace"),
         (robots.four("${{side}}{}"), "it is xacro that has not been expanded (name of a link is '${side}"),
     ],
 )  # fmt: skip
@@ -144,6 +150,17 @@ def test_what_is_refused_says_why(text, words, tmp_path) -> None:
     with pytest.raises(InitError) as refused:
         rover(text, tmp_path)
     assert words in str(refused.value)
+
+
+def test_eight_wheels_are_no_track_and_a_wheel_alone_is_one(tmp_path) -> None:
+    eight = robots.tracked(sprockets=False)
+    assert len(rover(eight, tmp_path).wheels) == 8
+    assert rover(robot(robots.wheel("wheel", "base_link", "0 0 0")), tmp_path).wheels == ["wheel"]
+
+
+def test_rockers_above_six_wheels_make_no_track(tmp_path) -> None:
+    text = robots.rocker_bogie("{along}_{across}_drive", "{along}_{across}_steer", ())
+    assert len(rover(text, tmp_path).wheels) == 6
 
 
 def test_a_swivel_above_the_base_is_no_articulation() -> None:

@@ -526,7 +526,7 @@ def test_late_and_wrong_stamps_are_counted_by_reason(bag, rover, tmp_path):
     summary = json.loads((tmp_path / "out" / "replay.json").read_text())
     dropped = {(d["topic"], d["reason"]): d for d in summary["not_used"]}
     tenth = count["/front_left/load"] // 10
-    assert dropped["/front_left/load", "late"]["count"] == pytest.approx(tenth, abs=2)
+    assert dropped["/front_left/load", "out_of_order"]["count"] == pytest.approx(tenth, abs=2)
     assert dropped["/front_left/load", "stamp_in_future"]["count"] == pytest.approx(tenth, abs=2)
     assert "ahead of the clock" in dropped["/front_left/load", "stamp_in_future"]["example"]
 

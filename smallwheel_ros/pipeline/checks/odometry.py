@@ -8,11 +8,13 @@ from collections import deque
 import numpy as np
 from scipy.special import stdtrit
 
+from smallwheel_ros.onboard.felt_gravity import unlike_gravity
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.tables import Array
 
 from .sums import Run, Said
 from .window import (
+    ABOVE,
     AHEAD,
     GAP,
     GYRO,
@@ -31,6 +33,7 @@ ALIKE = 0.1  # of their speed: what wheels of one side differ by on even ground
 JUMP, JUMP_FACTOR = 1.0, 3.0  # m, 1
 REPEAT_WAY = 1.0  # m by the rims
 NO_TWIST_WAY = 2.0  # m of the pose
+GRAVITY_TIME = 10.0  # s: over less a start or a stop may make a tenth of it
 TILT, TILT_CHANCE, STANDS = 0.03, 0.001, 4  # rad, of Student's t distribution, standstills
 USUAL = 0.1  # rad: slopes on which vehicles stop, and mountings; in one heading both look alike
 
@@ -182,6 +185,29 @@ class Jumps:
             " check GNSS or loop closures; places on the map are off by that"
         )
         return [Said("odometry", self.most, text)] if self.count else []
+
+
+class FeltGravity:
+    """Length of what the imu feels on average, over all of its rows."""
+
+    def __init__(self, vehicle: CheckedWheels) -> None:
+        self._gravity = vehicle.gravity
+        self._seconds, self._sum = 0.0, np.zeros(3)
+
+    def take(self, window: Window) -> list[Said]:
+        """Where an orientation comes beside it that tells the slope, the imu goes on being used."""
+        imu = window.imu
+        if imu is None:
+            return []
+        felt = imu.x[:, [AHEAD, LEFT, ABOVE]]
+        rows = imu.inside & np.isfinite(felt).all(axis=1)
+        self._seconds += float(imu.dt[rows].sum())
+        self._sum += (imu.dt[rows, None] * felt[rows]).sum(axis=0)
+        if self._seconds < GRAVITY_TIME:
+            return []
+        strength = float(np.linalg.norm(self._sum)) / self._seconds
+        words = unlike_gravity(strength, self._gravity)
+        return [Said("imu", strength, words, () if window.oriented else (IMU,))] if words else []
 
 
 class Tilt:

@@ -45,6 +45,7 @@ from .loads import (
     Weight,
 )
 from .odometry import (
+    GRAVITY_TIME,
     JUMP,
     JUMP_FACTOR,
     LATE,
@@ -54,6 +55,7 @@ from .odometry import (
     STANDS,
     TILT,
     TILT_CHANCE,
+    FeltGravity,
     Jumps,
     Late,
     NoTwist,
@@ -228,6 +230,15 @@ RULES: tuple[Rule, ...] = (
         "the worst good odometry that follows the rims so well is 0.1 s late",
         "stamps of the odometry",
         Late,
+    ),
+    Rule(
+        "gravity",
+        f"all of the imu, {GRAVITY_TIME:g} s and more",
+        "length of the mean of what it feels, over g",
+        "under 0.82, or over 1.22",
+        "no accelerometer is off by so much; worst good drive 0.003 off",
+        "unit of the accelerations, or gravity taken out: the slope is not by them",
+        FeltGravity,
     ),
     Rule(
         "tilt",

@@ -28,7 +28,7 @@ GAP = 0.5  # s: over a longer gap nothing is added up
 MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
 STRAIGHT = 0.1  # of v: what a bend may add to the speed of a wheel's place; a radius is known to that anyway
 SPEED, YAW_RATE, X, Y, COSINE, SINE = range(6)  # of a row of the odometry
-GYRO, AHEAD, LEFT = range(3)  # of a row of the imu
+GYRO, AHEAD, LEFT, ABOVE = range(4)  # of a row of the imu
 Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values (rows, width)
 
 
@@ -148,6 +148,12 @@ class Window:
         if rows is None or len(rows.t) < 3 or rows.x.shape[1] < columns:
             return None
         return Rows(rows.t, rows.x[:, :columns])
+
+    @cached_property
+    def oriented(self) -> bool:
+        """Whether the imu has orientations."""
+        rows = self._raw.get(IMU)
+        return rows is not None and bool(np.isfinite(rows.x[:, 4:]).any())
 
     def _wheels(self, kind: str, factor: Array) -> Rows | None:
         """All wheels at the stamps of the slowest: the newest value of each, NaN where it is over `GAP` old.

@@ -6,7 +6,7 @@ before it and on its `now` alone, never on when somebody looks:
 
     kept     stamp is behind the stream's newest one, and behind what the stream has missed:
              frontier = newest,  or  latest - reorder  where it was silent for longer than `silence`
-    late     any other: counted by reason, and not kept
+    late     any other: counted by reason, and not kept; out_of_order where it is behind its own stream
     clock    now - age <= stamp <= now + future, or the message is refused
     jump     latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
              second message in a row has to agree: of another stamp, and of another stream or of one that
@@ -93,7 +93,7 @@ class Streams:
                 text = f"stamp {stamp / SECOND:.9f} came twice: is there more than one publisher?"
                 self._refuse(stream, "duplicate", text)
             else:
-                self._refuse(stream, "late", self._late(stamp))
+                self._refuse(stream, *self._behind(stream, stamp))
             return
         lacks = flaw(stream.kind, values)
         if lacks is not None:
@@ -194,7 +194,7 @@ class Streams:
             if stamp > self.latest:
                 return None
             if self.latest - now <= rules.future:  # the clock has not gone back
-                return "late", self._late(stamp)
+                return self._behind(self.all[name], stamp)
         else:
             doubted, self._doubted = self._doubted, (stamp, name)
             heard = self.all[name].newest != NEVER
@@ -212,9 +212,15 @@ class Streams:
             self.clear()
         return None
 
-    def _late(self, stamp: int) -> str:
+    def _behind(self, stream: Stream, stamp: int) -> tuple[str, str]:
+        """Why a message comes too late: after a newer one of its topic, or after what was answered."""
+        if stamp < stream.newest:
+            return "out_of_order", (
+                f"stamp is {(stream.newest - stamp) / SECOND:.3f} s before that of the message before:"
+                " those of one topic have to come in order (two publishers, or two threads of one?)"
+            )
         behind, reorder = (self.latest - stamp) / SECOND, self.rules.reorder / SECOND
-        return (
+        return "late", (
             f"stamp is {behind:.3f} s behind the newest message: too late to be used (parameter"
             f" timing.reorder_time, now {reorder:g} s)"
         )

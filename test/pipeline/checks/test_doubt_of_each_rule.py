@@ -39,6 +39,7 @@ DOUBTS = {
     "joints interchanged": {LEFT, RIGHT}, "radius": NOTHING, "all radii": NOTHING,
     "odometry repeats": {ODOMETRY}, "of wheels": {SHOWS_NO_SLIP}, "no twist": NOTHING, "late": NOTHING,
     "jumps": NOTHING, "gyro": {IMU}, "imu frozen": {IMU}, "tilt": NOTHING, "z down": NOTHING,
+    "imu in g": NOTHING, "gravity taken out": NOTHING,
     "kg": {f"{name}/load" for name in NAMES}, "load frozen": {"front_left/load"},
     "load dead": {"front_left/load"}, "sinkage frozen": {"front_left/sinkage"},
     "loads swapped": {f"front_{side}/{kind}" for side in ("left", "right") for kind in ("load", "sinkage")},

@@ -115,6 +115,10 @@ def tilted(rows: Rows) -> None:
     rows[IMU][1][:, 1] += 9.8 * math.sin(math.radians(4))
 
 
+def no_gravity(rows: Rows) -> None:
+    rows[IMU][1][:, 3] -= GRAVITY
+
+
 def zero(rows: Rows) -> None:
     rows[LEFT][1][900:] = 0.0
 
@@ -139,6 +143,8 @@ FAULTS: dict[str, tuple[str, str, Callable[[Rows], None]]] = {
     "late": ("late", "odometry", late),
     "jumps": ("jumps", "odometry", jump),
     "tilt": ("tilt", "imu", tilted),
+    "imu in g": ("gravity", "imu", lambda r: scale(r, IMU, 1.0 / GRAVITY, [1, 2, 3])),
+    "gravity taken out": ("gravity", "imu", no_gravity),
     "z down": ("z down", "imu", lambda r: scale(r, IMU, -1.0, [0, 2, 3])),
     "gyro": ("turn", "imu", lambda r: scale(r, IMU, -1.0, [0])),
     "imu frozen": ("frozen", "imu", lambda r: hold(r, IMU)),
@@ -177,6 +183,23 @@ def test_a_fault_is_named_and_no_other(good: Rows, name: str) -> None:
 
 def test_every_rule_has_its_fault() -> None:
     assert {rule.name for rule in RULES} == {rule for rule, _, _ in FAULTS.values()}
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1.0 / GRAVITY, "gravity in g?"),
+        (0.0, "accelerations are all 0"),
+        (1.5, "expected 9.81 m/s^2"),
+    ],
+)
+def test_accelerations_that_are_not_gravity_say_what_they_are(
+    good: Rows, factor: float, words: str
+) -> None:
+    rows = copy.deepcopy(good)
+    scale(rows, IMU, factor, [1, 2, 3])
+    (found,) = (finding for finding in heard(rows) if finding.rule == "gravity")
+    assert words in found.text
 
 
 @pytest.mark.parametrize("seed", range(3))

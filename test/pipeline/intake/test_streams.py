@@ -43,8 +43,8 @@ def _heard() -> Streams:
         ("fl/wheel_speed", 0.1, (-1e12,), 0.1, "not_plausible", "wheel_speed"),
         ("odom", 0.1, ODOM, -1.0, "stamp_in_future", "clocks synchronised"),
         ("odom", 0.1, ODOM, 6.0, "stamp_too_old", "use_sim_time"),
-        ("odom", -0.5, ODOM, 0.1, "late", "reorder_time"),
-        ("odom", -1.5, ODOM, 0.1, "late", "behind the newest"),
+        ("odom", -0.5, ODOM, 0.1, "out_of_order", "those of one topic have to come in order"),
+        ("odom", -1.5, ODOM, 0.1, "out_of_order", "s before that of the message before"),
         ("odom", -1e10, ODOM, 0.0, "stamp_zero", "must stamp"),
     ],
 )
@@ -64,6 +64,16 @@ def test_a_message_that_is_refused_is_counted_and_said(
     assert words in streams.words[name, reason]
     assert (streams.latest, streams.watermark) == (latest, watermark)
     assert streams.all[name].newest == newest
+
+
+def test_a_topic_that_was_silent_comes_too_late_by_its_parameter() -> None:
+    streams = _heard()
+    newest = streams.all["imu"].newest
+    for _ in range(40):  # 4 s of the odometry alone
+        streams.add("odom", streams.latest + SECOND // 10, ODOM)
+    streams.add("imu", newest + 33 * SECOND // 10, IMU)
+    assert streams.problems == {("imu", "late"): 1}
+    assert "timing.reorder_time" in streams.words["imu", "late"]
 
 
 def test_the_same_stamp_twice_is_said_to_be_two_publishers() -> None:

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether what an imu feels on average is gravity, and what it is where it is not."""
+
+from __future__ import annotations
+
+from smallwheel_ros.physics.wheel import GRAVITY
+
+_WEAKEST, _STRONGEST = (
+    0.82,
+    1.22,
+)  # of gravity: accelerometers that nobody calibrated are within 2 %
+_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
+
+
+def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
+    """What a mean specific force (its length, m/s^2) is that is not gravity, in words; "" where it is."""
+    if _WEAKEST < strength / gravity < _STRONGEST:
+        return ""
+    expected = f"expected {gravity:.3g} m/s^2"
+    if strength == 0.0:
+        return "its accelerations are all 0: they tell no slope"
+    units = [u for u, f in _UNITS.items() if _WEAKEST < strength * f / gravity < _STRONGEST]
+    if units:
+        return f"it feels {strength:.4g} on average, gravity in {' or '.join(units)}? {expected}"
+    if strength < gravity:
+        what = "gravity has been taken out, they tell no slope"
+        return f"its accelerations are {strength:.2g} m/s^2 on average: {what}"
+    return f"it feels {strength:.4g} m/s^2 on average, {expected}"

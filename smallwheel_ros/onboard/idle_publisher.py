@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a joint that stands at 0, between others by which it has turned: of another publisher.
+
+joint_state_publisher fills in 0 for joints that it has no value of; with the driver on one topic, both come.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_AWAY = 0.1  # rad from 0: more than an encoder that stands flickers by
+_TURNS = 0.05  # rad/s: faster than the noise of a joint that stands
+# ns: an encoder that begins anew at 0 and stands is believed after that, since no others come any more
+_BETWEEN = 1_000_000_000
+_NEVER = -(1 << 62)
+
+IDLE = "its joint is at 0 between messages in which it turns: is there more than one publisher?"
+
+
+class IdlePublisher:
+    """A joint's messages, in the order in which they come."""
+
+    def __init__(self) -> None:
+        self._away = _NEVER  # ns, of the last message in which the joint was away from 0
+
+    def idle(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
+        """Which messages are of a publisher that knows nothing of the joint.
+
+        stamps: ns. velocity, position: rad/s and rad, NaN where a message has none; all (messages,).
+        """
+        zero = (position == 0.0) & ((velocity == 0.0) | np.isnan(velocity))
+        turns = (np.abs(position) > _AWAY) | ((np.abs(velocity) > _TURNS) & (position != 0.0))
+        away = np.where(turns, stamps, _NEVER)
+        newest = np.maximum.accumulate(np.concatenate([[self._away], away]))[1:]
+        if stamps.size:
+            self._away = int(newest[-1])
+        return np.asarray(zero & (stamps - newest <= _BETWEEN))
