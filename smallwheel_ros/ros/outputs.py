@@ -20,6 +20,7 @@ from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.drive.messages import (
     mobility_columns,
+    on_class,
     soil_fields,
     vehicle_columns,
 )
@@ -206,6 +207,8 @@ class Outputs:
             self._publishers[mobility_topic(wheel)].publish(message)
 
     def _publish_vehicle(self, rows: VehicleEstimates) -> None:
+        of_class = self.cost.map.of_class_here()
+        rows = on_class(rows, of_class, self._settings.reference_slip)
         for stamp, row in zip(rows.stamp.tolist(), _fields_of(vehicle_columns(rows)), strict=True):
             message = VehicleMobility(header=header_of(stamp, self._settings.base_frame), **row)
             self._publishers["~/vehicle"].publish(message)
