@@ -191,14 +191,6 @@ class CostMap:
         self.changed |= self.ahead.elevation is not None and margin != self.ahead.margin
         self.ahead.margin = margin
 
-    def of_class_here(self) -> Quantity | None:
-        """Margin of the terrain class that the vehicle is on; None where nothing is known of it."""
-        pose = self._pose
-        if pose is None:
-            return None
-        terrain = self.ahead.class_at(self.frame, pose.x, pose.y)
-        return self.ahead.classes.margins().get(terrain)
-
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""
         self.changed |= self.ahead.take_classes(grid)

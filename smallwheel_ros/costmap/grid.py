@@ -7,6 +7,7 @@ in the yaml is ours (map_server takes its frame from a parameter): positions the
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from collections.abc import Sequence
@@ -286,6 +287,12 @@ def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
         image: f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes(),
         path: write_yaml(lines).encode(),
     }
+
+
+def digest_of(grid: Grid) -> str:
+    """SHA-256 of a grid: another one has another, and one that was written and read again has the same."""
+    place = grid.frame, float(grid.resolution), *map(float, grid.origin[:2]), *grid.cells.shape
+    return hashlib.sha256(f"{place}".encode() + grid.cells.astype(np.int8).tobytes()).hexdigest()
 
 
 def read_map(path: Path) -> Grid:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,18 +12,11 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
-from smallwheel_ros.pipeline.mobility.vehicle import (
-    ANY_GROUND,
-    BY_CLASS,
-    OK,
-    STUCK,
-    UNKNOWN,
-    VehicleEstimates,
-)
+from smallwheel_ros.pipeline.mobility.vehicle import OK, STUCK, UNKNOWN, VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import WORDS
-from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin, unknown_ground
+from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -194,27 +186,6 @@ LEVEL_WORDS = {
     OK: "no sign of getting stuck",
     STUCK: "the rims run, and the vehicle does not move: it is stuck",
 }
-
-
-def on_class(
-    rows: VehicleEstimates, of_class: Quantity | None, reference_slip: float
-) -> VehicleEstimates:
-    """Rows that have the margin of the terrain class under the vehicle, as long as they have any ground's.
-
-    of_class: that margin, None where none is known; it counts where it tells more than the drive has.
-    """
-    if of_class is None:
-        return rows
-    information = 1.0 - (of_class.standard_deviation / unknown_ground(reference_slip)[1]) ** 2
-    takes = (rows.margin_source == ANY_GROUND) & ~(rows.information >= information)
-    takes &= information > 0.0
-    return replace(
-        rows,
-        margin=np.where(takes, of_class.value, rows.margin),
-        margin_std=np.where(takes, of_class.standard_deviation, rows.margin_std),
-        margin_source=np.where(takes, BY_CLASS, rows.margin_source),
-        information=np.where(takes, information, rows.information),
-    )
 
 
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.grid import map_files, read_map
+from smallwheel_ros.costmap.grid import Grid, digest_of, map_files, read_map, write_map
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.soil.saved_state import check_may_replace, write_state
 
@@ -28,18 +27,22 @@ class SoilFileError(SmallwheelError):
 class SoilAndMap:
     """What is to be saved: the soil's file, and before it those of the cost map, contents by path.
 
-    words: what it is, for people.
+    digest: of the map that goes with it. words, map_words: what they are, for people.
     """
 
     soil: bytes
     beside: Mapping[Path, bytes]
+    digest: str | None
     words: str
+    map_words: str
 
 
 class SoilFile:
     """The file of the parameter soil.file; an empty name is none.
 
-    The soil's file has the SHA-256 of the map that was saved with it: a map of another soil is not used.
+    The soil's file has the SHA-256 of the map that was saved with it: a map of another soil is not used. The
+    map that goes with the soil is kept under a name of its own until another soil is there, so that who is
+    killed between the two finds a pair.
     problem: why the saved soil is not used, in words; empty where it is, or where there is none.
     """
 
@@ -47,6 +50,9 @@ class SoilFile:
         self._path = Path(name).expanduser() if name else None
         # The cost map is saved beside it.
         self._map_path = self._path and self._path.with_name(f"{self._path.name}.cost_map.yaml")
+        self._before = self._path and self._path.with_name(
+            f"{self._path.name}.cost_map.before.yaml"
+        )
         self._digest: str | None = None  # of the map of the saved soil
         self.problem = ""
 
@@ -73,14 +79,16 @@ class SoilFile:
 
     def restore_map(self, cost_map: CostMap) -> str:
         """Let a cost map go on from the one beside the soil; return in words what came of it."""
-        path = self._map_path
-        if path is None or not path.exists() or self.problem:
+        path, before = self._map_path, self._before
+        if path is None or before is None or not path.exists() or self.problem:
             return ""
         try:
             grid = read_map(path)
         except SmallwheelError as error:
             return f"the saved cost map is not used: {error}"
-        if self._digest is None or self._digest != _digest_of(path):
+        if digest_of(grid) != self._digest and (old := _map_at(before)) is not None:
+            path, grid = before, old
+        if digest_of(grid) != self._digest:
             return (
                 f"the saved cost map is not used: {path} was not saved with the soil of {self._path}, or"
                 " was changed; the soil is used alone"
@@ -99,26 +107,39 @@ class SoilFile:
             raise SoilFileError("the soil has not been measured yet")
         path, whole = self._map_path, cost_map.whole()
         beside: Mapping[Path, bytes] = {}
-        digest, words = None, f"{self._path}: {pipeline.soil.accepted} measurements"
+        digest, words = None, ""
         if path is not None and whole is not None:
             if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
-                words += f"; {path} is left as it is: {cost_map.problem}"
+                words = f"{path} is left as it is: {cost_map.problem}"
                 digest = self._digest
             else:
                 beside = map_files(path, whole)
-                digest = _digest(beside.values())
-                words += f"; {path} in {whole.frame}"
-        return SoilAndMap(pipeline.saved(digest), beside, words)
+                digest = digest_of(whole)
+                words = f"{path} in {whole.frame}"
+        of_soil = f"{self._path}: {pipeline.soil.accepted} measurements"
+        return SoilAndMap(pipeline.saved(digest), beside, digest, of_soil, words)
 
     def write(self, given: SoilAndMap) -> str:
         """Write what was prepared; return in words what was. Raises SmallwheelError where nothing was."""
         assert self._path is not None
         check_may_replace(self._path)
-        for path in given.beside:
-            if path.suffix == ".yaml" and path.exists():
-                read_map(path)  # nothing but a saved map is replaced
-        write_state(self._path, given.soil, given.beside)
-        return given.words
+        beside, map_words = given.beside, given.map_words
+        try:
+            if any(path.exists() for path in beside):
+                self._keep_what_goes_with_the_soil()
+        except SmallwheelError as error:
+            beside, map_words = {}, f"the cost map is not saved: {error}"
+        write_state(self._path, given.soil, beside)
+        self._digest = given.digest
+        return "; ".join(filter(None, [given.words, map_words]))
+
+    def _keep_what_goes_with_the_soil(self) -> None:
+        """Give the map that is about to be replaced another name; raise where there is something else."""
+        assert self._map_path is not None
+        assert self._before is not None
+        there = read_map(self._map_path)
+        if digest_of(there) == self._digest:
+            write_map(self._before, there)
 
     def save(self, pipeline: Pipeline, cost_map: CostMap) -> tuple[bool, str]:
         """Save soil and cost map; return whether they are, and in words what came of it."""
@@ -128,16 +149,11 @@ class SoilFile:
             return False, f"nothing saved: {error}"
 
 
-def _digest(contents: Iterable[bytes]) -> str:
-    found = hashlib.sha256()
-    for content in contents:
-        found.update(content)
-    return found.hexdigest()
-
-
-def _digest_of(path: Path) -> str:
-    """That of the two files of a map as they stand, in the order of `map_files`."""
-    return _digest([path.with_suffix(".pgm").read_bytes(), path.read_bytes()])
+def _map_at(path: Path) -> Grid | None:
+    try:
+        return read_map(path)
+    except SmallwheelError:
+        return None
 
 
 def _check_finite(fields: dict[str, Any]) -> None:

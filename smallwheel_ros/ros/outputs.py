@@ -18,9 +18,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
+from smallwheel_ros.drive.ground_map import with_margin_of_class
 from smallwheel_ros.drive.messages import (
     mobility_columns,
-    on_class,
     soil_fields,
     vehicle_columns,
 )
@@ -180,7 +180,7 @@ class Outputs:
             self.start_over()
         if turn.twists is not None:
             self._publish_twists(turn.twists, self._settings.twist)
-        self._publish_vehicle(turn.vehicle)
+        self._publish_vehicle(with_margin_of_class(turn.vehicle, self.cost.map, self.newest))
         found = turn.estimates
         if not len(found):
             return
@@ -207,8 +207,6 @@ class Outputs:
             self._publishers[mobility_topic(wheel)].publish(message)
 
     def _publish_vehicle(self, rows: VehicleEstimates) -> None:
-        of_class = self.cost.map.of_class_here()
-        rows = on_class(rows, of_class, self._settings.reference_slip)
         for stamp, row in zip(rows.stamp.tolist(), _fields_of(vehicle_columns(rows)), strict=True):
             message = VehicleMobility(header=header_of(stamp, self._settings.base_frame), **row)
             self._publishers["~/vehicle"].publish(message)

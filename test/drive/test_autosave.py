@@ -68,6 +68,27 @@ def test_it_is_written_while_turns_go_on(shorter: Driven, longer: Driven, tmp_pa
     assert known(path)[0] == longer[0].soil.accepted
 
 
+def test_what_is_killed_between_map_and_soil_leaves_a_pair(
+    shorter: Driven, longer: Driven, tmp_path: Path
+) -> None:
+    path = tmp_path / "soil.json"
+    autosave = Autosave(SoilFile(str(path)))
+    autosave.finish(*shorter)
+    old = path.read_bytes()
+    autosave.finish(*longer)
+    path.write_bytes(old)  # the map had its new name, the soil not yet
+    for _ in range(2):
+        accepted, said = known(path)
+        assert accepted == shorter[0].soil.accepted
+        assert said.startswith("cost map restored")
+        assert "before" in said
+        # Who goes on from there and is killed at the same place finds the same pair.
+        again = SoilFile(str(path))
+        again.restore(Pipeline(SETTINGS.onboard))
+        again.save(*longer)
+        path.write_bytes(old)
+
+
 def test_a_map_of_another_soil_is_not_used_and_the_soil_is(
     shorter: Driven, longer: Driven, tmp_path: Path
 ) -> None:
@@ -80,6 +101,16 @@ def test_a_map_of_another_soil_is_not_used_and_the_soil_is(
     assert accepted == longer[0].soil.accepted
     assert "the saved cost map is not used" in said
     assert "the soil is used alone" in said
+
+
+def test_a_map_of_somebody_else_is_left_as_it_is(shorter: Driven, tmp_path: Path) -> None:
+    path, precious = tmp_path / "soil.json", tmp_path / "soil.json.cost_map.pgm"
+    precious.write_text("precious")
+    saved, words = SoilFile(str(path)).save(*shorter)
+    assert saved
+    assert "the cost map is not saved" in words
+    assert precious.read_text() == "precious"
+    assert known(path) == (shorter[0].soil.accepted, "")
 
 
 def test_a_file_of_another_prior_is_left_as_it_is(shorter: Driven, tmp_path: Path) -> None:

@@ -13,16 +13,14 @@ from smallwheel_ros.drive.messages import (
     VALID,
     margin_before_driving,
     mobility_columns,
-    on_class,
     soil_fields,
     status_texts,
-    vehicle_columns,
 )
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import Status
-from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates, vehicle_margin
+from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND, Estimates
 
@@ -184,22 +182,3 @@ def test_time_that_goes_back_begins_anew_and_says_so() -> None:
 def test_no_estimate_is_infinite(name: str) -> None:
     _, _, found = turned(rover(), drive(4.0))
     assert not np.isinf(np.asarray(getattr(found, name), dtype=float)).any()
-
-
-def test_a_class_tells_the_margin_until_the_drive_tells_more() -> None:
-    pipeline = Pipeline(static_rover().onboard)
-    give(pipeline.streams, [row for row in drive(20.0) if row[0] in pipeline.streams.all])
-    turns = [*pipeline.turns(), *pipeline.turns(last=True)]
-    rows, slip = VehicleEstimates.joined([turn.vehicle for turn in turns]), 0.4
-    ice, unsure = Quantity(0.08, 0.05), Quantity(0.08, 3.0)
-    told = vehicle_columns(on_class(rows, ice, slip))
-    before = np.asarray(vehicle_columns(rows)["margin_source"])
-    of_class = np.asarray(told["margin_source"]) == 1
-    assert (before[of_class] == 0).all()
-    assert of_class[np.asarray(rows.information) < 0.5].all()
-    assert (np.asarray(told["margin"])[of_class] == 0.08).all()
-    assert (np.asarray(told["margin_information"])[of_class] > 0.9).all()
-    for nothing in (None, unsure):  # wider than what any ground may have
-        assert (
-            np.asarray(vehicle_columns(on_class(rows, nothing, slip))["margin_source"]) == before
-        ).all()

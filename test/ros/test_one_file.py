@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bag_kinds import beginning
 from click.testing import CliRunner
@@ -139,10 +140,14 @@ def test_ground_of_a_class_has_its_margin_until_driving_tells(
         peer.wait_for_node()
         peer.stamp(grid)
         peer.publish("/terrain_classes", grid)
-        peer.drive(0.0, 0.6)
-        peer.spin_until(
-            lambda: any(one.margin_source == one.MARGIN_CLASS for one in peer.vehicle), "its margin"
-        )
+        places = iter(np.arange(0.0, 40.0, 0.04).tolist())
+
+        def has_been_told() -> bool:
+            place = next(places)
+            peer.drive(place, place + 0.04)
+            return any(one.margin_source == one.MARGIN_CLASS for one in peer.vehicle)
+
+        peer.spin_until(has_been_told, "its margin")
         first = next(one for one in peer.vehicle if one.margin_source == one.MARGIN_CLASS)
         assert first.margin_valid
         assert first.margin_information > 0.5

@@ -40,7 +40,7 @@ from .answer import STALE
 
 # Numbers of VehicleMobility.msg.
 UNKNOWN, OK, MAY_GET_STUCK, GETS_STUCK, STUCK = range(5)
-ANY_GROUND, BY_CLASS, MEASURED, BY_SOIL = range(4)
+ANY_GROUND, OF_CLASS, MEASURED, BY_SOIL = range(4)
 _SURE = 0.5  # of the information, over which a margin is no prior any more
 _TURNS = 0.05  # m/s of rims or ground, under which a slip is no ratio of speeds
 _PAUSE = 10 * SECOND  # ns: after so long without any message the drive goes on with the next one

@@ -34,7 +34,7 @@ from smallwheel_ros.pipeline.checks.loads import impossible_soil
 from smallwheel_ros.pipeline.checks.odometry import Tilt
 from smallwheel_ros.pipeline.checks.rules import RULES, Finding, table
 from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
-from smallwheel_ros.pipeline.checks.window import CheckedWheels
+from smallwheel_ros.pipeline.checks.window import SPAN, CheckedWheels
 from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.tables import Array
@@ -271,6 +271,23 @@ def test_doubted_is_a_stream_from_when_it_was_so_and_while_it_lasts(good: Rows) 
     assert seen[START + 25_000_000_000] == {}
     assert abs(seen[START + 45_000_000_000][LEFT] - stamps[begin]) <= 34_000_000
     assert seen[START + 80_000_000_000] == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "taught"), [("mm", True), ("load dead", True), ("late", False), ("tilt", False)]
+)
+def test_the_soil_begins_anew_once_and_not_before_what_had_taught_it_is_doubted(
+    good: Rows, name: str, taught: bool
+) -> None:
+    rows = copy.deepcopy(good)
+    FAULTS[name][2](rows)
+    listening = Listening()
+    until = max(int(stamps[-1]) for stamps, _ in rows.values())
+    (finding,) = [*listening.take(rows, until), *listening.flush()]
+    rules = listening.checks.rules
+    assert len(rules.anew) == taught
+    assert all(finding.stamp <= stamp <= finding.stamp + 2 * SPAN for stamp in rules.anew)
+    assert ("what the soil has learnt until then is dropped" in finding.text) is taught
 
 
 def test_memory_does_not_grow_with_the_drive() -> None:

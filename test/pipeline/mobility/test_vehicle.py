@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -121,3 +122,45 @@ def test_after_a_hole_in_time_it_goes_on_without_rows_in_between() -> None:
     assert apart.min() == SECOND // 10
     assert (apart > SECOND // 10).sum() == 1
     assert apart.max() == pytest.approx(hole, abs=2 * SECOND)
+
+
+# Columns of `VehicleEstimates` that a flag is about, where they are called otherwise in the message.
+_COLUMNS = {
+    "steepest_slope": "margin",
+    "risk_of_getting_stuck": "risk",
+    "energy_per_metre": "energy",
+}
+
+
+def all_known() -> VehicleEstimates:
+    """One row in which all is known."""
+    names = [field.name for field in fields(VehicleEstimates)]
+    numbers = {name: np.full(1, 0.1 + 0.01 * i) for i, name in enumerate(names)}
+    whole = {
+        name: np.ones(1, dtype=np.int64) for name in ("stamp", "level", "margin_source", "soil")
+    }
+    return VehicleEstimates(**(numbers | whole | {"at_border": np.zeros(1, dtype=bool)}))
+
+
+@pytest.mark.parametrize(
+    ("flag", "name"), [(flag, name) for flag, names in VEHICLE_VALID.items() for name in names]
+)
+def test_each_flag_is_set_where_all_is_known_and_goes_with_each_of_its_columns(
+    flag: str, name: str
+) -> None:
+    rows = all_known()
+    known = vehicle_columns(rows)
+    assert all(known[one][0] for one in VEHICLE_VALID)
+    column = _COLUMNS.get(name, name)
+    found = vehicle_columns(replace(rows, **{column: np.full(1, np.nan)}))
+    about = {
+        flag,
+        *VEHICLE_VALID[flag],
+        *(f"{one}_standard_deviation" for one in VEHICLE_VALID[flag]),
+    }
+    about |= {"margin_source", "margin_information"} if flag == "margin_valid" else set()
+    for one, values in found.items():
+        if one in about:
+            assert not values[0], one
+        else:
+            assert values[0] == known[one][0], one
