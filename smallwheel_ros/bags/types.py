@@ -26,6 +26,14 @@ _PACKAGE = "smallwheel_ros"
 _IDL_SEPARATOR = "=" * 80 + "\n"
 # Fields that older definitions of a type lack, and that whoever reads it can do without.
 _NEWER = {("sensor_msgs/msg/Range", "variance")}
+# Of grid_map_msgs, which are no common interface: older bags do not define their types.
+_GRID_MAP = {
+    "grid_map_msgs/msg/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 length_y\n"
+    "geometry_msgs/Pose pose\n",
+    "grid_map_msgs/msg/GridMap": "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\n"
+    "string[] layers\nstring[] basic_layers\nstd_msgs/Float32MultiArray[] data\n"
+    "uint16 outer_start_index\nuint16 inner_start_index\n",
+}
 # Jazzy has the same messages of ROS 1 under another name.
 _RENAMED = {"rosgraph_msgs/msg/Log": "rcl_interfaces/msg/Log"}
 
@@ -57,10 +65,10 @@ def message_definitions() -> dict[str, str]:
 
 @cache
 def typestore() -> Typestore:
-    """Return the message types of ROS 2 Jazzy together with this package's own."""
+    """Return the message types of ROS 2 Jazzy together with grid_map's and this package's own."""
     store = get_typestore(Stores.ROS2_JAZZY)
     own: _Fields = {}
-    for name, text in message_definitions().items():
+    for name, text in (_GRID_MAP | message_definitions()).items():
         own.update(get_types_from_msg(text, name))
     store.register(own)
     return store

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is expected of ground that no wheel has been on: by its terrain class, and by its slope.
 
-Of a class: the margin that was met on it, or its prior. Of a cell whose slope is known as well, that margin
-less the slope; where nothing tells the class, the margin that the vehicle has on any ground now.
+Of a class: what was met on it, or its prior. Of a cell whose slope is known as well, that less the slope;
+where nothing tells the class, what ground like that the vehicle is on gives at most.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class GroundAhead:
     Parameters
     ----------
     prior
-        The vehicle's margin on any ground before driving; None: not known.
+        What any ground gives at most, as believed before driving; None: not known.
     names, reference_slip
         Of terrain classes by number, and the slip at which margins are worked out: those in `PRIORS` have a
         margin before any wheel is on them.
@@ -35,8 +35,8 @@ class GroundAhead:
         What is known of terrain classes.
     class_grid, elevation
         The newest grid of terrain classes, and the newest slopes.
-    margin
-        Of the vehicle on ground like that it is on; `prior` before it has driven.
+    most
+        What ground like that the vehicle is on gives at most; `prior` before it has driven.
     """
 
     def __init__(
@@ -49,19 +49,19 @@ class GroundAhead:
         self._settings, self._prior = settings, prior
         self._names = tuple(names)
         named = {
-            number: PRIORS[name].margin(reference_slip)
+            number: PRIORS[name].met(reference_slip)
             for number, name in enumerate(names)
             if name in PRIORS
         }
         self.classes = TerrainClasses(settings.rules, settings.resolution, named)
         self.class_grid: Grid | None = None
         self.elevation: Elevation | None = None
-        self.margin = prior
+        self.most = prior
 
     def clear(self) -> None:
         """Forget what was met; grids that were given stay."""
         self.classes.clear()
-        self.margin = self._prior
+        self.most = self._prior
 
     def take_classes(self, grid: Grid) -> bool:
         """Take a grid of terrain classes, 0 and more; return whether it is another one."""
@@ -92,7 +92,7 @@ class GroundAhead:
 
     @property
     def _other(self) -> Quantity | None:
-        """Margin of a class that nothing is known of; None: it has no cost."""
+        """What a class gives that nothing is known of; None: it has no cost."""
         return self._prior if self._settings.unknown == "prior" else None
 
     def by_slope(self) -> Grid | None:
@@ -106,16 +106,16 @@ class GroundAhead:
         return Grid(ahead.frame, ahead.resolution, ahead.origin, cells)
 
     def _margins(self, ahead: Elevation) -> tuple[Array | float, Array | float]:
-        """Margin of each cell of an elevation and its variance, by its class; one number without classes."""
-        margins, other = self.classes.margins(), self._other
+        """What each cell of an elevation gives and its variance, by its class; one number without classes."""
+        known, other = self.classes.most(), self._other
         if self.class_grid is None and not ahead.classes:
-            return _moments(self.margin)
+            return _moments(self.most)
         # By class number, the byte that an int8 is: as of this ground where it is not classified.
         table = np.full((2, 256), np.nan)
         table[:, :128] = np.array(_moments(other))[:, None]
-        table[:, 128:] = np.array(_moments(self.margin))[:, None]
-        for terrain, known in margins.items():
-            table[:, terrain] = _moments(known)
+        table[:, 128:] = np.array(_moments(self.most))[:, None]
+        for terrain, most in known.items():
+            table[:, terrain] = _moments(most)
         numbers = self._classes_of(ahead).view(np.uint8)
         mean, variance = np.take(table[0], numbers), np.take(table[1], numbers)
         if not ahead.classes:

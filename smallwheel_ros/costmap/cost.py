@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck, in per cent.
 
-The margin is drawbar pull over load at the reference slip: the tangent of the slope that is held.
+The margin is drawbar pull over load at the reference slip: the tangent of the slope that is held. A vehicle
+that slips by more is not stuck yet: until the slip with which it makes no way, at which the map has 100, the
+ground gives more by what is gained beyond the reference slip.
 
-    cost = 100 P(margin - slope < required margin), rounded; margin and slope normally distributed
+    cost = 100 P(margin + beyond - slope < required margin), rounded; both sides normally distributed
 
-So a cost of 30 is ground of which three in ten places hold the vehicle back. It falls with the margin and
-rises with what is not known of it, up to 50 for ground that is expected to be passable.
+So a cost of 30 is ground of which three in ten places stop the vehicle. It falls with the margin and rises
+with what is not known of it, up to 50 for ground that is expected to be passable.
 
 Ground that the vehicle got over has shown that it gives at least what was asked for there. Of what was
 believed only that part is left, so that a metre that was crossed lowers its own cost:
 
-    cost = 100 P(margin - slope < required margin | margin > what was asked for)
+    cost = 100 P(margin + beyond - slope < required margin | that is more than what was asked for)
 
 100, which planners take for lethal, is for places where the vehicle was seen to make no way. Whatever is
 expected, of ground ahead or of ground that was crossed, costs 99 at most.
@@ -56,7 +58,7 @@ class CostRules:
             )
 
     def cost(self, margin: float, deviation: float, shown: float = -math.inf) -> int:
-        """Cost of what a margin leaves beyond a slope (1), with its standard deviation.
+        """Cost of what the ground gives at most, less a slope (1), with its standard deviation.
 
         shown: what the ground there has given beyond that slope already. -1 where margin or deviation is not
         a number.
@@ -107,7 +109,7 @@ class CostSettings:
     required_margin: float = parameter(
         0.0, "1", (-1.0, 2.0),
         "Margin needed beyond the slope measured at a place. Cost: the risk, in per cent, that the ground"
-        " does not give it.",
+        " does not give it at any slip.",
     )  # fmt: skip
     free_below: float | None = parameter(
         None,

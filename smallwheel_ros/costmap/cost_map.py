@@ -57,7 +57,7 @@ class CostMap:
     Parameters
     ----------
     prior
-        The vehicle's margin as it was believed of any ground before driving, None where not known
+        What any ground gives at most, as it was believed before driving, None where not known
         (`drive.ground_map.cost_map_of`).
     names, reference_slip
         As of `GroundAhead`.
@@ -128,6 +128,7 @@ class CostMap:
         margin: Quantity | None,
         *,
         stuck: bool = False,
+        beyond: float = 0.0,
         risk: float = 0.0,
         slope: float = 0.0,
         demand: float = math.nan,
@@ -144,6 +145,8 @@ class CostMap:
         stuck
             Whether it was seen to make no way there, whatever the margin is. All else is expected, and
             costs 99 at most: it drives there.
+        beyond
+            What is gained beyond the reference slip until the vehicle makes no way, 1.
         risk
             That it gets stuck, by the warning; 0: none.
         slope
@@ -164,10 +167,11 @@ class CostMap:
         cost = mark = UNKNOWN
         home = PASSABLE
         if margin is not None:
-            rules, spread_ = self.settings.rules, margin.standard_deviation
-            cost = min(rules.cost(margin.value - slope, spread_, shown - slope), PASSABLE)
+            rules, most = self.settings.rules, margin.value + beyond
+            spread_ = margin.standard_deviation
+            cost = min(rules.cost(most - slope, spread_, shown - slope), PASSABLE)
             # The other way as much is given as was asked for on this one.
-            back = cost if math.isnan(demand) else rules.cost(margin.value + demand, spread_)
+            back = cost if math.isnan(demand) else rules.cost(most + demand, spread_)
             home = min(cost, back)
         if stuck:
             mark = home = HIGHEST
@@ -182,14 +186,14 @@ class CostMap:
         if margin is not None and not stuck:
             x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
             terrain = self.ahead.class_at(self.frame, x, y)
-            self.changed |= self.ahead.classes.learn(wheel.name, x, y, terrain, margin)
+            self.changed |= self.ahead.classes.learn(wheel.name, x, y, terrain, margin, beyond)
 
     # --- What is expected
 
-    def expect(self, margin: Quantity) -> None:
-        """Take the vehicle's margin on ground like that it is on, for what lies ahead of it."""
-        self.changed |= self.ahead.elevation is not None and margin != self.ahead.margin
-        self.ahead.margin = margin
+    def expect(self, most: Quantity) -> None:
+        """Take what ground like that it is on gives at most, for what lies ahead of the vehicle."""
+        self.changed |= self.ahead.elevation is not None and most != self.ahead.most
+        self.ahead.most = most
 
     def take_classes(self, grid: Grid) -> None:
         """Take a grid of terrain classes: whole numbers from 0 on, below 0 is not classified."""

@@ -11,7 +11,7 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -149,6 +149,7 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
 
     pose: of the upper grid's frame in that of the lower one.
     """
+    above = _known_part(above)
     if pose.heading == 0.0 and above.resolution >= costs.resolution:
         _lay_coarser(costs, above, pose)
         return
@@ -169,6 +170,26 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     inside &= (at_column >= 0) & (at_column < costs.cells.shape[1])
     cost = np.broadcast_to(above.cells[rows, columns][:, None, None], at_row.shape)
     costs.cells[at_row[inside], at_column[inside]] = cost[inside]
+
+
+def _known_ends(cells: Cells) -> tuple[slice, slice]:
+    """Rows and columns from the first to the last that have a known cell; empty ones where none is known."""
+    known = cells >= 0
+    ends = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (slice(int(e[0]), int(e[-1]) + 1) if e.size else slice(0, 0) for e in ends)
+    return rows, columns
+
+
+def _known_part(grid: Grid) -> Grid:
+    """Return the part of a grid that has something known, at least one cell."""
+    rows, columns = _known_ends(grid.cells)
+    if rows.start == rows.stop:
+        rows = columns = slice(0, 1)
+    x, y = (
+        start + part.start * grid.resolution
+        for start, part in zip(grid.origin, (columns, rows), strict=True)
+    )
+    return replace(grid, origin=(x, y), cells=grid.cells[rows, columns])
 
 
 def _lay_coarser(costs: Grid, above: Grid, pose: Pose) -> None:
@@ -231,14 +252,13 @@ def wide(grid: Grid, reach: float) -> Grid:
 def spread(costs: Cells, reach: float) -> Cells:
     """Give each cell the dearest cost within so many cells, middle to middle; unknown ones cost nothing."""
     whole: Cells = costs.copy()
-    known = costs >= 0
-    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    rows, columns = _known_ends(costs)
     steps = math.floor(reach)
-    if steps < 1 or rows.size == 0:
+    if steps < 1 or rows.start == rows.stop:
         return whole
     # Only where something is known, and so far around it.
-    top, left = max(rows[0] - steps, 0), max(columns[0] - steps, 0)
-    part = whole[top : rows[-1] + steps + 1, left : columns[-1] + steps + 1]
+    top, left = max(rows.start - steps, 0), max(columns.start - steps, 0)
+    part = whole[top : rows.stop + steps, left : columns.stop + steps]
     height, width = part.shape[0], part.shape[1] + 2 * steps
     padded: Cells = np.full((height + 2 * steps + 2, width), UNKNOWN, dtype=np.int8)
     padded[steps + 1 : -steps - 1, steps:-steps] = part

@@ -88,9 +88,10 @@ class GroundMapper:
         self.map.clear()
         count = len(self._wheels)
         self._was_shown: Array = np.full(count, -np.inf)  # at each wheel's newest row
-        # Of the newest row of each wheel: stamp; load, margin, its deviation; whether it is elsewhere.
+        # Of the newest row of each wheel: stamp; load, margin, its deviation, what is gained beyond; whether
+        # it is elsewhere.
         self._newest: list[NDArray[Any]] = [
-            np.full(count, NEVER), *np.full((3, count), np.nan), np.zeros(count, dtype=bool)
+            np.full(count, NEVER), *np.full((4, count), np.nan), np.zeros(count, dtype=bool)
         ]  # fmt: skip
 
     def add(self, found: Estimates, frame: str) -> None:
@@ -121,22 +122,37 @@ class GroundMapper:
             found.demand,
             self._shown(found, stuck | (risk > 0.0)),
         )
-        margins = self._margins(found)
-        rows = zip(*(column.tolist() for column in columns), margins, strict=True)
-        for wheel, x, y, heading, distance, unknown, held, likely, slope, demand, shown, margin in (
-            rows if frame else ()
-        ):
+        margins, beyond = self._margins(found)
+        rows = zip(*(column.tolist() for column in columns), margins, beyond, strict=True)
+        for (
+            wheel,
+            x,
+            y,
+            heading,
+            distance,
+            unknown,
+            held,
+            likely,
+            slope,
+            demand,
+            shown,
+            margin,
+            more,
+        ) in rows if frame else ():
             if math.isfinite(x + y + heading):
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
                     None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand,
-                    shown=shown,
+                    shown=shown, beyond=more,
                 )  # fmt: skip
-        newest = next((one for one in reversed(margins) if one is not None), None)
-        if newest is not None:
+        known = [k for k, one in enumerate(margins) if one is not None]
+        if known:
+            newest, more = margins[known[-1]], beyond[known[-1]]
+            assert newest is not None
             # Of ground ahead as much is unsure as the places of one field differ by.
             scatter = AHEAD * min(max(newest.value, 0.0) / _AHEAD_OF, 1.0)
-            self.map.expect(Quantity(newest.value, math.hypot(newest.standard_deviation, scatter)))
+            spread = math.hypot(newest.standard_deviation, scatter)
+            self.map.expect(Quantity(newest.value + more, spread))
 
     def _seen_sunk(self, found: Estimates) -> Flags:
         """Whether a wheel was measured, surely, to be as deep as its axle."""
@@ -164,16 +180,17 @@ class GroundMapper:
                 self._was_shown[number] = shown[own[-1]]
         return shown
 
-    def _margins(self, found: Estimates) -> list[Quantity | None]:
+    def _margins(self, found: Estimates) -> tuple[list[Quantity | None], list[float]]:
         """Margin of the vehicle at each row, by the wheels that are on one soil with the row's.
 
-        Its median, and the standard deviation of its lower half, of which costs are made.
+        Its median, and the standard deviation of its lower half, of which costs are made; and what is gained
+        beyond the reference slip, 0 where nothing is known.
         """
         count, rows = len(self._wheels), np.arange(len(found))
-        margins = found.margin_median, found.margin_lower_std
+        margins = found.margin_median, found.margin_lower_std, found.margin_beyond
         columns = (found.stamp, found.load, *margins, found.elsewhere)
         # What was newest of each wheel before these rows, then the rows; and which is at each row.
-        stamp, load, margin, deviation, elsewhere = (
+        stamp, load, margin, deviation, beyond, elsewhere = (
             np.concatenate([before, column])
             for before, column in zip(self._newest, columns, strict=True)
         )
@@ -182,7 +199,7 @@ class GroundMapper:
         at = np.maximum.accumulate(at, axis=0)
         if rows.size:
             self._newest = [
-                column[at[-1]] for column in (stamp, load, margin, deviation, elsewhere)
+                column[at[-1]] for column in (stamp, load, margin, deviation, beyond, elsewhere)
             ]
         known = np.isfinite(margin[at]) & (stamp[at] >= found.stamp[:, None] - STALE)
         known &= elsewhere[at] == found.elsewhere[:, None]
@@ -191,13 +208,10 @@ class GroundMapper:
         weight = np.where(weighed, weight, known)
         total = weight.sum(axis=1)
         # All wheels stand on one estimated soil, so their errors are taken to go together.
-        sums = (
+        value, spread, more = (
             (weight * np.where(known, column[at], 0.0)).sum(axis=1)
-            for column in (margin, deviation)
+            / np.where(total > 0.0, total, 1.0)
+            for column in (margin, deviation, beyond)
         )
-        return [
-            Quantity(value / whole, spread / whole) if whole else None
-            for value, spread, whole in zip(
-                *(one.tolist() for one in sums), total.tolist(), strict=True
-            )
-        ]
+        found_there = zip(value.tolist(), spread.tolist(), total.tolist(), strict=True)
+        return [Quantity(v, s) if whole else None for v, s, whole in found_there], more.tolist()

@@ -225,11 +225,13 @@ def _level_texts(rows: VehicleEstimates) -> list[str]:
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
-    """Margin on any ground ahead, as believed before the first message; None without a rolling wheel.
+    """What any ground ahead gives at most, as believed before driving; None without a rolling wheel.
 
-    Its median, and the standard deviation of its lower half.
+    Median of the margin with what is gained beyond the reference slip, and the standard deviation of its
+    lower half.
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    median, deviation = GroundMargin(settings.reference_slip).lower_half()
-    return Quantity(median, math.hypot(deviation, AHEAD))
+    ground = GroundMargin(settings.reference_slip)
+    median, deviation = ground.lower_half()
+    return Quantity(median + ground.beyond(), math.hypot(deviation, AHEAD))

@@ -264,7 +264,7 @@ class DriveParameters:
         REFERENCE_SLIP,
         "1",
         (0.02, 0.9),
-        "Slip at which margin, steepest slope and cost are worked out.",
+        "Slip at which margin and steepest slope are worked out.",
     )
     gravity: float = parameter(
         GRAVITY, "m/s^2", (0.01, 100.0),

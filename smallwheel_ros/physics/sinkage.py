@@ -262,26 +262,30 @@ def solve_layered(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage (m) at which `load_at` gives the load, and where even `upper` carries too little.
 
-    Regula falsi (Illinois) in ln W over ln z, in which a pressure law is nearly a straight line.
+    Inverse quadratic steps (Chandrupatla 1997) in ln W over ln z, where a pressure law is nearly a straight
+    line; halves where it has a wall, as at a hard layer.
     """
-    target, high = np.log(load), np.log(upper)
-    low, side = high - 25.0, np.zeros(load.shape)
+    target, top = np.log(load), np.log(upper)
+    x1, x2 = top, top - 25.0  # the newest, and the other end
     with np.errstate(all="ignore"):  # a law may overflow at depths that no root is at
-        f_low, f_high = (np.log(load_at(np.exp(x))) - target for x in (low, high))
-        sunk = f_high < 0.0
+        f1, f2 = (np.log(load_at(np.exp(x))) - target for x in (x1, x2))
+        sunk = f1 < 0.0
+        share, met, root = f1 / (f1 - f2), sunk, top
+        share = np.where((share > 0.0) & (share < 1.0), share, 0.5)
         for _ in range(80):
-            # of rows that are sunk or met already the quotient is not used
-            x = np.where(sunk, high, (low * f_high - high * f_low) / (f_high - f_low))
-            f = np.log(load_at(np.exp(x))) - target
-            if np.all((np.abs(f) < 1e-12) | sunk | (high - low < 1e-13)):
+            root = np.where(met, root, x1 + share * (x2 - x1))
+            f = np.log(load_at(np.exp(root))) - target
+            met = met | (np.abs(f) < 1e-12) | (np.abs(x2 - x1) < 1e-13)
+            if met.all():
                 break
-            left = f < 0.0
-            # The end that stays weighs less (Anderson and Bjorck 1973), and half where that is not under 0.
-            shrunk = 1.0 - f / np.where(left, f_low, f_high)
-            shrunk = np.where(shrunk > 0.0, shrunk, 0.5)
-            f_high = np.where(left & (side < 0), shrunk * f_high, f_high)
-            f_low = np.where(~left & (side > 0), shrunk * f_low, f_low)
-            low, f_low = np.where(left, x, low), np.where(left, f, f_low)
-            high, f_high = np.where(left, high, x), np.where(left, f_high, f)
-            side = np.where(left, -1.0, 1.0)
-    return np.exp(x), sunk
+            same = (f < 0.0) == (f1 < 0.0)
+            x3, f3 = np.where(same, x1, x2), np.where(same, f1, f2)
+            x2, f2 = np.where(same, x2, x1), np.where(same, f2, f1)
+            x1, f1 = root, f
+            part, rise = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
+            smooth = (rise**2 < part) & ((1.0 - rise) ** 2 < 1.0 - part)
+            share = f1 / (f1 - f2) * f3 / (f3 - f2)
+            share += (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
+            least = 5e-14 / np.abs(x2 - x1)
+            share = np.clip(np.where(smooth, share, 0.5), least, 1.0 - least)
+    return np.exp(root), sunk

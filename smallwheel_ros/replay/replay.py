@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from smallwheel_ros.bags import BagReader, Key
+from smallwheel_ros.bags import BagReader, Key, RawMessage
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
@@ -26,6 +26,7 @@ from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
 from smallwheel_ros.replay.diagnosis import diagnosed
 from smallwheel_ros.replay.new_bag import NewBag
+from smallwheel_ros.replay.recorded_ahead import RecordedAhead
 from smallwheel_ros.replay.recording import Recording
 from smallwheel_ros.replay.result import (
     BAG,
@@ -132,6 +133,8 @@ class _Drive:
         self._recording = Recording(
             reader, self._settings, self._pipeline, spec.in_bag, clock=spec.clock
         )
+        self._ahead = RecordedAhead(spec, reader, self._settings, self._ground.map, self._pipeline)
+        self._notes += self._ahead.notes
         self._look_for_inputs(spec)
 
     def _go_on(self) -> None:
@@ -157,7 +160,7 @@ class _Drive:
         self._inputs = inputs_of(spec, topics_of(settings), settings, reader, unusable)
         check_enough(self.wheels, self._inputs, reader)
         described = (spec.in_bag(settings.robot_description_topic), DESCRIPTION_TYPE)
-        used = used | ({described} & present)
+        used = used | ({described} & present) | self._ahead.topics.keys()
         self.copied: set[Key] = {"all": present, "used": used, "none": set()}[spec.copy]
         self._names = frozenset(name for name, _ in used | self.copied)
 
@@ -172,8 +175,13 @@ class _Drive:
         recording = self._recording
         total = sum(t.message_count for t in self._reader.topics if t.name in self._names)
         state, ended = "complete", ""
-        copy = bag.copy_message if self.copied else None
-        for turns in recording.turns(self._names, copy):
+
+        def each(message: RawMessage) -> None:
+            self._ahead.keep(message)
+            if self.copied:
+                bag.copy_message(message)
+
+        for turns in recording.turns(self._names, each):
             for turn in turns:
                 self._write(turn)
             self._happened.take_problems(recording.time)
@@ -187,6 +195,7 @@ class _Drive:
                 )
         if recording.damage is not None:
             state, ended = "ended_early", str(recording.damage)
+        self._ahead.take_until(recording.time)
         if self._last_stamp and self._ground.map.changed:
             self._write_grids(self._last_stamp, recording.time)
         bag.write_soil()
@@ -249,9 +258,10 @@ class _Drive:
         """Lay rows down on the map, and write it as often as the node would have published it."""
         period = round(COST_PERIOD * SECOND)
         for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(recorded // period)) + 1):
+            time = int(recorded[part[-1]])
+            self._ahead.take_until(time)
             self._ground.add(rows.take(part), self._recording.frame)
             self._last_stamp = int(rows.stamp[part[-1]])
-            time = int(recorded[part[-1]])
             if self._ground.map.changed and self._bag.is_due("cost", time, period):
                 self._write_grids(self._last_stamp, time)
 

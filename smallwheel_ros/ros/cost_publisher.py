@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import rclpy
@@ -14,15 +14,13 @@ from rclpy.duration import Duration
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.publisher import Publisher
 
-from smallwheel_ros.costmap.elevation import elevation_from
-from smallwheel_ros.costmap.grid import UNKNOWN, CostMapError, Pose, grid_from
+from smallwheel_ros.costmap.grid import UNKNOWN, Pose
+from smallwheel_ros.drive.ground_ahead import AheadInputs, Report
 from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.conversions import grid_message, nanoseconds_of, pose_of
 
-# Takes topic, reason and words of something that went wrong.
-Report = Callable[[str, str, str], None]
 # s: Nav2 leaves costs where they were when a grid came. After a correction of map -> odom they are
 # where they belong once it comes again: at once where tf tells of it, else after so long.
 _AGAIN_AFTER = 5.0
@@ -41,17 +39,16 @@ class CostPublisher:
 
     Attributes
     ----------
-    received, elevations, published
-        How many grids of terrain classes and maps of elevations have come, and how often grids of costs were
-        sent.
+    published
+        How often grids of costs were sent.
+    ahead
+        Takes what others send of the ground ahead.
     """
 
     def __init__(
         self, settings: NodeSettings, publishers: Sequence[LifecyclePublisher], report: Report
     ) -> None:
-        self._settings = settings
         self._publishers = publishers
-        self._report = report
         self._stamp = 0
         self._last: Any = None
         # The newest grids, of one place; empty before the first. When that was by time.monotonic().
@@ -62,8 +59,9 @@ class CostPublisher:
         self._corrected = False
         # By frame, what /tf_static says of it: that comes once, mostly before any odometry.
         self._static: dict[str, tuple[str, Pose]] = {}
-        self.received = self.elevations = self.published = 0
+        self.published = 0
         self.map = cost_map_of(settings)
+        self.ahead = AheadInputs(settings, self.map, report)
         self._ground = GroundMapper(self.map, settings.onboard.wheels)
 
     def add(self, estimates: Estimates, frame: str) -> None:
@@ -78,31 +76,13 @@ class CostPublisher:
         if message == self._last:
             return
         self._last = message
-        self.received += 1
-        topic = self._settings.terrain_classes_topic
-        try:
-            self.map.take_classes(grid_from(message))
-        except CostMapError as error:
-            self._report(topic, "malformed_grid", f"not used: {error}")
-            return
-        self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
-        if self.map.in_other_frame:
-            self._report(topic, "other_frame", self.map.problem)
+        if self.ahead.take_classes(message):
+            self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
 
     def on_elevation(self, message: Any) -> None:
         """Take a map of elevations (grid_map_msgs/GridMap)."""
-        self.elevations += 1
-        settings, length = self._settings, self.map.outline.length
-        topic, names = settings.elevation_topic, settings.terrain.names or ()
-        try:
-            elevation = elevation_from(message, settings.elevation_layer, length, names)
-        except CostMapError as error:
-            self._report(topic, "malformed_grid", f"not used: {error}")
-            return
-        self.map.take_elevation(elevation)
-        self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
-        if not self.map.is_placed(elevation.frame):
-            self._report(topic, "other_frame", self.map.problem)
+        if self.ahead.take_elevation(message):
+            self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
 
     def on_transforms(self, message: Any) -> None:
         """Take transforms (tf2_msgs/TFMessage): grids are sent again once their frame has moved."""

@@ -145,8 +145,8 @@ def _cost(cost: CostPublisher) -> DiagnosticStatus:
     places = cost.map.ahead.classes.places()
     values = {
         "grids published": str(cost.published),
-        "grids of terrain classes received": str(cost.received),
-        "maps of elevations received": str(cost.elevations),
+        "grids of terrain classes received": str(cost.ahead.grids),
+        "maps of elevations received": str(cost.ahead.elevations),
         "places crossed by class": ", ".join(f"{k}: {n}" for k, n in places.items()) or "none",
     }
     if cost.map.problem:

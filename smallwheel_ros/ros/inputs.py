@@ -18,6 +18,7 @@ from rclpy.subscription import Subscription
 
 from smallwheel_ros.bags.types import typestore
 from smallwheel_ros.drive.feed import Message, feed
+from smallwheel_ros.drive.ground_ahead import ELEVATION
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.intake.decoder import Decoder, frame_of
@@ -34,8 +35,6 @@ from smallwheel_ros.ros.parameters import (
     NO_SUBSCRIPTION_EVENTS,
     STATIC_TRANSFORMS,
 )
-
-ELEVATION = "grid_map_msgs/msg/GridMap"
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -18,6 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
+from smallwheel_ros.drive.ground_ahead import Report
 from smallwheel_ros.drive.ground_map import with_margin_of_class
 from smallwheel_ros.drive.messages import (
     mobility_columns,
@@ -37,7 +38,7 @@ from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
 from smallwheel_ros.pipeline.twist.twist import Twists, messages
 from smallwheel_ros.ros.conversions import header_of, message_class
-from smallwheel_ros.ros.cost_publisher import CostPublisher, Report
+from smallwheel_ros.ros.cost_publisher import CostPublisher
 from smallwheel_ros.ros.parameters import ESTIMATE, LATCHED, NO_PUBLISHER_EVENTS
 
 OUTPUTS = {

@@ -22,6 +22,7 @@ from smallwheel_ros.common.errors import reason
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import HIGHEST
 from smallwheel_ros.drive.autosave import Autosave
+from smallwheel_ros.drive.ground_ahead import CLASSES, ELEVATION
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.drive.statements import WARNINGS, Kind, Statement, alarms
 from smallwheel_ros.onboard.parameters import ParametersError, idle_remaps
@@ -32,7 +33,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
-from smallwheel_ros.ros.inputs import ELEVATION, Inputs
+from smallwheel_ros.ros.inputs import Inputs
 from smallwheel_ros.ros.outputs import SPEED_LIMIT, Outputs, outputs_of
 
 # s: an estimate waits half of it on average for its turn; of a turn's processor time half does not depend on
@@ -83,7 +84,7 @@ def _check_topics(node: LifecycleNode, settings: NodeSettings) -> None:
     if settings.elevation_topic:
         listened.append((settings.elevation_topic, ELEVATION))
     if settings.terrain_classes_topic:
-        listened.insert(0, (settings.terrain_classes_topic, "nav_msgs/msg/OccupancyGrid"))
+        listened.insert(0, (settings.terrain_classes_topic, CLASSES))
     if settings.robot_description_topic:
         listened.append((settings.robot_description_topic, DESCRIPTION_TYPE))
     for given, kind in listened:

@@ -105,11 +105,15 @@ def test_ground_that_it_got_over_has_shown_what_was_asked_for(crossed: Estimates
     """A margin that is hardly known: on the level a risk of 40 %; P(margin < 0 | margin > -0.06) is 16 %."""
     count = len(crossed)
     poor = {"margin_median": np.full(count, 0.05), "margin_lower_std": np.full(count, 0.2)}
+    poor |= {"margin_beyond": np.zeros(count)}
     level = np.zeros(count)
     tilt = {"demand": level, "tilt": level}
     assert bare(crossed, **poor, **tilt).cells.max() == 16
     unshown = bare(crossed, **poor, **tilt, slip=np.full(count, np.nan))
     assert unshown.cells.max() == 40
+    # Stuck is who slips by 0.7: P(margin + 0.05 < 0).
+    gains = {**poor, "margin_beyond": np.full(count, 0.05)}
+    assert bare(crossed, **gains, **tilt, slip=np.full(count, np.nan)).cells.max() == 31
     slipped = bare(crossed, **poor, **tilt, slip=np.full(count, 0.6))
     assert slipped.cells.max() == 40
     # A slope that was driven down has shown little for a way up.
@@ -120,7 +124,7 @@ def test_ground_that_it_got_over_has_shown_what_was_asked_for(crossed: Estimates
 def test_who_stands_learns_nothing_new(crossed: Estimates) -> None:
     count = len(crossed)
     poor = {"margin_median": np.full(count, 0.05), "margin_lower_std": np.full(count, 0.2)}
-    poor |= {"demand": np.zeros(count), "tilt": np.zeros(count)}
+    poor |= {"margin_beyond": np.zeros(count), "demand": np.zeros(count), "tilt": np.zeros(count)}
     halts = in_the_end(crossed, True, False).astype(bool)
     conditions = np.where(halts, crossed.conditions | Condition.STANDS, crossed.conditions)
     slip = np.where(halts, np.nan, crossed.slip)

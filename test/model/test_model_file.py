@@ -78,7 +78,7 @@ MEASURED = Measured(
     ranges={"load": (20.0, 130.5), "slip": (0.0, 0.5)},
     wheels=((0.2, 0.1, 0.0), (0.28, 0.12, 0.006)),
     stiffness=0.051,
-    runs={"sinkage": RunScatter(0.03, 1e-4, 2e-4, 0.02)},
+    runs={"sinkage": RunScatter(0.03, 1e-4, 2e-4, 0.02, law=0.025)},
     forces={"drawbar_pull": ForceLaw(0.01, 0.03, 0.04)},
     tied=(Tied("load", "slip", 0.1, 0.004, 0.01),),
     unexplained=True,
@@ -98,6 +98,21 @@ def test_what_was_measured_and_rivals_come_back(
     assert all(same(a, b) for (_, a), (_, b) in zip(read.rivals, made.rivals, strict=True))
     assert set(yaml.safe_load(path.read_text())) >= {"measured", "rivals"}
     assert "measured" not in yaml.safe_load(path.read_text())["provenance"]
+
+
+def test_a_file_that_does_not_say_what_its_law_is_off_by_is_read(
+    tmp_path: Path, calibrated: CalibratedModel
+) -> None:
+    path = tmp_path / "model.yaml"
+    write_model(path, calibrated.changed(measured=MEASURED))
+    plain = yaml.safe_load(path.read_text())
+    del plain["measured"]["runs"]["sinkage"]["law"]
+    path.write_text(yaml.safe_dump(plain))
+    runs = read_model(path).measured.runs
+    assert runs["sinkage"] == RunScatter(0.03, 1e-4, 2e-4, 0.02)
+    del plain["measured"]
+    path.write_text(yaml.safe_dump(plain))
+    assert read_model(path).measured == Measured()
 
 
 def test_a_file_without_them_is_read(tmp_path: Path, calibrated: CalibratedModel) -> None:

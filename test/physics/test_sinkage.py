@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from random_examples import examples
 from scipy.integrate import quad
 
@@ -84,6 +85,28 @@ def test_layered_solve_without_layers_is_the_contact_integral() -> None:
     z, sunk = solve_layered(load, d / 2, lambda x: loads_by_depth(x, d, b, k, n)[1].sum(axis=0))
     assert z == pytest.approx(contact_sinkage(load, 0.2, 0.1, 8e5, 0.8).sinkage, rel=1e-9)
     assert not sunk.any()
+
+
+@given(
+    wall=st.floats(1e-4, 0.09), steep=st.floats(1.0, 500.0), load=st.floats(0.1, 500.0),
+    n=st.floats(0.6, 2.5),
+)  # fmt: skip
+@settings(max_examples=examples(60))
+def test_layered_solve_meets_the_load_at_a_wall_too(
+    wall: float, steep: float, load: float, n: float
+) -> None:
+    """A wheel comes to rest within a fraction of a hard layer, beside one that meets none."""
+    given_load = np.array([load, load])
+    walls = np.array([wall, 1.0])
+
+    def load_at(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(
+            1e5 * z**n * np.exp(np.minimum(steep * np.maximum(z / walls - 1.0, 0.0), 600.0))
+        )
+
+    z, sunk = solve_layered(given_load, np.array([0.1, 0.1]), load_at)
+    assert load_at(z)[~sunk] == pytest.approx(given_load[~sunk], rel=1e-9)
+    assert (load_at(np.array([0.1, 0.1]))[sunk] < load).all()
 
 
 @given(n=st.floats(0.05, 2.9), z=st.floats(1e-5, 0.2), stiffening=st.floats(0.0, 80.0))

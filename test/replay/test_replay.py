@@ -11,6 +11,8 @@ import os
 import re
 import shutil
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -875,3 +877,16 @@ def test_the_rigs_own_bag_of_ros1_lists_its_topics(shared_data, rover, tmp_path)
     assert re.search(r"forcetorque_readings +rokubimini_msgs/msg/Reading +\d+ +\d\d", text)
     error = smallwheel("replay", raw, "--config", rover, "-o", tmp_path / "out", code=2).stderr
     assert "nothing can be estimated" in error
+
+
+def test_where_a_rover_stands_nothing_is_lethal(shared_data, tmp_path):
+    """It stands for 60 s with encoders that shake, then drives off over firm ground: nothing got stuck."""
+    made = shared_data.parent / "cases" / "robots" / "standstill_lethal.py"
+    if not made.exists():
+        pytest.skip(f"{made} is not there")
+    subprocess.run([sys.executable, str(made), str(tmp_path / "case")], check=True)
+    case, out = tmp_path / "case", tmp_path / "out"
+    smallwheel("replay", case / "bag", "--config", case / "rover.yaml", "-o", out)
+    ground = read_map(out / "cost_map.yaml")
+    assert (ground.cells >= 0).sum() > 500
+    assert ground.cells.max() < 100

@@ -135,7 +135,7 @@ def answer(
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
     by_now, by_reserve = _determined(strengths, strength_version)
-    margin, margin_std, median, lower_std, by_soil, risk = _margins(
+    margin, margin_std, median, lower_std, beyond, by_soil, risk = _margins(
         state, rows, can, judged, measured, by_reserve, strengths, rolls
     )
     has[Condition.MARGIN_OF_PRIOR] = (
@@ -157,8 +157,8 @@ def answer(
         status=status_of(conditions), conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),
-        margin_median=median, margin_lower_std=lower_std, demand=judged.asked, risk=risk,
-        digging_in=digging, spins=judged.spins,
+        margin_median=median, margin_lower_std=lower_std, margin_beyond=beyond, demand=judged.asked,
+        risk=risk, digging_in=digging, spins=judged.spins,
         elsewhere=np.array([v.number for v in of], dtype=np.int64) != np.array(numbers, dtype=np.int64),
         margin_by_soil=by_soil,
         rejected=ground.refused + np.array([v.outliers for v in of], dtype=np.int64),
@@ -212,21 +212,23 @@ def _does_not_fit(
 def _margins(
     state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
     determined: Flags, strengths: Strengths, rolls: Flags,
-) -> tuple[Array, Array, Array, Array, Flags, Array]:  # fmt: skip
-    """Margin of each wheel with its deviation, its median with that of its lower half, whether by soil; risk.
+) -> tuple[Array, Array, Array, Array, Array, Flags, Array]:  # fmt: skip
+    """Margin of each wheel, deviation, median, deviation of the lower half, what is beyond; by soil; risk.
 
     measured: whether the soil's law is, determined: its strength. A margin of the filter is less the
     resistance by that law. Where a model file has the strength as measured, the margin is the filter's from
-    the start.
+    the start. beyond: gained from the reference slip until the vehicle makes no way; by soil: whether the
+    margin is.
     """
     by_filter = determined & measured
     by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
-    margin, deviation, median, lower = (
+    margin, deviation, median, lower, beyond = (
         np.where(rolls, np.where(by_filter, ours, of_any), np.nan)
         for ours, of_any in (
             (can.margin, judged.margin), (can.margin_std, judged.margin_std),
             (can.margin, judged.median), (can.margin_std, judged.lower_std),
+            (can.beyond, judged.beyond),
         )
     )  # fmt: skip
     risk = judged.risk.copy()
@@ -242,7 +244,7 @@ def _margins(
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
-    return margin, deviation, median, lower, by_filter & rolls, risk
+    return margin, deviation, median, lower, beyond, by_filter & rolls, risk
 
 
 def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:

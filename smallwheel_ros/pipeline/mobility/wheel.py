@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
@@ -35,15 +36,21 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best 
 
 @dataclass(frozen=True)
 class Predicted(Mobility):
-    """Its margin is that of the strength's filter. sunk: whether the soil does not carry the load."""
+    """Its margin is that of the strength's filter.
+
+    sunk: whether the soil does not carry the load. beyond: what is gained beyond the reference slip until the
+    vehicle makes no way, over the load.
+    """
 
     sunk: Flags
+    beyond: Array
 
     @classmethod
     def unknown(cls, count: int) -> Predicted:
         """Of wheels of which nothing is known."""
         names = [column.name for column in fields(Mobility)]
-        return cls(**{name: unknown(count) for name in names}, sunk=np.zeros(count, dtype=bool))
+        sunk = np.zeros(count, dtype=bool)
+        return cls(**{name: unknown(count) for name in [*names, "beyond"]}, sunk=sunk)
 
 
 def mobility(
@@ -64,7 +71,7 @@ def mobility(
     on = at_slip(rows.slip)
     reference = at_slip(np.full(count, settings.reference_slip)) if settings.effects else on
     found = {name: unknown(count) for name in ("thrust", "drawbar_pull", "margin", "energy")}
-    found |= {f"{name}_std": unknown(count) for name in found}
+    found |= {f"{name}_std": unknown(count) for name in found} | {"beyond": unknown(count)}
     beyond, unsure = np.zeros(count), np.zeros(count)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
@@ -162,7 +169,11 @@ def _margins(
     law = (_FITTED if balanced else _UNFITTED) * on.load
     spread = reserve.spread(push, pull.row) + by_law + law**2
     deviation = np.sqrt(np.maximum(spread, _LEAST_STD**2)) / on.load
+    _, most, _ = reserve.forces(
+        replace(at, on=deeper, slip=np.maximum(slip, SPINS)), exact_slip=True
+    )
     return {
+        "beyond": np.where(on.sunk, 0.0, np.maximum(most.value - pull.value, 0.0) / on.load),
         "margin": np.where(on.sunk, -1.0, pull.value / on.load),
         "margin_std": np.where(on.sunk, 0.0, deviation),
     }

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.pipeline.checks.believed import BelievedRows
 from smallwheel_ros.pipeline.intake.buffer import NEVER
@@ -20,9 +21,6 @@ from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Intege
 from .hazard import Instants, Warned, Warnings, level_at
 from .margin import AnyGround, Margins
 
-# Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
-# second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
-_SPINS = 0.7
 _SURELY = 2.0  # deviations of the speed over ground
 _TURNS = 0.05  # m/s: rims that drive; encoders of one that stands show 0.02 at most
 _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some tenths later
@@ -32,8 +30,9 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 class Judged(Columns):
     """What holds at rows: level of the warning, whether a wheel spins on the spot, margin of any ground.
 
-    median, lower_std: of the margin here, and of its lower half (`GroundMargin.lower_half`). asked: pull over
-    load that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
+    median, lower_std: of the margin here, and of its lower half (`GroundMargin.lower_half`). beyond: what is
+    gained beyond the reference slip (`GroundMargin.beyond`). asked: pull over load that goes on being asked
+    for; risk: that such ground does not give it. NaN: unknown.
     """
 
     level: Integers
@@ -42,6 +41,7 @@ class Judged(Columns):
     margin_std: Array
     median: Array
     lower_std: Array
+    beyond: Array
     asked: Array
     risk: Array
 
@@ -163,19 +163,21 @@ class Judgement:
             place = np.searchsorted(stamps, rows.stamp, side="right") - 1
             fresh = (place >= 0) & (order[rows.wheel] >= 0)
             spins[fresh] = flags[place[fresh], order[rows.wheel[fresh]]]
-        margin, margin_std, median, lower_std, asked, risk = np.full((6, count), np.nan)
+        margin, margin_std, median, lower_std, beyond, asked, risk = np.full((7, count), np.nan)
         margins = self._margins
         if margins is None:
             margin[:], margin_std[:] = self.ground.ground.moments()
             median[:], lower_std[:] = self.ground.ground.lower_half()
+            beyond[:] = self.ground.ground.beyond()
         else:
             place = np.searchsorted(margins.stamp, rows.stamp, side="right") - 1
             at = np.maximum(place, 0)
             fresh = (place >= 0) & (rows.stamp - margins.stamp[at] <= _ASKED_STALE)
             margin, margin_std = margins.margin[at], margins.margin_std[at]
             median, lower_std = margins.middle[at], margins.lower_std[at]
+            beyond = margins.beyond[at]
             asked[fresh], risk[fresh] = margins.asked[at[fresh]], margins.risk[at[fresh]]
-        return Judged(level, spins, margin, margin_std, median, lower_std, asked, risk)
+        return Judged(level, spins, margin, margin_std, median, lower_std, beyond, asked, risk)
 
 
 def _gets_nowhere(rims: Array, ground: Array, spread: Array) -> bool:
@@ -191,7 +193,7 @@ def _gets_nowhere(rims: Array, ground: Array, spread: Array) -> bool:
     each = along * rims.mean(axis=1)
     rim, reached = float(each.mean()), along * float(ground.mean()) + _SURELY * float(spread.mean())
     drives = rim > _TURNS and each.min() > 0.5 * rim and (along * rims.mean(axis=0)).min() > -_TURNS
-    return bool(drives and reached < (1.0 - _SPINS) * rim)
+    return bool(drives and reached < (1.0 - SPINS) * rim)
 
 
 def _carried(

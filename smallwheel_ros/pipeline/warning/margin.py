@@ -23,6 +23,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
 
@@ -84,7 +85,11 @@ class GroundMargin:
         self.offset, self.radius = OFFSET * normal[3], RADIUS * normal[4]
         self.logs = np.zeros(uniform.shape[0])
         self.margins = self.grip * -np.expm1(-reference_slip / self.softness) - self.resistance
-        self._order = np.argsort(self.margins)
+        gained = np.exp(-reference_slip / self.softness) - np.exp(
+            -max(SPINS, reference_slip) / self.softness
+        )
+        self._most = self.margins + self.grip * gained
+        self._order, self._most_order = np.argsort(self.margins), np.argsort(self._most)
 
     def forget(self, metres: float) -> None:
         """Of the ground behind less is believed."""
@@ -114,15 +119,23 @@ class GroundMargin:
 
     def quantiles(self, levels: tuple[float, ...] = (0.025, 0.5, 0.975)) -> Array:
         """Of the margin here."""
-        total = np.cumsum(self.weights[self._order])
+        return self._quantiles(self.margins, self._order, levels)
+
+    def _quantiles(self, values: Array, order: Integers, levels: tuple[float, ...]) -> Array:
+        total = np.cumsum(self.weights[order])
         place = np.minimum(np.searchsorted(total, levels), len(total) - 1)
-        return np.asarray(self.margins[self._order][place])
+        return np.asarray(values[order][place])
 
     def moments(self) -> tuple[float, float]:
         """Mean and standard deviation of the margin of ground ahead."""
         weights = self.weights
         mean = float(weights @ self.margins)
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
+
+    def beyond(self) -> float:
+        """Pull over load that is gained beyond the reference slip until the vehicle makes no way."""
+        (most,) = self._quantiles(self._most, self._most_order, (0.5,)).tolist()
+        return float(most - self.quantiles((0.5,))[0])
 
     def lower_half(self) -> tuple[float, float]:
         """Median of the margin here, and standard deviation of the normal distribution with its lower half.
@@ -144,7 +157,8 @@ class Margins(Columns):
     """What is believed after each second: margin of ground ahead (1), risk that it is under `asked`.
 
     low, middle, high: 2.5, 50 and 97.5 % of the margin here; lower_std: standard deviation of its lower half
-    (`GroundMargin.lower_half`). NaN: not known, nothing tells of the ground.
+    (`GroundMargin.lower_half`). beyond: as `GroundMargin.beyond` has it. NaN: not known, nothing tells of the
+    ground.
     """
 
     stamp: Integers
@@ -154,6 +168,7 @@ class Margins(Columns):
     middle: Array
     high: Array
     lower_std: Array
+    beyond: Array
     asked: Array
     risk: Array
 
@@ -220,7 +235,19 @@ class AnyGround:
         _, lower_std = self.ground.lower_half()
         told = self.steps > 0
         risk = self.ground.risk(self._asked) if told and math.isfinite(self._asked) else np.nan
-        return ((number + 1) * STEP, mean, std, low, middle, high, lower_std, self._asked, risk)
+        beyond = self.ground.beyond()
+        return (
+            (number + 1) * STEP,
+            mean,
+            std,
+            low,
+            middle,
+            high,
+            lower_std,
+            beyond,
+            self._asked,
+            risk,
+        )
 
     def _begin_anew(self, until: int) -> None:
         """Drop what was learnt up to a stamp (ns), which ends a step."""

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Grids of terrain classes and maps of elevations, as others send them, into the cost map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.costmap.elevation import elevation_from
+from smallwheel_ros.costmap.grid import CostMapError, grid_from
+from smallwheel_ros.onboard.settings import NodeSettings
+
+CLASSES, ELEVATION = "nav_msgs/msg/OccupancyGrid", "grid_map_msgs/msg/GridMap"
+
+# Takes topic, reason and words of something that went wrong.
+Report = Callable[[str, str, str], None]
+
+
+class AheadInputs:
+    """Takes messages into a cost map; of one that cannot be used it reports why.
+
+    Attributes
+    ----------
+    grids, elevations
+        How many grids of terrain classes and maps of elevations have come.
+    """
+
+    def __init__(self, settings: NodeSettings, cost_map: CostMap, report: Report) -> None:
+        self._settings, self._map, self._report = settings, cost_map, report
+        self.grids = self.elevations = 0
+
+    @property
+    def topics(self) -> dict[str, tuple[str, Callable[[Any], bool]]]:
+        """Type of each topic that is listened to, and what takes its messages."""
+        found = {
+            self._settings.terrain_classes_topic: (CLASSES, self.take_classes),
+            self._settings.elevation_topic: (ELEVATION, self.take_elevation),
+        }
+        return {name: one for name, one in found.items() if name}
+
+    def take_classes(self, message: Any) -> bool:
+        """Take a grid of terrain classes (nav_msgs/OccupancyGrid)."""
+        self.grids += 1
+        topic = self._settings.terrain_classes_topic
+        try:
+            self._map.take_classes(grid_from(message))
+        except CostMapError as error:
+            self._report(topic, "malformed_grid", f"not used: {error}")
+            return False
+        if self._map.in_other_frame:
+            self._report(topic, "other_frame", self._map.problem)
+        return True
+
+    def take_elevation(self, message: Any) -> bool:
+        """Take a map of elevations (grid_map_msgs/GridMap)."""
+        self.elevations += 1
+        settings, length = self._settings, self._map.outline.length
+        topic, names = settings.elevation_topic, settings.terrain.names or ()
+        try:
+            elevation = elevation_from(message, settings.elevation_layer, length, names)
+        except CostMapError as error:
+            self._report(topic, "malformed_grid", f"not used: {error}")
+            return False
+        self._map.take_elevation(elevation)
+        if not self._map.is_placed(elevation.frame):
+            self._report(topic, "other_frame", self._map.problem)
+        return True

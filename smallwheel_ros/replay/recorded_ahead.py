@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a bag has of the ground ahead, for the cost map of a replay."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from smallwheel_ros.bags import BagReader, DefinitionError, Key, RawMessage
+from smallwheel_ros.common.errors import reason
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.drive.ground_ahead import AheadInputs
+from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.pipeline import Pipeline
+from smallwheel_ros.replay.spec import ReplaySpec
+
+
+class RecordedAhead:
+    """Messages of the ground ahead, kept until the estimates have come as far.
+
+    Attributes
+    ----------
+    topics
+        Names and types of topics in the bag, and of each what decodes and what takes its messages.
+    notes
+        Why one cannot be read.
+    """
+
+    def __init__(
+        self,
+        spec: ReplaySpec,
+        reader: BagReader,
+        settings: NodeSettings,
+        cost_map: CostMap,
+        pipeline: Pipeline,
+    ) -> None:
+        self._pipeline = pipeline
+
+        def report(topic: str, why: str, text: str) -> None:
+            pipeline.note(spec.in_bag(topic), why, text, unused=False)
+
+        present = {topic[:2] for topic in reader.topics}
+        self.topics: dict[Key, tuple[Callable[[bytes], Any], Callable[[Any], bool]]] = {}
+        self.notes: list[str] = []
+        for name, (kind, take) in AheadInputs(settings, cost_map, report).topics.items():
+            key = spec.in_bag(name), kind
+            if key not in present:
+                continue
+            try:
+                self.topics[key] = reader.decoder(*key), take
+            except DefinitionError as error:
+                self.notes.append(f"topic {key[0]} is not read: {error}")
+        self._waiting: deque[RawMessage] = deque()
+
+    def keep(self, message: RawMessage) -> None:
+        """Keep a message if it tells of the ground ahead."""
+        if message[:2] in self.topics:
+            self._waiting.append(message)
+
+    def take_until(self, time: int) -> None:
+        """Give the map what was recorded until then (ns)."""
+        while self._waiting and self._waiting[0].log_time <= time:
+            topic, kind, _, data = self._waiting.popleft()
+            decode, take = self.topics[topic, kind]
+            try:
+                message = decode(data)
+            except Exception as error:  # damaged bytes make rosbags raise as it likes
+                self._pipeline.note(topic, "not_readable", f"topic {topic}: {reason(error)}")
+            else:
+                take(message)
