@@ -52,7 +52,13 @@ def feed(
                     continue  # of another publisher: joint states come in parts
                 there = ", ".join(joints) or "no joint"
                 text = f"topic {name} has no value of its joint; it has {there}"
-                if joint in joints:
+                times = joints.count(str(joint))
+                if times > 1:
+                    text = (
+                        f"topic {name} names joint {joint} {times} times in one message, so its value is not"
+                        " known: give each joint a name of its own"
+                    )
+                elif joint in joints:
                     turns = stream.endswith("wheel_speed")
                     what = "velocity or position" if turns else "effort"
                     text = f"topic {name} names joint {joint} without {what}"

@@ -20,7 +20,7 @@ from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Sta
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
 from smallwheel_ros.pipeline.warning.hazard import risk_of
-from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW
+from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW, unknown_ground
 
 from .messages import margin_before_driving
 
@@ -60,11 +60,14 @@ def with_margin_of_class(
     margin = cost_map.ahead.classes.margins().get(terrain)
     if margin is None:
         return rows
+    any_ground = unknown_ground(cost_map.reference_slip)[1]
+    information = np.clip(1.0 - (margin.standard_deviation / any_ground) ** 2, 0.0, 1.0)
     return replace(
         rows,
         margin=np.where(prior, margin.value, rows.margin),
         margin_std=np.where(prior, margin.standard_deviation, rows.margin_std),
         margin_source=np.where(prior, MarginSource.CLASS, rows.margin_source),
+        information=np.where(prior, information, rows.information),
     )
 
 

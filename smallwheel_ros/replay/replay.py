@@ -212,6 +212,7 @@ class _Drive:
             pipeline=self._pipeline,
             happened=self._happened,
             estimates=table,
+            vehicle=self.vehicle,
             stretches=self._stretches,
             state=state,
             ended=ended,

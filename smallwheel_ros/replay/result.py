@@ -27,7 +27,13 @@ from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.warning.margin import is_prior
 from smallwheel_ros.replay.diagnosis import DriveDiagnosis
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec
-from smallwheel_ros.replay.tables import COUNTS, EstimatesTable, SteadyStretches, deviations
+from smallwheel_ros.replay.tables import (
+    COUNTS,
+    EstimatesTable,
+    SteadyStretches,
+    VehicleTable,
+    deviations,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,6 +160,7 @@ class Replayed(Result, shown="replay.report"):
     pipeline: Pipeline
     happened: DriveEvents
     estimates: EstimatesTable
+    vehicle: VehicleTable
     stretches: SteadyStretches
     state: str = "complete"
     ended: str = ""
@@ -266,7 +273,12 @@ class Replayed(Result, shown="replay.report"):
             "notes": self.notes,
             "topics_of_estimates": [
                 f"{self.prefix}/{name}"
-                for name in ("mobility", "soil", *(["twist"] if self.has_twists else []))
+                for name in (
+                    "vehicle",
+                    *(f"{wheel.name}/mobility" for wheel in self.settings.onboard.wheels),
+                    "soil",
+                    *(["twist"] if self.has_twists else []),
+                )
             ],
             "files": files_in(folder or self.spec.folder),
         }
@@ -274,7 +286,7 @@ class Replayed(Result, shown="replay.report"):
 
     def _mobility(self) -> dict[str, Any]:
         """Slip, margin and risk; whether the margin is that of any ground's prior still."""
-        told: dict[str, Any] = dict(self.estimates.told())
+        told: dict[str, Any] = {**self.estimates.told(), "risk": self.vehicle.risk()}
         settings, spread = self.pipeline.settings, told["margin"]["std"]
         of_prior = spread is not None and bool(is_prior(spread, settings.reference_slip))
         told["margin"] = {**told["margin"], "of_prior": of_prior and not settings.strength_measured}

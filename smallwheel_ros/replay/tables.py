@@ -40,9 +40,7 @@ _FIRST = ("stamp", "time", "wheel", "x", "y", "speed", "travel", "status", "stat
 _BLOCK = 20_000  # rows that are kept before they are written, or reduced to stretches
 COUNTS = ("estimates", "with_sinkage", "with_load", "with_slip", "used_for_soil")
 MARGIN = "mobility_margin"
-# Of the vehicle at the wheel's stamp; vehicle.csv has all that is known of it.
-_OF_VEHICLE = ("digging_in", "risk_of_getting_stuck")
-_MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation", "risk_of_getting_stuck")
+_MOBILITY = ("slip", MARGIN, f"{MARGIN}_standard_deviation")
 _STATUS = np.array([status.name for status in Status], dtype=object)
 _FEWEST_READINGS = 3
 # Quartile to quartile: slip as it is, load and speed as a share of their median. Sinkage goes with
@@ -63,9 +61,7 @@ def columns() -> tuple[str, ...]:
     mobility = [name for name in plain_fields(MOBILITY) if name not in VALID]
     soil = [f"soil_{name}" for name in plain_fields(SOIL)]
     deviations = [f"soil_{name}_standard_deviation" for name in "knm"]
-    return tuple(
-        dict.fromkeys([*_FIRST, *mobility, *_OF_VEHICLE, *soil, *deviations, "soil_changes"])
-    )
+    return tuple(dict.fromkeys([*_FIRST, *mobility, *soil, *deviations, "soil_changes"]))
 
 
 def deviations(soil: SoilEstimate) -> dict[str, float]:
@@ -79,7 +75,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
 
     stem: path without suffix. start: the bag's first log time, ns. counts: by wheel, how many estimates
     there were and had what, and the `squares` of measured minus predicted sinkage, m^2. statuses: how
-    many estimates had which. mobility: slip, margin and risk of every estimate, block by block.
+    many estimates had which. mobility: slip and margin of every estimate, block by block.
     """
 
     def __init__(self, stem: Path, start: int, wheels: Sequence[str]) -> None:
@@ -103,24 +99,18 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         )
 
     def told(self) -> dict[str, dict[str, float | None]]:
-        """Slip, margin and risk over the drive: the share of estimates that know it, and figures of those.
+        """Slip and margin over the drive: the share of estimates that know it, and figures of those.
 
         Of slip the median and what 95 % are under; of the margin the median and the median of its
-        standard deviations; of the risk of getting stuck the median and the highest. None: not known.
+        standard deviations. None: not known.
         """
         rows = pd.concat(self.mobility) if self.mobility else pd.DataFrame(columns=list(_MOBILITY))
-        slip, margin, spread, risk = (rows[name].dropna().astype(float) for name in _MOBILITY)
+        slip, margin, spread = (rows[name].dropna().astype(float) for name in _MOBILITY)
         figures = {
             "slip": (slip, {"median": slip.median(), "quantile_95": slip.quantile(0.95)}),
             "margin": (margin, {"median": margin.median(), "std": spread.median()}),
-            "risk": (risk, {"median": risk.median(), "highest": risk.max()}),
         }
-        told: dict[str, dict[str, float | None]] = {}
-        for name, (values, found) in figures.items():
-            told[name] = {"known": len(values) / max(len(rows), 1)}
-            for key, value in found.items():
-                told[name][key] = float(value) if math.isfinite(value) else None
-        return told
+        return {name: _figures(len(of), len(rows), found) for name, (of, found) in figures.items()}
 
     def add(
         self,
@@ -143,8 +133,6 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
                 "speed": speed,
                 "travel": rows.distance,
                 "status": _STATUS[rows.status],
-                "digging_in": rows.digging_in,
-                "risk_of_getting_stuck": rows.risk,
                 "rejected": rows.rejected,
                 "soil_at": soil_of + len(self._soils),
             }
@@ -226,6 +214,12 @@ def is_used(table: pd.DataFrame) -> pd.Series[bool]:
     return known & (table["status"] != "REJECTED")
 
 
+def _figures(known: int, rows: int, found: Mapping[str, float]) -> dict[str, float | None]:
+    """The share of rows that know a quantity, and figures of these; None: not known."""
+    told: dict[str, float | None] = {"known": known / max(rows, 1)}
+    return told | {key: float(v) if math.isfinite(v) else None for key, v in found.items()}
+
+
 class TwistsTable:
     """Rows of the vehicle's twist, written as NAME.csv and, where pyarrow is installed, NAME.parquet."""
 
@@ -264,6 +258,13 @@ class VehicleTable:
             for name in block.columns.intersection(about):
                 block[name] = block[name].astype(float).where(block[flag])
         self._blocks.append(block.drop(columns=list(VEHICLE_VALID)))
+
+    def risk(self) -> dict[str, float | None]:
+        """The risk of getting stuck: the share of rows that know it, their median, and the highest."""
+        rows = [block["risk_of_getting_stuck"] for block in self._blocks]
+        risk = pd.concat(rows) if rows else pd.Series(dtype=float)
+        known = risk.dropna()
+        return _figures(len(known), len(risk), {"median": known.median(), "highest": known.max()})
 
     def write(self, stem: Path) -> None:
         """Write them, if there are any. Raises ReplayError."""

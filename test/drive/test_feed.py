@@ -67,3 +67,22 @@ def test_joint_states_without_the_joint_are_said() -> None:
     other = joints(step(0), [1.0], [0.0], ["arm"])
     one, _ = fed([("joint_states", other)] * 3, 2)
     assert one.counts[("front/wheel_speed", "no_value")] == 3
+
+
+def test_a_joint_that_a_message_names_twice_has_no_value_and_others_have() -> None:
+    def twice(i: int) -> Any:
+        speeds = [0.3 / 0.9 / 0.125, 7.0]
+        return joints(step(i), speeds, [0.0, 0.0], ["front_joint", "front_joint"])
+
+    good = messages(150)
+    mixed = [
+        (word, twice(i // 4) if word == "joint_states" and i < 200 else message)
+        for i, (word, message) in enumerate(good)
+    ]
+    one, rows = fed(mixed, 50)
+    assert one.counts[("front/wheel_speed", "no_value")] == 50
+    assert one.pipeline.streams.words["front/wheel_speed", "no_value"] == (
+        "topic joint_states names joint front_joint 2 times in one message, so its value is not known: give"
+        " each joint a name of its own"
+    )
+    assert np.nanmedian(rows.slip) == pytest.approx(0.1, abs=0.01)  # of the others

@@ -55,7 +55,9 @@ def test_where_nothing_is_known_the_margin_is_that_of_the_terrain_class() -> Non
         assert prior.any()
         assert set(found.margin_source[prior].tolist()) == {MarginSource.CLASS}
         assert abs(found.margin[prior] - holds).max() < 0.2
+        assert (found.information[prior] > 0.5).all()  # a class tells more than any ground
         np.testing.assert_array_equal(found.margin[~prior], rows.margin[~prior])
+        np.testing.assert_array_equal(found.information[~prior], rows.information[~prior])
     ground.ahead.take_classes(Grid("map", 0.1, (-20.0, -20.0), cells))
     assert with_margin_of_class(rows, ground, newest) is rows  # nobody knows where that is
 

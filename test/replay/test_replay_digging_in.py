@@ -80,11 +80,15 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     assert begin < first["time"] < event["time"]
     assert "may get stuck" in first["text"]
 
-    digging = table[table["digging_in"]]
+    digging = table[table["status_text"].str.contains("digs itself in", na=False)]
     assert set(digging["wheel"]) == set(table["wheel"])  # all that roll: the vehicle gets stuck
     assert digging["time"].min() == pytest.approx(event["time"], abs=0.2)
     assert digging["slip"].median() > 0.4
-    assert digging["status_text"].str.contains("digs itself in").all()
+    vehicle = pd.read_csv(tmp_path / "out" / "vehicle.csv")
+    warned = vehicle[vehicle["level"] >= 3]
+    assert warned["time"].min() == pytest.approx(event["time"], abs=0.2)
+    assert not {"digging_in", "risk_of_getting_stuck"} & {*table}  # they are the vehicle's
+    assert warned["risk_of_getting_stuck"].max() <= 1.0
 
     with BagReader(tmp_path / "out" / "bag") as reader:
         messages = [m.message for m in reader.messages({"/mobility_estimator/vehicle"})]
@@ -100,7 +104,8 @@ def test_sinkage_of_one_wheel_alone_is_no_digging_in(
 ) -> None:
     bent(drive, tmp_path / "bag", "rear_left", speed=False, sinkage=True)
     summary, table, said = replay(tmp_path / "bag", repository, tmp_path / "out")
-    assert not table["digging_in"].any()
+    assert not table["status_text"].str.contains("digs itself in", na=False).any()
+    assert pd.read_csv(tmp_path / "out" / "vehicle.csv")["level"].max() < 3
     assert "digging_in" not in {event["kind"] for event in summary["events"]}
     assert "digs itself in" not in said
     assert "dig in" not in (tmp_path / "out" / "report.html").read_text()

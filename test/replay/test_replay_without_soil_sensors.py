@@ -50,13 +50,16 @@ def replay(bag: Path, repository: Path, folder: Path) -> tuple[dict, pd.DataFram
 def test_slip_grip_and_risk_are_known_and_sinkage_is_not(
     bags: dict[str, Path], repository: Path, tmp_path: Path
 ) -> None:
-    _, table = replay(bags["own"], repository, tmp_path / "out")
+    summary, table = replay(bags["own"], repository, tmp_path / "out")
     rolls = table[table["slip"].notna()]
     assert len(rolls) > 0.5 * len(table) > 100
     assert (rolls["slip_standard_deviation"] > 0.0).all()
     for name in ("thrust", "drawbar_pull", "mobility_margin", "load"):
         assert rolls[name].notna().all(), name
-    assert rolls["risk_of_getting_stuck"].iloc[-20:].between(0.0, 1.0).all()
+    risk = pd.read_csv(tmp_path / "out" / "vehicle.csv")["risk_of_getting_stuck"].dropna()
+    assert len(risk) > 20
+    assert risk.between(0.0, 1.0).all()
+    assert summary["mobility"]["risk"]["highest"] == pytest.approx(risk.max())
     assert table["travel"].iloc[-1] == pytest.approx(10.0, abs=0.5)
     for name in ("sinkage_predicted", "compaction_resistance", "rolling_resistance_coefficient"):
         assert table[name].isna().all(), name
@@ -101,7 +104,9 @@ def test_odometry_that_is_made_of_the_wheels_is_said(
     assert any("made of them and shows no slip" in words for words in said), said
     last = table.iloc[-1]
     assert np.isnan(last["slip"])
-    assert np.isnan(last["risk_of_getting_stuck"])
+    vehicle = pd.read_csv(tmp_path / "out" / "vehicle.csv").iloc[-1]
+    assert np.isnan(vehicle["slip"])
+    assert np.isnan(vehicle["risk_of_getting_stuck"])
     assert np.isnan(last["thrust"])
     assert "odometry shows none" in last["status_text"]
 

@@ -118,7 +118,10 @@ def _joints(
     velocities: Mapping[str, list[tuple[str, float]]],
     efforts: Mapping[str, list[tuple[str, float]]],
 ) -> Callable[[Fields, list[str]], Rows]:
-    """Load and torque by effort. Of speeds velocity, position, and whether there is a velocity."""
+    """Load and torque by effort. Of speeds velocity, position, and whether there is a velocity.
+
+    Nothing of a joint that a message names twice.
+    """
 
     def column(of: Fields, name: str, joints: list[str], i: int) -> Array | None:
         values = of.get(name)
@@ -127,6 +130,8 @@ def _joints(
     def read(of: Fields, joints: list[str]) -> Rows:
         found: Rows = {}
         for i, joint in enumerate(joints):
+            if joints.count(joint) > 1:
+                continue  # which value is the joint's nothing tells
             effort = column(of, "effort", joints, i)
             if effort is not None:
                 for stream, factor in efforts.get(joint, ()):

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The vehicle as a whole, ten times a second: level of the warning, slip, margin, slope, energy.
 
-    take    tenths of a second and what was judged of them, rows and estimates of wheels -> VehicleEstimates
+    take    tenths of a second in which anything came, what was judged of them, rows and estimates of wheels
+            -> VehicleEstimates
 
-What holds at an instant is by rows before it, so that it does not depend on where blocks are cut.
+What holds at an instant is by rows before it, so that it does not depend on where blocks are cut. There is
+one wherever anything came in, be it the imu alone: who listens hears that slip is not known, not silence.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
+from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
+from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.tables import (
@@ -37,7 +41,7 @@ from .answer import STALE
 from .status import MarginSource, WarningLevel
 
 _SURE = 0.5  # of the information, over which a margin is no prior any more
-_PAUSE = 10 * SECOND  # ns: after so long without any row the drive goes on with the next one
+_PAUSE = 10 * SECOND  # ns: after so long without any message the drive goes on with the next one
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 
 
@@ -105,63 +109,67 @@ class VehicleState:
         )  # of the last seconds: an instant may be before the newest
         self._numbers = np.empty(0, dtype=np.int64)  # of the soils of these
         self._instants: Instants | None = None  # of the last half second
-        self._last: tuple[Instants, Warned, Flags] | None = None
+        self._last = _nothing(sum(wheel.contact == ROLLING for wheel in settings.wheels))
+        self._told = NEVER  # stamp of the newest instant that was given
         # Stamps of the newest rows, what gravity pulls ahead and across (m/s^2), and what is asked for.
         self._felt: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((3, 0))
 
     def take(
-        self, instants: Instants | None, warned: Warned | None, stuck: Flags, rows: Readings,
-        judged: Judged, estimates: Estimates, soils: Versions[Version],
+        self, heard: Integers, instants: Instants | None, warned: Warned | None, stuck: Flags,
+        rows: Readings, judged: Judged, estimates: Estimates, soils: Versions[Version],
     ) -> VehicleEstimates:  # fmt: skip
         """Go on with a block.
 
-        instants, warned, stuck: tenths of a second that are over, what is warned of at each, whether the rims
-        run and the vehicle does not. rows, judged: of all wheels, and what holds at each. estimates: of rows
-        that were due. soils: of each version.
+        heard: ends (ns) of the tenths of a second that are over and in which anything came. instants, warned,
+        stuck: those of which something is known, what is warned of at each, whether the rims run and the
+        vehicle does not. rows, judged: of all wheels, and what holds at each. estimates: of rows that were
+        due. soils: of each version.
         """
         every = Estimates.joined([self._wheels, estimates])
         own = [soils[one].number for one in estimates.soil_version.tolist()]
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
         felt = np.hstack([self._felt[1], np.stack([rows.slope, rows.across, judged.asked])])
-        found = none_of(VehicleEstimates)
         if instants is not None and warned is not None:
-            tenths = self._every_tenth(instants, warned, stuck)
-            found = self._at(*tenths, every, numbers, stamps, felt)
+            before = self._last
+            self._last = (
+                Instants.joined([before[0], instants]),
+                Warned.joined([before[1], warned]),
+                np.concatenate([before[2], stuck]),
+            )
+            heard = np.union1d(heard, instants.stamp)
+        found = none_of(VehicleEstimates)
+        if heard.size:
+            found = self._at(*self._every_tenth(heard), every, numbers, stamps, felt)
         recent = every.stamp > every.stamp.max(initial=0) - 2 * STALE
         self._wheels, self._numbers = every.take(recent), numbers[recent]
         recent = stamps > stamps.max(initial=0) - 2 * STALE
         self._felt = stamps[recent], felt[:, recent]
         return found
 
-    def _every_tenth(
-        self, instants: Instants, warned: Warned, stuck: Flags
-    ) -> tuple[Instants, Warned, Flags]:
-        """Also the tenths in which no wheel had a row: as the one before, for as long as a row holds."""
-        if self._last is not None:
-            instants = Instants.joined([self._last[0], instants])
-            warned = Warned.joined([self._last[1], warned])
-            stuck = np.concatenate([self._last[2], stuck])
-        first = 0 if self._last is None else 1
-        self._last = instants.take(slice(-1, None)), warned.take(slice(-1, None)), stuck[-1:]
-        apart = np.diff(instants.stamp) // PERIOD
-        times = np.append(np.where(apart * PERIOD > _PAUSE, 1, np.maximum(apart, 1)), 1)
-        index = np.repeat(np.arange(len(instants)), times)
-        since = np.arange(index.size) - np.repeat(np.cumsum(times) - times, times)
-        index, since = index[first:], since[first:]  # the one before is done
-        instants, warned = instants.take(index), warned.take(index)
-        old = since * PERIOD > round(HELD * SECOND)
+    def _every_tenth(self, heard: Integers) -> tuple[Instants, Warned, Flags]:
+        """What holds at each tenth up to the last of these: what was known last, for as long as it holds."""
+        since = heard - np.concatenate([[self._told], heard[:-1]])
+        times = np.where(since > _PAUSE, 1, since // PERIOD)
+        left = np.repeat(np.cumsum(times), times) - np.arange(times.sum()) - 1
+        stamp = np.repeat(heard, times) - PERIOD * left
+        self._told = int(stamp[-1])
+        instants, warned, stuck = self._last
+        index = np.searchsorted(instants.stamp, stamp, side="right") - 1
+        newest = slice(-1, None)
+        self._last = instants.take(newest), warned.take(newest), stuck[newest]
+        instants, warned, stuck = instants.take(index), warned.take(index), stuck[index]
+        old = instants.stamp < stamp - round(HELD * SECOND)
         unknown = {
             name: np.where(old if column.ndim == 1 else old[:, None], np.nan, column)
             for name, column in vars(instants).items()
             if name != "stamp"
         }
-        stamp = instants.stamp + since * PERIOD
         level = np.where(old, 0, warned.level)
         return (
             replace(instants, stamp=stamp, **unknown),
             replace(warned, stamp=stamp, level=level, slip=np.where(old, np.nan, warned.slip)),
-            stuck[index] & ~old,
+            stuck & ~old,
         )
 
     def _at(
@@ -220,6 +228,17 @@ class VehicleState:
                     found[2 * j : 2 * j + 2, k] = np.median(slip[of]), np.median(spread[of])
         self._instants = whole.take(slice(-5, None))
         return found
+
+
+def _nothing(wheels: int) -> tuple[Instants, Warned, Flags]:
+    """An instant before all others, at which nothing is known of so many rolling wheels."""
+    never, no = np.array([NEVER]), np.zeros(1, dtype=np.int64)
+    of_wheels, one = np.full((1, wheels), np.nan), np.full(1, np.nan)
+    return (
+        Instants(never, of_wheels, of_wheels, of_wheels, one, one, one),
+        Warned(never, one, one, no, no),
+        np.zeros(1, dtype=bool),
+    )
 
 
 def _slip(rim: Array, ground: Array, spread: Array) -> tuple[Array, Array]:

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from rows_of_drives import drive, give, rover
+from rows_of_drives import START, drive, give, rover, static_rover
 
 from smallwheel_ros.drive.messages import VEHICLE_VALID, vehicle_columns
+from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import WarningLevel
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
@@ -17,8 +19,13 @@ from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND
 
 
-def turns_of(rows: list, span: int | None = None, **parameters: object) -> list[Turn]:
-    settings = rover(**parameters).onboard
+def turns_of(
+    rows: list,
+    span: int | None = None,
+    vehicle: Callable[..., NodeSettings] = rover,
+    **parameters: object,
+) -> list[Turn]:
+    settings = vehicle(**parameters).onboard
     pipeline = Pipeline(settings)
     known = set(widths_of(settings))
     give(pipeline.streams, [row for row in rows if row[0] in known])
@@ -66,6 +73,56 @@ def test_what_nothing_tells_is_0_and_its_flag_false() -> None:
         assert not columns[flag].any()
         for name in VEHICLE_VALID[flag]:
             assert not columns[name].any()
+
+
+@pytest.mark.parametrize("others", [True, False])
+@pytest.mark.parametrize("seconds", [None, 0.33])
+def test_without_any_odometry_there_is_a_row_each_tenth_all_the_same(
+    others: bool, seconds: float | None
+) -> None:
+    span = None if seconds is None else round(seconds * SECOND)
+    rows = [row for row in drive() if row[0] != "odom" and (others or row[0] != "imu")]
+    found = joined(turns_of(rows, span, static_rover, **({} if others else {"imu_topic": None})))
+    assert found.stamp[-1] - found.stamp[0] > 11 * SECOND
+    assert (np.diff(found.stamp) == SECOND // 10).all()
+    columns = vehicle_columns(found)
+    assert set(np.asarray(columns["level"]).tolist()) == {UNKNOWN}
+    assert not any(np.asarray(columns[flag]).any() for flag in VEHICLE_VALID)
+
+
+def test_every_flag_is_set_while_it_is_known_and_cleared_while_it_is_not() -> None:
+    silent = range(10 * SECOND, 16 * SECOND)  # of odometry and imu; they come again
+    rows = [
+        row
+        for row in drive(26.0, oriented=True)
+        if row[0] not in ("odom", "imu") or row[1] - START not in silent
+    ]
+    found = joined(turns_of(rows, None, static_rover))
+    columns, time = vehicle_columns(found), (found.stamp - START) / SECOND
+    assert (np.diff(found.stamp) == SECOND // 10).all()
+    known = [(time > 4.0) & (time < 10.0), time > 20.0]
+    unknown = (time > 13.0) & (time < 16.0)
+    for flag, names in VEHICLE_VALID.items():
+        column = np.asarray(columns[flag])
+        assert all(column[part].all() for part in known), flag
+        assert not column[unknown].any(), flag
+        for name in names:
+            assert not np.asarray(columns[name])[unknown].any(), name
+    assert (found.level[known[0]] == WarningLevel.OK).all()
+    assert (found.level[unknown] == WarningLevel.UNKNOWN).all()
+
+
+def test_after_a_hole_in_time_it_goes_on_without_rows_in_between() -> None:
+    hole = 60 * SECOND
+    rows = [
+        (name, stamp + hole, values, stamp + hole) if stamp - START > 6 * SECOND else row
+        for row in drive()
+        for name, stamp, values, _ in [row]
+    ]
+    apart = np.diff(joined(turns_of(rows, None, static_rover)).stamp)
+    assert apart.min() == SECOND // 10
+    assert (apart > SECOND // 10).sum() == 1
+    assert apart.max() == pytest.approx(hole, abs=2 * SECOND)
 
 
 # Columns of `VehicleEstimates` that a flag is about, where they are called otherwise in the message.
