@@ -84,17 +84,30 @@ class GroundMapper:
             found.tilt,
             found.demand,
             self._shown(found, stuck | (risk > 0.0)),
+            found.course,
         )
         margins = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, strict=True)
-        for wheel, x, y, heading, distance, unknown, held, likely, slope, demand, shown, margin in (
-            rows if frame else ()
-        ):
+        for (
+            wheel,
+            x,
+            y,
+            heading,
+            distance,
+            unknown,
+            held,
+            likely,
+            slope,
+            demand,
+            shown,
+            course,
+            margin,
+        ) in rows if frame else ():
             if math.isfinite(x + y + heading):
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
                     None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand,
-                    shown=shown,
+                    shown=shown, course=course,
                 )  # fmt: skip
         newest = next((one for one in reversed(margins) if one is not None), None)
         if newest is not None:

@@ -66,6 +66,11 @@ class ProblemLog:
         return tuple(found)
 
 
-_NO_ROW = ("no_value", "not_readable", "velocity_unit")  # of messages that gave the stream no row
+_NO_ROW = (
+    "no_value",
+    "not_readable",
+    "velocity_unit",
+    "steering_unit",
+)  # of messages that gave the stream no row
 # Reasons of streams that keep the message.
-_USED = frozenset(["no_orientation", "load_not_positive", "time_jump"])
+_USED = frozenset(["no_orientation", "load_not_positive", "time_jump", "in_steps"])
