@@ -64,13 +64,17 @@ TRUE = {
     "warthog_grass_pose_only": {("no twist", ODOMETRY): "has no twist"},
     "pathfinder_flat": {("z down", "imu"): "looks down", ("rolling", "radii"): "the rims turn"},
     "husky_snow": {("of wheels", "odometry"): "it is made of them"},
+    "warthog_ice": {("turn", "imu"): "it turns the other way"},
+    "warthog_gravel": {("turn", "imu"): "it turns the other way"},
+    "husky_wetgrass": {("jumps", "odometry"): "its pose jumps"},
 }
 _VARIES = re.compile(r"-?\d+(\.\d+)?|'\w+'")  # numbers and names of wheels
 _KIND = "nav_msgs/msg/Odometry"
 
 
 DRIVE, BAND_CELL, ACCUSED, SAID = "drive", "in its band (steady)", "good sensors accused", "said"
-WARNINGS = "warnings; by slip alone"
+WARNINGS = "warnings of both levels; by slip alone"
+MAY, GETS = 2, 3  # levels of VehicleMobility.msg
 HEADER = [
     DRIVE,
     "of",
@@ -159,6 +163,12 @@ def by_slip_alone(raw: Raw) -> int:
     """Warnings of a threshold on the slip that rims and odometry show."""
     time, slip = shown_slip(raw)
     return int(np.sum(np.diff(time[slip > SLIP_ALONE], prepend=-np.inf) > PAUSE))
+
+
+def rises(vehicle: pd.DataFrame, level: int) -> int:
+    """How often a level of the warning, or a higher one, begins after `PAUSE` without it."""
+    times = vehicle["time"][vehicle["level"] >= level]
+    return int(np.sum(np.diff(times, prepend=-np.inf) > PAUSE))
 
 
 def is_steady(times: Array, speeds: Array, at: float) -> bool:
@@ -252,7 +262,8 @@ def judged(bag: Path, config: Path, folder: Path) -> Judged:
         inside = f"{found['inside'].mean():.2f} ({steady:.2f}) of {len(found)}, {left_out} left out"
     margin = estimates["mobility_margin"].median()
     deviation = estimates["mobility_margin_standard_deviation"].median()
-    stuck = sum(event["kind"] == "stuck" for event in summary["events"])
+    vehicle = pd.read_csv(folder / FILES["vehicle_csv"])
+    first, second = (rises(vehicle, level) for level in (MAY, GETS))
     said = Counter(sensors_said(summary))
     true = TRUE.get(bag.name, {}).values()
     cells = {
@@ -261,7 +272,7 @@ def judged(bag: Path, config: Path, folder: Path) -> Judged:
         "slip known": f"{known_share(estimates, speeds):.0%}",
         BAND_CELL: inside,
         "margin": f"{margin:.2f} ± {BAND * deviation:.2f}" if np.isfinite(margin) else "-",
-        WARNINGS: f"{stuck}; {by_slip_alone(raw)}",
+        WARNINGS: f"{first}, {second}; {by_slip_alone(raw)}",
         ACCUSED: str(sum(n for text, n in said.items() if not any(w in text for w in true))),
         SAID: "; ".join(said),
     }
@@ -309,11 +320,13 @@ def merged(drives: list[Judged], path: Path = CSV) -> pd.DataFrame:
 def in_short(table: pd.DataFrame) -> str:
     """All drives in one sentence."""
     metres = table["of"].str.extract(r"(\d+) m")[0].astype(int).sum()
-    warnings, by_slip = table[WARNINGS].str.split("; ", expand=True).astype(int).sum()
+    counts = table[WARNINGS].str.split("[,;] ", expand=True, regex=True)
+    first, second, by_slip = counts.astype(int).sum()
     inside = [cell.split()[0] for cell in table[BAND_CELL] if cell != "-"]
     accused = table[ACCUSED].astype(int).sum()
     return (
-        f"{len(table)} real drives, {metres} m: {warnings} warnings, where a threshold of {SLIP_ALONE} on"
+        f"{len(table)} real drives, {metres} m: {first} warnings, {second} of them of the second level,"
+        f" where a threshold of {SLIP_ALONE} on"
         f" slip gives {by_slip}; slip in its 95 % band in {', '.join(inside)} of the truths; {accused} good"
         " sensors accused.\n"
     )

@@ -130,7 +130,7 @@ def rates(subject: Subject, lines: Sequence[Line]) -> pd.DataFrame:
 PAGE = FOLDER.parent.parent / "docs" / "rates.md"
 # Rows, after their subject, that the page has without a limit; and those that it has only where they fail.
 _SHOWN = re.compile(
-    r"^(?:robots|slip): (?:(?:slip|margin): stated over true|.* by slip over 0\.3$)"
+    r"^(?:robots|slip): (?:(?:slip|margin): stated over true|.* by (?:second level|slip over 0\.3)$)"
     r"|^diagnosis: reported over|^laws: called better than another"
 )
 _SPARED = re.compile(

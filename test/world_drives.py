@@ -15,8 +15,10 @@ from smallwheel_ros.pipeline.tables import Readings, unknown
 
 
 def table_of(**columns: Any) -> Readings:
-    """A table of these columns; of all others nothing is known."""
+    """A table of these columns; of all others nothing is known, but that pushed is slope and gain."""
     none = unknown(len(columns["stamp"]))
+    pushed = columns.get("slope", none) + columns.get("gained", none)
+    columns = {"pushed": pushed} | columns
     return Readings(**({field.name: none for field in fields(Readings)} | columns))
 
 

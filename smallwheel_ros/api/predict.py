@@ -118,7 +118,7 @@ def _on_soil(
     if model is not None:
         name = str(model) if isinstance(model, (str, PathLike)) else "the model"
         known = model_of(model, registry_of(effects))
-        return on_one_soil(known, soil, name) if one or len(known.soils) == 1 else known
+        return on_one_soil(known, soil, name) if one else known
     if soil is None:
         raise ArgumentError("found no soil and no model: give a soil (--soil) or a model (--model)")
     return model_of(Model(soil, "closed_form" if closed_form else "contact_integral"))

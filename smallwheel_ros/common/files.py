@@ -8,7 +8,9 @@ import json
 import os
 import stat
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,25 +80,67 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
     written to as it is: put another file in its place, and every program would lose it.
     """
     path = check_target(path)
-    try:
-        if path.exists() and not path.is_file():
+    if path.exists() and not path.is_file():
+        with _said_of(path):
             write(path)
-            return
-        target = Path(os.path.realpath(path))
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        os.close(handle)
-        draft = Path(name)
-        try:
-            write(draft)
-            draft.chmod(0o644)  # as any other new file, not private as a temporary one
-            with draft.open("rb") as stream:
-                os.fsync(stream.fileno())  # on the disk before its name is, if the power fails
-            draft.replace(target)
-        except BaseException:
-            draft.unlink(missing_ok=True)
-            raise
+        return
+    _put([(path, write)])
+
+
+def write_together(files: Mapping[Path, bytes]) -> None:
+    """Put files there that belong together, in their order: all are on the disk before one has its name.
+
+    A process that is killed leaves all of them old or all of them new, but for the moment in which they get
+    their names: who reads them looks whether they belong together.
+
+    Parameters
+    ----------
+    files
+        Contents, by path.
+
+    Raises
+    ------
+    OutputError
+        If one cannot be written; then none is there.
+    """
+    _put([(check_target(path), partial(_write, content)) for path, content in files.items()])
+
+
+def _write(content: bytes, draft: Path) -> None:
+    draft.write_bytes(content)
+
+
+@contextmanager
+def _said_of(path: Path) -> Iterator[None]:
+    """What the system says of a file, in our words."""
+    try:
+        yield
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
+    """Make all files beside their places, then put them there."""
+    drafts: list[tuple[Path, Path, Path]] = []
+    try:
+        for path, write in files:
+            with _said_of(path):
+                target = Path(os.path.realpath(path))
+                handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+                os.close(handle)
+                draft = Path(name)
+                drafts.append((path, draft, target))
+                write(draft)
+                draft.chmod(0o644)  # as any other new file, not private as a temporary one
+                with draft.open("rb") as stream:
+                    os.fsync(stream.fileno())  # on the disk before its name is, if the power fails
+        for path, draft, target in drafts:
+            with _said_of(path):
+                draft.replace(target)
+    except BaseException:
+        for _, draft, _ in drafts:
+            draft.unlink(missing_ok=True)
+        raise
 
 
 def json_text(document: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ from smallwheel_ros.fitting.parameters import EffectPart, part_of
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import one_diameter, soil_names
 from smallwheel_ros.model.given import Models, list_of, model_of
+from smallwheel_ros.model.mixture import mixed, rivals_text
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.conditions import PLATE
 from smallwheel_ros.physics.soil import Soil, soil
@@ -121,6 +122,11 @@ def contenders_of(models: Models, known: Registry) -> list[Contender]:
         effects = ", ".join(effect.id for effect in read_one.effects) or "no effects"
         source = f"model file {file}" if file else "soil of the library" if of_library else "model"
         about = f"{source}: {read_one.geometry}, {effects}"
+        if read_one.rivals:
+            about = (
+                f"{source}: {read_one.geometry}, the mean of models that its data could not tell apart: "
+                f"{rivals_text(read_one)}"
+            )
         digest = str(read_one.provenance.get("sha256", ""))
-        found.append(Contender(name, about, read_one.model, file, digest))
+        found.append(Contender(name, about, mixed(read_one), file, digest))
     return found

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from smallwheel_ros.compare.own_law import LawError, OwnLaw
-from smallwheel_ros.diagnosis.pipeline import diagnosis_of, start_of
+from smallwheel_ros.diagnosis.pipeline import decided, start_of
 from smallwheel_ros.fitting.fit import FAILURES, Fit
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import Base, Problem
@@ -90,10 +90,10 @@ def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[LawPrediction]:
         if points.forces:
             fit = Problem.of(fold.others, Base(thrust_form="wong_reece")).fit
             yield LawPrediction(WONG_REECE, _of_model(fit.model, points), _at_bound(fit))
-        diagnosis = diagnosis_of(start_of(fold.others))
-        for name, result in ((INTEGRAL, diagnosis.problem.result()), (OURS, diagnosis.fit)):
+        said = decided(start_of(fold.others))
+        for name, result in ((INTEGRAL, said.problem.result()), (OURS, said.fit())):
             held = tuple(p.full_name for p in result.parameters if p.status == "at its bound")
-            effects = tuple(diagnosis.missing_effects) if name == OURS else ()
+            effects = said.named if name == OURS else ()
             yield LawPrediction(name, _of_model(result.model.model, points), held, effects)
         yield from (_own(law, fold) for law in own if law.needs <= there)
     except LawError:

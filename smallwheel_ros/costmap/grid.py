@@ -7,6 +7,7 @@ in the yaml is ours (map_server takes its frame from a parameter): positions the
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.errors import SmallwheelError, reason
-from smallwheel_ros.common.files import write_bytes
+from smallwheel_ros.common.files import write_together
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml, write_yaml
 
 Cells = NDArray[np.int8]
@@ -263,11 +264,15 @@ def spread(costs: Cells, reach: float) -> Cells:
 
 def write_map(path: Path, grid: Grid) -> None:
     """Write a grid into path (.yaml) and an image of that name (.pgm). Raises OutputError."""
+    write_together(map_files(path, grid))
+
+
+def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
+    """Contents of the two files of a map, by their paths: path (.yaml), and the image (.pgm) beside it."""
     image = path.with_suffix(".pgm")
     height, width = grid.cells.shape
     # The first row of an image is its top.
     pixels = np.where(grid.cells < 0, _UNKNOWN_PIXEL, grid.cells).astype(np.uint8)[::-1]
-    write_bytes(image, f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes())
     lines = {
         "image": image.name,
         "mode": _MODE,
@@ -278,7 +283,16 @@ def write_map(path: Path, grid: Grid) -> None:
         "free_thresh": 0.25,
         "frame": grid.frame,
     }
-    write_bytes(path, write_yaml(lines).encode())
+    return {
+        image: f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes(),
+        path: write_yaml(lines).encode(),
+    }
+
+
+def digest_of(grid: Grid) -> str:
+    """SHA-256 of a grid: another one has another, and one that was written and read again has the same."""
+    place = grid.frame, float(grid.resolution), *map(float, grid.origin[:2]), *grid.cells.shape
+    return hashlib.sha256(f"{place}".encode() + grid.cells.astype(np.int8).tobytes()).hexdigest()
 
 
 def read_map(path: Path) -> Grid:

@@ -264,10 +264,8 @@ def _recommended(effect: str, judged: Diagnosis, change: ErrorComparison) -> tup
         return True, why if learnt else ""
     if effect in document["candidates"]:
         others = ", ".join(c for c in document["candidates"] if c != effect)
-        return (
-            False,
-            f"this data cannot tell it from {others}; not recommended until other data can",
-        )
+        said = f"cannot tell it from {others}" if others else "does not confirm it"
+        return False, f"this data {said}; not recommended until other data can"
     row: dict[str, Any] = next((r for r in document["ranking"] if r["effect"] == effect), {})
     chance = probability_text(row.get("probability") or 0.0)
     if document["missing_effects"]:

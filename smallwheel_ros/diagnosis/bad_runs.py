@@ -29,6 +29,7 @@ from smallwheel_ros.fitting.noise import (
     outlier_limit,
 )
 from smallwheel_ros.fitting.points import Points, runs_of
+from smallwheel_ros.fitting.variance import Scatter
 from smallwheel_ros.measurements.display import number, words
 from smallwheel_ros.measurements.measurements import Measurements
 
@@ -168,16 +169,43 @@ def _off_repeats(points: Points) -> list[BadRun]:
 
 
 def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
-    """The run that lies furthest off what the model predicts of it from the others."""
+    """The run that lies furthest off what the model predicts of it from the others.
+
+    By the scatter of all. Of curves there are few, and one may hide in the scatter that it makes: where none
+    is far off, by that of all but the furthest (a studentised deviation: Cook and Weisberg 1982, ch. 2),
+    which it has to exceed as well as the robust one.
+    """
     points = fitter.points
-    s = fitter.covariance(fit, fit.taken_up)
+    worst, furthest, is_far = _furthest(fitter, fit, fit.scatter)
+    if worst >= 0 and not is_far and points.swept.any():
+        stays = points.run != points.run[worst]
+        others, kept = fitter.of_values(stays), fit.take(stays)
+        scatter = others.variance.fit(
+            kept.away(others.points.value),
+            kept.taken_up,
+            kept.stiffness,
+            others.variance.suited(fit.scatter),
+        )
+        worst, furthest, is_far = _furthest(fitter, fit, fitter.variance.suited(scatter), 1.0)
+    return [_run(points, worst, furthest, "deviations off the best model")] if is_far else []
+
+
+def _furthest(
+    fitter: Fitter, fit: Fit, scatter: Scatter, least: float = 0.0
+) -> tuple[int, float, bool]:
+    """The value whose run is furthest off under a scatter, by how much, and whether it does not belong.
+
+    least: of the robust deviation, in those of the scatter. -1 where no channel has enough runs.
+    """
+    points = fitter.points
+    s = fitter.variance.covariance(scatter, fit.stiffness, fit.taken_up)
     pulled, inverse = s.solve(fit.away(points.value)), s.solve(np.eye(len(points)))
     off = np.full(len(points), np.nan)
     for run in np.unique(points.run):
         place = np.flatnonzero(points.run == run)
         covariance = np.linalg.inv(inverse[np.ix_(place, place)])
         off[place] = covariance @ pulled[place] / np.sqrt(np.diag(covariance))
-    worst, furthest = -1, 0.0
+    worst, furthest, is_far = -1, 0.0, False
     for name in points.channels:
         mine = np.flatnonzero(points.of_channel(name) & np.isfinite(off))
         if mine.size <= 2 * _FEWEST:
@@ -186,9 +214,9 @@ def _off_model(fitter: Fitter, fit: Fit) -> list[BadRun]:
         runs, first, code = np.unique(points.run[mine], return_index=True, return_inverse=True)
         square = np.bincount(code.reshape(-1), off[mine] ** 2) / np.bincount(code.reshape(-1))
         mine, size = mine[first], np.sqrt(square)
-        size /= NORMAL * float(np.median(size))
-        limit = outlier_limit(runs.size)
+        size /= max(NORMAL * float(np.median(size)), least)
+        limit, largest = outlier_limit(runs.size), float(size.max())
         few = np.count_nonzero(size > limit) <= most_bad(runs.size)
-        if few and size.max() > max(limit, furthest):
-            worst, furthest = int(mine[np.argmax(size)]), float(size.max())
-    return [] if worst < 0 else [_run(points, worst, furthest, "deviations off the best model")]
+        if few and (largest > limit, largest) > (is_far, furthest):
+            worst, furthest, is_far = int(mine[np.argmax(size)]), largest, largest > limit
+    return worst, furthest, is_far

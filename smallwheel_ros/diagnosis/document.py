@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from smallwheel_ros.diagnosis.search import Search
 from smallwheel_ros.diagnosis.verdict import Evidence, Verdict
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.fitting import Problem
-from smallwheel_ros.fitting.constants import ALARM, TIE
+from smallwheel_ros.fitting.constants import ALARM, NAMED, TIE
 from smallwheel_ros.fitting.fit import Fit
 from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
 from smallwheel_ros.fitting.measured import tied_settings
@@ -149,7 +149,7 @@ def document_of(
             for one in evidence.bad
         ],
         "notes": [
-            *([_may_learn(measurements, without)] if verdict.word == "unknown_effect" else []),
+            *_may_learn(verdict, measurements, without),
             *problem.result(verdict.steps[-1].model).notes,
             *measurements.notes,
             *(
@@ -187,11 +187,15 @@ def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> 
     return said
 
 
-def _may_learn(measurements: Measurements, without: Collection[str]) -> str:
+def _may_learn(
+    verdict: Verdict, measurements: Measurements, without: Collection[str]
+) -> Iterator[str]:
     """What to run where no known effect explains what is missing."""
+    if verdict.word != "unknown_effect" or verdict.rivals:
+        return
     taken_out = f" --without {','.join(without)}" if without else ""
     table = shlex.quote(measurements.source or "TABLE")
-    return (
+    yield (
         f"to look for a law that explains it: `smallwheel learn {table}{taken_out} -o "
         "law.py`, with the same --model if one was given"
     )
@@ -271,7 +275,7 @@ def _row(
     status = "not_significant"
     if name in verdict.named or (name in verdict.unknown and verdict.word == "unknown_effect"):
         status = "significant"
-    elif name in verdict.rivals:
+    elif name in verdict.rivals and len(verdict.rivals) > 1:
         status = "confounded"
     close = found.all_alone(name, within=TIE)
     model = verdict.best if name in verdict.best.families else next(iter(close), None)
@@ -356,7 +360,9 @@ def _reason(
         said += "; this data cannot tell it from the other candidates"
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
-    if status == "not_significant" and probability > 0.5:
+    if status == "not_significant" and probability >= NAMED:
+        said += ": probable, but no error on held-out runs falls with it"
+    elif status == "not_significant" and probability > 0.5:
         said += ": probable, but below the 95 % needed to name it"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]
     if outside and status != "not_significant":

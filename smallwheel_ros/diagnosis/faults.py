@@ -79,18 +79,22 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
         return None
     alone = Problem(mine, Base(effects=(_AsShown(),)), judging=True)
     fitter, none = alone.fitter, alone.fit
-    share = constants.EXPECTED_EFFECTS / len(registry.families)
     faults = _faults(registry, {*without, *problem.base.names})
     made = [one for fault in faults if (one := _with(fitter, none, fault)) is not None]
     part, told, evidence = max(made, key=lambda one: one[-1], default=(None, None, -np.inf))
-    odds = share * float(np.exp(min(evidence, 50.0)))
-    probability = odds / (1.0 + odds)
+    probability = _probability(evidence, len(registry.families))
     if part is None or told is None or probability < constants.NAMED:
         return None
     before, after = problem.held_out(), problem.with_part(part, told).held_out()
     if before is None or after is None or not compare_cv(before, after).helps:
         return None
     return Witness(part, told, evidence, probability, problem.judged.fit, before)
+
+
+def _probability(evidence: float, families: int) -> float:
+    """Of one fault, by its evidence (nats) and its prior odds: as many effects as are expected, of all."""
+    odds = constants.EXPECTED_EFFECTS / families * float(np.exp(min(evidence, 50.0)))
+    return odds / (1.0 + odds)
 
 
 def _faults(registry: Registry, blocked: Collection[str]) -> Iterator[Effect]:

@@ -129,7 +129,8 @@ class Diagnosis(Result, shown="views.diagnosis"):
         if evidence is None or decision is None:
             return self.fit.model
         tied = {name for one in self.fit.measured.tied for name in (one.setting, one.other)}
-        unknown = decision.word == "unknown_effect"
+        # A single candidate describes the data, though these do not confirm it.
+        unknown = decision.word == "unknown_effect" and not decision.rivals
         if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
             return self.fit.model
         found, left = evidence.found, evidence.misfit
@@ -171,21 +172,57 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return super()._writers() | {".yaml": lambda path: self.model.save(path)}
 
 
+@dataclass(frozen=True)
+class Decided:
+    """What the measurements let one say, and nothing besides. reason: why they say nothing, "" else.
+
+    evidence and verdict are None where they say nothing.
+    """
+
+    problem: Problem
+    reason: str = ""
+    evidence: Evidence | None = None
+    verdict: Verdict | None = None
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects that are missing, the clearest first."""
+        return () if self.verdict is None else self.verdict.named
+
+    def fit(self) -> FitResult:
+        """The base with everything that is named, fitted to all runs and channels."""
+        steps = () if self.verdict is None else self.verdict.steps
+        return self.problem.result(steps[-1].model if steps else None)
+
+
 @one_thread
-def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
-    """Find out which effect a model is missing, as far as the measurements can tell.
+def decided(start: Start, progress: Progress = unheard) -> Decided:
+    """Decide which effect a model is missing, as far as the measurements can tell.
 
     progress: told each step in words. Raises FittingError where nothing usable was measured.
     """
-    known, without = start.registry, start.without
     progress("fitting the base model")
     problem = Problem.of(start.measurements, start.base)
     reason = _insufficient(problem.judged.points)
-    if reason or len(problem.points) < 2:
-        return _too_little(problem, reason, known, without)
+    if not reason and len(problem.points) < 2:
+        reason = "one measurement only"
+    if reason:
+        return Decided(problem, reason)
     progress("testing each effect")
-    evidence = _evidence(problem, known, without, start.seed, progress)
-    verdict = decide(evidence)
+    evidence = _evidence(problem, start.registry, start.without, start.seed, progress)
+    return Decided(evidence.problem, "", evidence, decide(evidence))
+
+
+@one_thread
+def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
+    """Find out which effect a model is missing, with all that is told about it.
+
+    progress: told each step in words. Raises FittingError where nothing usable was measured.
+    """
+    found, without = decided(start, progress), start.without
+    evidence, verdict = found.evidence, found.verdict
+    if evidence is None or verdict is None:
+        return _too_little(found.problem, found.reason, start.registry, without)
     progress("ranking")
     document = written.document_of(evidence, verdict, seed=start.seed, without=without)
     progress("what to measure next")
@@ -230,7 +267,7 @@ def _too_little(
 ) -> Diagnosis:
     """The diagnosis of a table that nothing can be told from."""
     if len(problem.points) < 2:
-        return Diagnosis(written.insufficient(problem, reason or "one measurement only"), problem)
+        return Diagnosis(written.insufficient(problem, reason), problem)
     judged = problem.judged
     field = field_of(judged.points, judged.vector.model(judged.vector.start), known, without)
     return Diagnosis(written.insufficient(problem, reason, field), problem)

@@ -39,8 +39,9 @@ class Posterior:
     """What the probabilities say, and the models that they say it with.
 
     word: the verdict, were there no other evidence. named: families that are missing, the clearest first.
-    rivals: families of which one is missing. unknown: curves without a name that no law stands for. closest:
-    names that describe the data best and not well enough. probabilities: of each family. best: with laws of
+    rivals: families of which one is missing; a single one is a candidate that these data do not confirm.
+    unknown: curves without a name that no law stands for. closest: names that describe the data best and not
+    well enough. probabilities: of each family. best: with laws of
     the library for what is named, else the most probable. ties: sentences on settings that were varied
     together.
     """
@@ -88,10 +89,12 @@ def posterior_of(search: Search) -> Posterior:
     else:
         word = "unknown_effect"
         unknown = unknown or [r for r in rivals if r.startswith("unknown:")]
-    closest = [r for r in rivals if r not in unknown] if word == "unknown_effect" else []
+    closest: list[str] = []
+    if word == "unknown_effect" and (unknown or len(rivals) > 1):
+        rivals, closest = [], [r for r in rivals if r not in unknown]
     return Posterior(
         word, probability, library if named else best, tuple(named),
-        () if word == "unknown_effect" else tuple(rivals), tuple(unknown), tuple(closest), tuple(ties),
+        tuple(rivals), tuple(unknown), tuple(closest), tuple(ties),
     )  # fmt: skip
 
 

@@ -143,7 +143,7 @@ class Screen:
             pulled = (self._white[:, place] @ turned).T @ w
             each = pulled**2 / (1.0 + size)[:, None] - np.log1p(size)[:, None]
             found.append(0.5 * each.sum(axis=0))
-        return np.array(found)
+        return np.array(found).reshape(len(self._places), w.shape[1])
 
     def tested(self, seed: int) -> tuple[float, dict[str, float]]:
         """p of "is anything missing", and of each family against the largest of all, by simulation.

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from smallwheel_ros.diagnosis.next_measurement import RUNS
 from smallwheel_ros.fitting.constants import REPLICATES
 from smallwheel_ros.measurements.display import listed, p_text, sentence, words
 
@@ -16,6 +17,7 @@ SAID = {
     "missing_effect": "The model lacks {named}.",
     "adequate": "Nothing is missing that this data could show.",
     "unknown_effect": "Something is missing, and no effect of the library explains it.",
+    "unconfirmed": "Something may be missing: {candidates}. This data does not confirm it.",
     "indistinguishable": "Something is missing: {candidates}. This data cannot tell which.",
     "insufficient_data": "Too little data for a verdict.",
 }
@@ -28,7 +30,9 @@ _NEXT = {
     "be there.",
     "unknown_effect": "Next: record what else differs between the runs, or let `smallwheel learn` look for a "
     "law.",
+    "unconfirmed": "Next: make the measurements proposed, which would confirm it or rule it out.",
     "indistinguishable": "Next: make the measurements proposed, which tell them apart.",
+    "none proposed": "Next: measure at settings beyond these: within them no {runs} runs would settle it.",
     "tied": "Next: make the measurements proposed, or others off that line.",
     "insufficient_data": "Next: measure more runs, at several loads.",
 }
@@ -37,6 +41,8 @@ _NEXT = {
 def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
     """The verdict, what speaks for it, and how sure it is."""
     verdict = document["verdict"]
+    if verdict == "unknown_effect" and document["candidates"]:
+        verdict = "unconfirmed"
     lines = [
         SAID[verdict].format(
             named=listed(document["missing_effects"], "and"),
@@ -69,7 +75,10 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
         chance = f"= {p_text(p)}" if p > _LEAST_P else f"at most {p_text(_LEAST_P)}"
         lines.append(f"Chance of such errors if nothing were missing: p {chance}.")
     table = shlex.quote(document.get("table") or "TABLE")
-    lines.append(_NEXT["tied" if tied and verdict == "adequate" else verdict].format(table=table))
+    following = "tied" if tied and verdict == "adequate" else verdict
+    if verdict in ("unconfirmed", "indistinguishable") and not document["next_measurements"]:
+        following = "none proposed"
+    lines.append(_NEXT[following].format(table=table, runs=RUNS))
     return lines
 
 

@@ -78,7 +78,8 @@ class Verdict:
     """What can be said.
 
     named: families that are missing, the clearest first. rivals: families of which one is missing,
-    and the data cannot tell which. unknown: curves without a name. closest: names that describe the data
+    and the data cannot tell which; a single one, of an unknown effect, is a candidate that the data does not
+    confirm. unknown: curves without a name. closest: names that describe the data
     best and not well enough. probabilities: of each family. best: the model that explains the data best,
     with laws of the library alone where they do. steps: the base, and with each name. reasons: sentences.
     """
@@ -112,9 +113,11 @@ def decide(evidence: Evidence) -> Verdict:
         stray = []
     flat = [*([still] if (still := stuck(evidence.problem.points)) else []), *flat]
     reasons = [*mixed, *reasons, *stray, *flat, *scatter]
-    if mixed or stray or flat or (word == "adequate" and any(scatter.values())):
+    undescribed = bool(mixed or stray or flat or (word == "adequate" and any(scatter.values())))
+    if undescribed:
         word = "unknown_effect"
-    if word == "unknown_effect":
+    unconfirmed = not (undescribed or said.unknown) and len(rivals) == 1
+    if word == "unknown_effect" and not unconfirmed:
         closest, named, rivals = (*closest, *named, *rivals), (), ()
     steps, probabilities = held.steps if named else held.steps[:1], said.probabilities
     if told is not None:

@@ -13,9 +13,8 @@ from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Flags, Integers, Readings, none_of
 from smallwheel_ros.pipeline.warning.hazard import APART, WORDS
 
-from .statements import statements
+from .statements import WARNINGS, statements
 
-KINDS = ("", "stuck", "digging_in")  # of an event, by level of the warning
 _PAUSE = 5.0  # s: what is not said for so long begins anew
 _Place = tuple[float, float] | None
 
@@ -127,7 +126,7 @@ class DriveEvents:
             if rises:
                 row = max(int(np.searchsorted(rows.stamp, warned.stamp[i], side="right")) - 1, 0)
                 text, way = WORDS[level].format(slip=warned.slip[i]), float(rows.distance[row])
-                self.events.append(Event(time, way, KINDS[level], text, _place(rows, row)))
+                self.events.append(Event(time, way, WARNINGS[level - 1], text, _place(rows, row)))
 
     def _look(self, turn: Turn) -> None:
         """Note what begins to be said; a finding of sensors once, with how often."""
@@ -135,7 +134,7 @@ class DriveEvents:
         place = _place(rows, len(rows) - 1) if len(rows) else None
         goes_on, self._holds = self._holds, set()
         for statement in statements(self._pipeline, self.newest):
-            if statement.kind in KINDS:
+            if statement.kind in WARNINGS:
                 continue  # by the instants of the warning
             about = statement.about
             self._holds.add(about)

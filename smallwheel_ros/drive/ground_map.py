@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from smallwheel_ros.physics.wheel import Quantity, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.mobility.answer import STALE
 from smallwheel_ros.pipeline.mobility.status import Condition, Status
+from smallwheel_ros.pipeline.mobility.vehicle import ANY_GROUND, OF_CLASS, VehicleEstimates
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW
@@ -33,6 +35,37 @@ def cost_map_of(settings: NodeSettings) -> CostMap:
     onboard = settings.onboard
     prior, names = margin_before_driving(onboard), settings.terrain.names or ()
     return CostMap(settings.cost, onboard.wheels, prior, names, settings.reference_slip)
+
+
+def with_margin_of_class(
+    rows: VehicleEstimates, cost_map: CostMap, newest: Estimates
+) -> VehicleEstimates:
+    """Where nothing of this ground is known, the margin that its terrain class is expected to have.
+
+    Parameters
+    ----------
+    rows
+        Of the vehicle.
+    cost_map
+        With the grid of classes, and what they hold.
+    newest
+        Newest estimate of each wheel: where the vehicle is.
+    """
+    prior = rows.margin_source == ANY_GROUND
+    here = np.isfinite(newest.x + newest.y)
+    if cost_map.ahead.class_grid is None or not prior.any() or not here.any():
+        return rows
+    x, y = float(newest.x[here].mean()), float(newest.y[here].mean())
+    terrain = cost_map.ahead.class_at(cost_map.frame, x, y)
+    margin = cost_map.ahead.classes.margins().get(terrain)
+    if margin is None:
+        return rows
+    return replace(
+        rows,
+        margin=np.where(prior, margin.value, rows.margin),
+        margin_std=np.where(prior, margin.standard_deviation, rows.margin_std),
+        margin_source=np.where(prior, OF_CLASS, rows.margin_source),
+    )
 
 
 class GroundMapper:

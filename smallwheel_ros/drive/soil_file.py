@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +12,37 @@ import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.costmap.cost_map import CostMap
-from smallwheel_ros.costmap.grid import read_map, write_map
+from smallwheel_ros.costmap.grid import Grid, digest_of, map_files, read_map, write_map
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.soil.saved_state import check_may_replace
+from smallwheel_ros.pipeline.soil.saved_state import check_may_replace, write_state
 
 from .messages import soil_fields
+
+
+class SoilFileError(SmallwheelError):
+    """A soil that is not saved: why."""
+
+
+@dataclass(frozen=True)
+class SoilAndMap:
+    """What is to be saved: the soil's file, and before it those of the cost map, contents by path.
+
+    digest: of the map that goes with it. words, map_words: what they are, for people.
+    """
+
+    soil: bytes
+    beside: Mapping[Path, bytes]
+    digest: str | None
+    words: str
+    map_words: str
 
 
 class SoilFile:
     """The file of the parameter soil.file; an empty name is none.
 
+    The soil's file has the SHA-256 of the map that was saved with it: a map of another soil is not used. The
+    map that goes with the soil is kept under a name of its own until another soil is there, so that who is
+    killed between the two finds a pair.
     problem: why the saved soil is not used, in words; empty where it is, or where there is none.
     """
 
@@ -27,14 +50,20 @@ class SoilFile:
         self._path = Path(name).expanduser() if name else None
         # The cost map is saved beside it.
         self._map_path = self._path and self._path.with_name(f"{self._path.name}.cost_map.yaml")
+        self._before = self._path and self._path.with_name(
+            f"{self._path.name}.cost_map.before.yaml"
+        )
+        self._digest: str | None = None  # of the map of the saved soil
         self.problem = ""
+
+    # --- Going on from it
 
     def restore(self, pipeline: Pipeline) -> str:
         """Let a new estimate go on from the file; return in words what it goes on from."""
         if self._path is None or not self._path.exists():
             return ""
         try:
-            pipeline.restore(self._path)
+            self._digest = pipeline.restore(self._path).cost_map
             _check_finite(soil_fields(pipeline.soil, pipeline.rejected))
         except SmallwheelError as error:
             self.problem = f"the saved soil is not used: {error}"
@@ -50,44 +79,81 @@ class SoilFile:
 
     def restore_map(self, cost_map: CostMap) -> str:
         """Let a cost map go on from the one beside the soil; return in words what came of it."""
-        path = self._map_path
-        if path is None or not path.exists() or self.problem:
+        path, before = self._map_path, self._before
+        if path is None or before is None or not path.exists() or self.problem:
             return ""
         try:
             grid = read_map(path)
         except SmallwheelError as error:
             return f"the saved cost map is not used: {error}"
+        if digest_of(grid) != self._digest and (old := _map_at(before)) is not None:
+            path, grid = before, old
+        if digest_of(grid) != self._digest:
+            return (
+                f"the saved cost map is not used: {path} was not saved with the soil of {self._path}, or"
+                " was changed; the soil is used alone"
+            )
         cost_map.remember(grid)
         count = int((grid.cells >= 0).sum())
         return f"cost map restored from {path}: {count} cells in {grid.frame}"
 
-    def _save_map(self, cost_map: CostMap) -> str:
+    # --- Saving
+
+    def prepared(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap:
+        """What there is to save now. Raises SoilFileError where that is nothing."""
+        if self._path is None:
+            raise SoilFileError("parameter soil.file says where to, and is empty")
+        if pipeline.soil.accepted == 0:
+            raise SoilFileError("the soil has not been measured yet")
         path, whole = self._map_path, cost_map.whole()
-        if path is None or whole is None:
-            return ""
-        if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
-            return f"{path} is left as it is: {cost_map.problem}"
+        beside: Mapping[Path, bytes] = {}
+        digest, words = None, ""
+        if path is not None and whole is not None:
+            if cost_map.remembered is not None and cost_map.remembered.frame != whole.frame:
+                words = f"{path} is left as it is: {cost_map.problem}"
+                digest = self._digest
+            else:
+                beside = map_files(path, whole)
+                digest = digest_of(whole)
+                words = f"{path} in {whole.frame}"
+        of_soil = f"{self._path}: {pipeline.soil.accepted} measurements"
+        return SoilAndMap(pipeline.saved(digest), beside, digest, of_soil, words)
+
+    def write(self, given: SoilAndMap) -> str:
+        """Write what was prepared; return in words what was. Raises SmallwheelError where nothing was."""
+        assert self._path is not None
+        check_may_replace(self._path)
+        beside, map_words = given.beside, given.map_words
         try:
-            if path.exists() or path.with_suffix(".pgm").exists():
-                read_map(path)  # nothing but a saved map is replaced
-            write_map(path, whole)
+            if any(path.exists() for path in beside):
+                self._keep_what_goes_with_the_soil()
         except SmallwheelError as error:
-            return f"the cost map is not saved: {error}"
-        return f"{path} in {whole.frame}"
+            beside, map_words = {}, f"the cost map is not saved: {error}"
+        write_state(self._path, given.soil, beside)
+        self._digest = given.digest
+        return "; ".join(filter(None, [given.words, map_words]))
+
+    def _keep_what_goes_with_the_soil(self) -> None:
+        """Give the map that is about to be replaced another name; raise where there is something else."""
+        assert self._map_path is not None
+        assert self._before is not None
+        there = read_map(self._map_path)
+        if digest_of(there) == self._digest:
+            write_map(self._before, there)
 
     def save(self, pipeline: Pipeline, cost_map: CostMap) -> tuple[bool, str]:
-        """Save soil and cost map; return whether the soil is saved, and in words what came of it."""
-        if self._path is None:
-            return False, "nothing saved: parameter soil.file says where to, and is empty"
-        if pipeline.soil.accepted == 0:
-            return False, "nothing saved: the soil has not been measured yet"
+        """Save soil and cost map; return whether they are, and in words what came of it."""
         try:
-            check_may_replace(self._path)
-            pipeline.save(self._path)
+            return True, self.write(self.prepared(pipeline, cost_map))
         except SmallwheelError as error:
             return False, f"nothing saved: {error}"
-        saved = f"{self._path}: {pipeline.soil.accepted} measurements"
-        return True, "; ".join(filter(None, [saved, self._save_map(cost_map)]))
+
+
+def _map_at(path: Path) -> Grid | None:
+    try:
+        return read_map(path)
+    except SmallwheelError:
+        return None
 
 
 def _check_finite(fields: dict[str, Any]) -> None:

@@ -29,17 +29,13 @@ class Statement(NamedTuple):
         return _NUMBER.sub("", self.text)
 
 
-DIGGING_IN = Statement(
-    "alarms",
-    "digging_in",
-    True,
-    "the wheels are digging in: they slip, and more is asked for than the ground gives: stop",
-)
+# By level of the warning, whose words are `hazard.WORDS` wherever it is reported.
+WARNINGS: tuple[Kind, ...] = ("stuck", "digging_in")
 
 
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
     """What is to be said now. newest: the newest row of each wheel."""
-    found = list(alarms(pipeline, newest))
+    found = list(alarms(pipeline))
     margin = vehicle_margin(newest)
     if margin is not None and not margin.value > 0.0:
         text = "the soil holds the vehicle on no slope, nor on the level"
@@ -50,13 +46,12 @@ def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
     return tuple(found)
 
 
-def alarms(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
+def alarms(pipeline: Pipeline) -> tuple[Statement, ...]:
     """What somebody should act on at once."""
     found = []
-    if newest.digging_in.any():
-        found.append(DIGGING_IN)
-    if pipeline.warning:
-        found.append(Statement("alarms", "stuck", False, pipeline.warning))
+    level = pipeline.level
+    if level:
+        found.append(Statement("alarms", WARNINGS[level - 1], level == 2, pipeline.warning))
     missing = pipeline.missing_effect
     if missing is not None:
         found.append(Statement("alarms", "missing_effect", False, missing.message))

@@ -9,13 +9,18 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.fitting.constants import FORCE_LAW, TOGETHER
+from smallwheel_ros.fitting.constants import (
+    CHANNEL_SCATTER,
+    FORCE_LAW,
+    LACK_OF_FIT,
+    TOGETHER,
+)
 from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.noise import wheel_discrepancy
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.posterior import over_scatter
 from smallwheel_ros.fitting.variance import Covariance, Scatter
-from smallwheel_ros.measurements.columns import SETTINGS
+from smallwheel_ros.measurements.columns import FORCES, SETTINGS
 from smallwheel_ros.measurements.settings import setting_columns
 from smallwheel_ros.model.measured import ForceLaw, Measured, RunScatter, Tied
 
@@ -60,14 +65,25 @@ def _wheels(points: Points) -> tuple[tuple[float, float, float], ...]:
 
 
 def _run_scatter(fitter: Fitter, scatter: Scatter, channel: str) -> RunScatter:
+    """What runs and rows of a channel scatter by, and what its law is off by from setting to setting.
+
+    Where no setting was repeated the two cannot be told apart, and share what is there as before data
+    (`LACK_OF_FIT`). The law of pull and torque has what it is off by of its own (`ForceLaw`).
+    """
     noise, deviations = fitter.repeats.channels[channel], scatter.deviations
     middle = float(np.median(fitter.level[fitter.points.of_channel(channel)]))
-    own = np.hypot(deviations[f"own:{channel}"], deviations.get(f"fit:{channel}", 0.0))
+    run, law = deviations[f"own:{channel}"], deviations.get(f"fit:{channel}", 0.0)
+    if channel in FORCES:
+        run, law = float(np.hypot(run, law)), 0.0
+    elif f"fit:{channel}" not in scatter.names:
+        whole = np.hypot(LACK_OF_FIT, CHANNEL_SCATTER)
+        run, law = (run * float(part / whole) for part in (CHANNEL_SCATTER, LACK_OF_FIT))
     return RunScatter(
-        run=float(own),
+        run=run,
         zero=deviations.get(f"zero:{channel}", 0.0) * middle,
         absolute=deviations.get(f"declared:{channel}", 1.0) * noise.absolute,
         relative=noise.relative,
+        law=law,
     )
 
 

@@ -35,6 +35,7 @@ from smallwheel_ros.fitting.posterior import pull_may_bend
 from smallwheel_ros.fitting.result import FitResult, result_of
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.measurements import Measurements
+from smallwheel_ros.model.mixture import rivals_text
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import Soil
@@ -55,7 +56,8 @@ class Base:
 
     soils: where to start, by name. priors: soils known beforehand. fixed_m: m of every soil, held (0
     is the law of Bernstein and Goriatchkin); None fits it where bodies of several diameters met the
-    soil. told: parts as they are known to a fit without pull and torque, by id, from these two.
+    soil. told: parts as they are known to a fit without pull and torque, by id, from these two. notes: what
+    of a model that was given is not in it.
     """
 
     effects: tuple[Effect, ...] = ()
@@ -66,6 +68,7 @@ class Base:
     parts: tuple[EffectPart, ...] = ()
     fixed_m: float | None = None
     told: Mapping[str, EffectPart] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,6 +157,17 @@ def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = 
         soils=tuple(replace(s, name=name) for name, s in _matched(model, measurements).items()),
         priors=soil_priors(known, measurements),
         parts=tuple(_part(effect, known, measurements, free) for effect in model.effects),
+        notes=_of_rivals(known),
+    )
+
+
+def _of_rivals(known: CalibratedModel) -> tuple[str, ...]:
+    """That a fit begins with the base of a model's rivals: several models are not fitted as one."""
+    if not known.rivals:
+        return ()
+    return (
+        f"the model given is several that its data could not tell apart: {rivals_text(known)}. Their base is "
+        "fitted here, without what they differ by; `diagnose` weighs them against each other on this data",
     )
 
 
@@ -380,4 +394,5 @@ class Problem:
     def result(self, fit: Fit | None = None) -> FitResult:
         """A judged model, the base where None, fitted to all channels, for people and files."""
         fit = self.fit if fit is None else self.refitted(fit)
-        return result_of(self.fitter, fit, self.outliers)
+        found = result_of(self.fitter, fit, self.outliers)
+        return replace(found, notes=(*self.base.notes, *found.notes))

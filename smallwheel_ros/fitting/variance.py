@@ -121,19 +121,23 @@ class VarianceModel:
         self.points, self.level = points, level
         self.swept, self.working = bool(points.swept.any()), working
         sizes, run = np.outer(level, level), _same(points.run)
+        told = bool(points.forces) and not (working or law_known)
         found: dict[str, tuple[float, Array]] = {"tau": (constants.SOIL_SCATTER, run)}
         for name in points.channels:
             here = points.of_channel(name)
             mine = np.outer(here, here)
-            found[f"own:{name}"] = constants.CHANNEL_SCATTER, mine * run * sizes
+            own = constants.CHANNEL_SCATTER
+            if told and name in FORCES:  # of what is read, where the level is the load
+                own *= float(np.sqrt(np.mean((points.value[here] / level[here]) ** 2)))
+            found[f"own:{name}"] = own, mine * run * sizes
             if name not in FORCES:
                 middle = float(np.median(level[here]))
                 found[f"zero:{name}"] = constants.ZERO_SCATTER, mine * run * middle**2
-            if settings_repeated(points):
+            if settings_repeated(points) and not (told and name in FORCES):
                 found[f"fit:{name}"] = constants.LACK_OF_FIT, mine * _same(points.setting) * sizes
             if stated[here].any():
                 found[f"declared:{name}"] = 1.0, np.diag(here * stated)
-        if points.forces and not (working or law_known):
+        if told:
             found |= {name: (1.0, sizes * one) for name, one in _force_law(points).items()}
         both = np.outer(points.swept, points.swept)
         if self.swept:

@@ -27,13 +27,19 @@ _OFF_LINE = 4.0  # deviations off the line that two settings lay on
 class RunScatter:
     """What a new measurement of one channel differs by from the right model, in standard deviations.
 
-    run: of its run, relative. zero: of its run, SI. absolute, relative: of one row.
+    run: of its run, relative. zero: of its run, SI. absolute, relative: of one row. law: what the law itself
+    is off by from setting to setting, relative.
     """
 
     run: float = 0.0
     zero: float = 0.0
     absolute: float = 0.0
     relative: float = 0.0
+    law: float = 0.0
+
+    def of_law(self, level: Array) -> Array:
+        """Variance of what the law is off by, of values of that size, shape as given."""
+        return np.asarray((self.law * level) ** 2)
 
     def of_run(self, level: Array) -> Array:
         """Variance of a run, of values of that size, shape as given."""

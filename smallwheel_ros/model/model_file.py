@@ -9,7 +9,7 @@ one never runs code, so an effect that is not installed must be given beforehand
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, get_args
 
@@ -374,10 +374,12 @@ def _measured(entry: _Entry) -> Measured:
         return found
 
     def group(one: _Entry, kind: type[Any]) -> Any:
-        names = [f.name for f in fields(kind)]
-        one.mapping(*names)
-        return kind(*(one.get(n).text() if f.type == "str" else one.get(n).number()
-                      for n, f in zip(names, fields(kind), strict=True)))  # fmt: skip
+        known = fields(kind)
+        one.mapping(*(f.name for f in known))
+        given = {f.name: one.get(f.name) if f.default is MISSING else one.get(f.name, f.default)
+                 for f in known}  # fmt: skip
+        return kind(**{f.name: given[f.name].text() if f.type == "str" else given[f.name].number()
+                       for f in known})  # fmt: skip
 
     ranges = {name: tuple(numbers(one, 2)) for name, one in each("ranges").items()}
     return Measured(

@@ -106,6 +106,11 @@ class SoilParameters:
     file: str = path(
         "File that ~/save_soil writes and that the estimate goes on from. Empty: none."
     )
+    autosave_period: float = parameter(
+        30.0, "s", (0.0, 86400.0),
+        "How often soil and cost map are saved to soil.file, if they have changed; and at the end. 0: only by"
+        " ~/save_soil.",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from smallwheel_ros.common.errors import SmallwheelError, nearest
 from smallwheel_ros.common.node_parameter import ALL, WHEEL, Value, filled
 from smallwheel_ros.common.plain_yaml import PlainYamlError, read_yaml
 from smallwheel_ros.effects.registry import load
+from smallwheel_ros.measurements.display import setting_words, words
 from smallwheel_ros.model.mixture import mixed, rivals_text
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import read_model
@@ -416,7 +417,7 @@ def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel])
     if calibrated.rivals:
         said.append(
             f"{file}: its data could not tell these models apart: {rivals_text(calibrated)}; the estimate "
-            "runs with their mean"
+            "runs with their mean, and its deviations do not include what they differ by"
         )
     sizes = Conditions.of(
         [1.0] * len(wheels), [w.diameter for w in wheels], [w.width for w in wheels]
@@ -432,6 +433,17 @@ def _model_note(file: str, calibrated: CalibratedModel, wheels: Sequence[Wheel])
                 f"{file}: measured was a {name} of {low:g} to {high:g} m, and that of {which} is beyond: its "
                 "numbers are extrapolated"
             )
+    spans = [
+        f"{words(name)} {setting_words(name, calibrated.measured.ranges[name])}"
+        for name in ("load", "slip")
+        if name in calibrated.measured.ranges
+    ]
+    if spans:
+        measured = " and ".join(spans)
+        said.append(
+            f"{file}: measured was {measured}: beyond that its numbers are extrapolated, and their "
+            "deviations do not include it"
+        )
     return "; ".join(said)
 
 

@@ -2,7 +2,8 @@
 """How far a prediction may be off: of the law, and of one row of one new run.
 
     law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, and of
-            pull and torque what their law itself is off by (`ForceLaw`)
+            pull and torque what their law itself is off by (`ForceLaw`), of the others what theirs is off by
+            from setting to setting
     run     besides that (tau dy / d ln k)^2, the soil of a new run, and its instruments' and rows' scatter
             (`RunScatter`)
 
@@ -191,9 +192,10 @@ def _with_law_error(found: _Sloped, conditions: Conditions, measured: Measured) 
 def _of_runs(
     found: _Sloped, laws: Mapping[str, Array], conditions: Conditions, measured: Measured
 ) -> UncertainPrediction:
-    """With the deviation of a row of a new run: its soil, its instruments and its rows scatter.
+    """With what the law is off by from setting to setting, and the deviation of a row of a new run.
 
-    Where no law describes the data, what runs differ by may be an error of the law, and counts as one.
+    Its soil, its instruments and its rows scatter. Where no law describes the data, what runs differ by may
+    be an error of the law, and counts as one.
     """
     laws, runs = dict(laws), {}
     for name, scatter in measured.runs.items():
@@ -201,6 +203,7 @@ def _of_runs(
         if value is None or name not in laws:
             continue
         level = of_load(conditions, name) if name in FORCES else np.abs(value)
+        laws[name] = np.sqrt(laws[name] ** 2 + scatter.of_law(level))
         of_run = (measured.stiffness * found.by_stiffness(name)) ** 2 + scatter.of_run(level)
         runs[name] = np.sqrt(laws[name] ** 2 + of_run + scatter.of_row(level))
         if measured.unexplained:

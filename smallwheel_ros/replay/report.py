@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from smallwheel_ros.common.errors import nearest
 from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.costmap.grid import Grid, read_map
+from smallwheel_ros.drive.statements import WARNINGS
 from smallwheel_ros.measurements.display import number
+from smallwheel_ros.pipeline.warning.hazard import LEVELS
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.replay.tables import is_used
 from smallwheel_ros.views.blocks import (
@@ -169,16 +171,12 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     lines += summary["diagnosis"]["text"] if summary["diagnosis"] else []
     lines += _mobility(summary, sunk)
     digging = sum(event["kind"] == "digging_in" for event in events)
-    headline = f"The soil changed {_times(soil['changes'])}"
-    headline += f", and a wheel began to dig in {_times(digging)}." if digging else "."
-    if soil["changes"] == 0 and not digging:
-        headline = "One soil throughout, and no wheel dug itself in."
+    headline = f"The soil changed {_times(soil['changes'])}."
+    if soil["changes"] == 0:
+        headline = "One soil throughout."
     if not sunk:
-        warned = sum(event["kind"] in ("stuck", "digging_in") for event in events)
-        told = f"Getting-stuck warnings were issued {_times(warned)}."
-        if not warned:
-            told = "No getting-stuck warning was issued."
-        headline = f"No sinkage was used: the soil's law is unknown. {told}"
+        headline = "No sinkage was used: the soil's law is unknown."
+    headline += f" {_warnings(events)}"
     blocks.append(Callout(headline, lines, "warning" if digging else "result"))
     alarms = [event for event in events if event["kind"] == "missing_effect"]
     missed = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
@@ -192,6 +190,16 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
         Callout("Inputs that the bag lacks", summary["missing"], "warning"),
     ]
     return [block for block in blocks if block.items]
+
+
+def _warnings(events: list[dict[str, Any]]) -> str:
+    """How often each level of the warning began."""
+    kinds = [event["kind"] for event in events]
+    counts = {LEVELS[level]: kinds.count(kind) for level, kind in enumerate(WARNINGS, 1)}
+    parts = [f"{_times(count)} that it {words}" for words, count in counts.items() if count]
+    return (
+        f"Warnings of the vehicle: {', '.join(parts)}." if parts else "No warning of getting stuck."
+    )
 
 
 def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:

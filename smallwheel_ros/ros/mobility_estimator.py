@@ -9,8 +9,10 @@ Where it cannot be configured it says why in one message; with autostart it then
 from __future__ import annotations
 
 import gc
+import math
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
@@ -37,6 +39,7 @@ from smallwheel_ros.ros.parameters import (
 from smallwheel_ros.ros.session import Session
 
 EXIT_BAD_INPUT = 2
+_PATIENCE = 2.0  # s after SIGINT, from when on another one breaks off whatever goes on
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
 _Service = Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response]
@@ -151,6 +154,12 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         self._forget()
         return _SUCCESS
 
+    def save_at_end(self) -> None:
+        """Save what was learnt, where the node saves by itself: a signal ends it."""
+        if self._is_active():
+            assert self._session is not None
+            self._session.save_at_end()
+
     def _forget(self) -> None:
         session, self._session = self._session, None
         if session is not None:
@@ -257,8 +266,25 @@ def _spin(
                 node.get_logger().error(f"a callback failed:\n{traceback.format_exc()}")
 
 
+class _Gently:
+    """What SIGINT does: ROS ends, and what the node is in the middle of comes to its end and is saved.
+
+    A launch file passes on the signal that the whole group has had, so a second one at once is the same one.
+    """
+
+    def __init__(self) -> None:
+        self._first = math.inf
+
+    def __call__(self, *_: object) -> None:
+        now = time.monotonic()
+        self._first = min(self._first, now)
+        if now - self._first > _PATIENCE:
+            raise KeyboardInterrupt
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node; return the exit code: 0 ended as asked, 2 wrong parameters or arguments."""
+    signal.signal(signal.SIGINT, _Gently())  # before rclpy's own, which calls it
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
         node = MobilityEstimator()
@@ -292,6 +318,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     finally:
         # A launch file passes on the signal that the whole group has had: once is enough.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        node.save_at_end()
         executor.shutdown(1.0)  # its guard conditions cannot be destroyed once ROS has ended
         node.destroy_node()
         rclpy.try_shutdown()

@@ -18,6 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
+from smallwheel_ros.drive.ground_map import with_margin_of_class
 from smallwheel_ros.drive.messages import (
     mobility_columns,
     soil_fields,
@@ -179,7 +180,7 @@ class Outputs:
             self.start_over()
         if turn.twists is not None:
             self._publish_twists(turn.twists, self._settings.twist)
-        self._publish_vehicle(turn.vehicle)
+        self._publish_vehicle(with_margin_of_class(turn.vehicle, self.cost.map, self.newest))
         found = turn.estimates
         if not len(found):
             return

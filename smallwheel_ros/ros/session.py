@@ -21,8 +21,9 @@ from rclpy.timer import Timer
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import HIGHEST
+from smallwheel_ros.drive.autosave import Autosave
 from smallwheel_ros.drive.soil_file import SoilFile
-from smallwheel_ros.drive.statements import Kind, Statement, alarms
+from smallwheel_ros.drive.statements import WARNINGS, Kind, Statement, alarms
 from smallwheel_ros.onboard.parameters import ParametersError, idle_remaps
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import NodeSettings
@@ -43,7 +44,11 @@ _SPAN = SECOND // 4
 _FLUSH_AFTER = 2.0  # s without any message: what waits for others is worked on without them
 _WAITING_EVERY = 5.0  # s
 _MARKERS_EVERY = 0.2  # s
+_SAVED_AFTER = 0.5  # s: how often it is looked whether soil and map are written
 _SOIL_AFTER = 0.5  # s: the newest soil goes out though its period is not over
+_AFTER_A_DEFECT = (
+    "what was saved before a turn failed is kept: ~/save_soil or ~/reset lets saving go on"
+)
 # Topics that every node of rclpy has, and their types.
 _OF_ROS = {
     "/clock": "rosgraph_msgs/msg/Clock",
@@ -128,6 +133,8 @@ class Session:
         self._pipeline = Pipeline(settings.onboard)
         self._soil_file = SoilFile(settings.soil.file)
         restored = self._soil_file.restore(self._pipeline)
+        period = settings.soil.autosave_period
+        self._autosave = Autosave(self._soil_file) if settings.soil.file and period > 0.0 else None
         onboard = settings.onboard
         of_classes = settings.terrain.without_prior
         said = self._soil_file.problem, onboard.unknown_positions, onboard.model_note, of_classes
@@ -184,6 +191,10 @@ class Session:
             _Job(self._settings.speed_limit_topic, COST_PERIOD, outputs.publish_speed_limit),
             _Job("~/markers", _MARKERS_EVERY, lambda: outputs.publish_markers(self._frame)),
         ]
+        if self._autosave is not None:
+            period = self._settings.soil.autosave_period
+            looks = _Job("~/save_soil", _SAVED_AFTER, self._look_at_what_was_written)
+            self._jobs += [looks, _Job("~/save_soil", period, self._save_by_itself)]
         for job in self._jobs:
             job.due = time.monotonic() + job.period
         self._timer = self._node.create_timer(_TURN, self._work, clock=self._wall)
@@ -193,6 +204,7 @@ class Session:
         """Listen no more; what was learnt is kept for the next activation."""
         if self._timer is not None:
             self._turn()
+            self.save_at_end()
             self._node.destroy_timer(self._timer)
         self._outputs.delete_markers()
         self._inputs.stop()
@@ -207,7 +219,29 @@ class Session:
     def save(self) -> tuple[bool, str]:
         """Save the soil; return whether that worked, and in words what came of it."""
         self._turn()
-        return self._soil_file.save(self._pipeline, self._outputs.cost.map)
+        saved, words = self._soil_file.save(self._pipeline, self._outputs.cost.map)
+        if saved and self._autosave is not None:
+            self._autosave.go_on()
+        return saved, words
+
+    def _save_by_itself(self) -> None:
+        assert self._autosave is not None
+        self._autosave.begin(self._pipeline, self._outputs.cost.map)
+
+    def _look_at_what_was_written(self) -> None:
+        assert self._autosave is not None
+        failures = self._autosave.failures
+        if not self._autosave.writes() and self._autosave.failures > failures:
+            self._report("~/save_soil", "not_saved", self._autosave.problem)
+
+    def save_at_end(self) -> None:
+        """Save what has changed, at once: nothing more will come."""
+        if self._autosave is not None:
+            self._safely(
+                "~/save_soil", self._autosave.finish, self._pipeline, self._outputs.cost.map
+            )
+            if self._autosave.problem:
+                self._node.get_logger().error(self._autosave.problem)
 
     def terrain_margins(self) -> tuple[bool, str]:
         """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
@@ -235,6 +269,8 @@ class Session:
         """Forget soil, cost map and buffers."""
         self._turn()
         self._start_over()
+        if self._autosave is not None and not self._soil_file.problem:
+            self._autosave.go_on()
         if self.active:
             self._outputs.publish_soil(self._frame)
         return True, "soil, cost map and buffers start over; the counts go on"
@@ -282,6 +318,8 @@ class Session:
             text = f"a turn failed, soil and cost map start over:\n{traceback.format_exc()}"
             self._report("~/vehicle", "internal_error", text)
             self._start_over()
+            if self._autosave is not None:
+                self._autosave.hold(_AFTER_A_DEFECT)
         self._inputs.log(self._pipeline.take_problems())
         self._longest = max(self._longest, time.monotonic() - begin)
 
@@ -311,14 +349,17 @@ class Session:
         inputs = self._inputs.status(longest)
         found = [inputs, *entries(self._pipeline, newest, self._outputs.cost)]
         self._log_alarms()
-        if self._soil_file.problem:
-            found.append(status("saved soil", WARN, self._soil_file.problem))
+        autosave = self._autosave
+        of_saving = [] if autosave is None else [autosave.held, autosave.problem]
+        if said := [text for text in (self._soil_file.problem, *of_saving) if text]:
+            found.append(status("saved soil", WARN, "; ".join(said)))
         return found
 
     def _log_alarms(self) -> None:
         """Say once that an alarm begins, and that it has ended: not everybody looks at diagnostics."""
-        log, said = self._node.get_logger(), alarms(self._pipeline, self._outputs.newest)
+        log, said = self._node.get_logger(), alarms(self._pipeline)
         now = {alarm.kind: alarm for alarm in said}
+        another_level = not now.keys().isdisjoint(WARNINGS)
         for alarm in now.values():
             if alarm.kind in self._alarms:
                 continue
@@ -327,6 +368,6 @@ class Session:
             else:
                 log.warning(alarm.text)
         for alarm in self._alarms.values():
-            if alarm.kind not in now:
+            if alarm.kind not in now and not (another_level and alarm.kind in WARNINGS):
                 log.info(f"no longer: {alarm.text}")
         self._alarms = now

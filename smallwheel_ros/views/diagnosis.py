@@ -362,7 +362,8 @@ def unknowable_blocks(document: Document) -> list[Block]:
     }  # fmt: skip
     if ties:
         about = "Cosine of their changes to the predictions; 1: exactly alike:"
-        title = f"{len(ties)} pairs of effects act alike on this data"
+        pairs = "1 pair of effects acts" if len(ties) == 1 else f"{len(ties)} pairs of effects act"
+        title = f"{pairs} alike on this data"
         blocks.append(Details(title, [Text(about, [*ties.values()])]))
     return blocks
 

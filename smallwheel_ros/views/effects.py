@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects to set and unset in the page of a diagnosis: every choice in it was fitted beforehand.
 
-In the page are the base model, the steps to the verdict, each rival beside what is named and, with `every`,
-each effect alone and each effect beside those that the verdict names: what one click from the base or from
-the verdict leads to.
+In the page are the base model, the steps to the verdict, each rival, or what comes closest, beside what is
+named and, with `every`, each effect alone and each effect beside those that the verdict names: what one click
+from the base or from the verdict leads to.
 """
 
 from __future__ import annotations
@@ -97,7 +97,8 @@ def _views(
         names += () if step.added is None else (step.added,)
         steps.setdefault(names, i)
     views = [View(n, found.fitted(i), found.steps[i].errors) for n, i in steps.items()]
-    more = [(*names, one) for one in found.candidates if one in forms and one not in names]
+    likely = [*found.candidates, *found.document["closest"]]
+    more = [(*names, one) for one in likely if one in forms and one not in names]
     if every:
         more += [(*start, one) for start in {(): 0, names: 0} for one in forms if one not in start]
     wanted = [choice for choice in dict.fromkeys(more) if set(choice) not in map(set, steps)]

@@ -5,9 +5,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from smallwheel_ros.fitting.result import FitResult
 from smallwheel_ros.measurements.display import LAW, shown_value, words
-from smallwheel_ros.views.blocks import Column, Figure, Section, Table, Text, of_channel
+from smallwheel_ros.views.blocks import (
+    Column,
+    Figure,
+    Section,
+    Table,
+    Text,
+    of_channel,
+    plain_number,
+)
 from smallwheel_ros.views.leftovers import Left, measured_panel
 from smallwheel_ros.views.notes import grouped
 from smallwheel_ros.views.page import Page
@@ -17,6 +27,8 @@ from smallwheel_ros.views.plots import draw as draw_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+_TOGETHER = 0.5  # correlation under which a combination is hardly better known than its parts
 
 
 def page(found: FitResult, pictures: bool = True) -> Page:
@@ -39,7 +51,12 @@ def page(found: FitResult, pictures: bool = True) -> Page:
         [
             Section("In short", [Text(found.headline())]),
             Section(
-                "Parameters", [parameter_table(parameter_rows(found, derived=True), ""), Text(LAW)]
+                "Parameters",
+                [
+                    parameter_table(parameter_rows(found, derived=True), ""),
+                    Text(LAW),
+                    *_correlations(found),
+                ],
             ),
             Section(
                 "Errors",
@@ -52,6 +69,28 @@ def page(found: FitResult, pictures: bool = True) -> Page:
         ],
         found.measurements.source,
     )
+
+
+def _correlations(found: FitResult) -> list[Table]:
+    """Numbers that are known together better than each alone; all correlations are in the JSON."""
+    rows = [
+        {"one": found.names[b], "other": found.names[a], "correlation": found.correlation[a, b]}
+        for a, b in np.argwhere(np.tril(np.abs(found.correlation) > _TOGETHER, -1))
+    ]
+    if not rows:
+        return []
+    columns = [
+        Column("of", lambda row: _parameter_words(row["one"])),
+        Column("and", lambda row: _parameter_words(row["other"])),
+        plain_number("correlation", "correlation", 2),
+    ]
+    caption = f"Correlations over {_TOGETHER:g}; all are in the JSON"
+    return [Table(columns, sorted(rows, key=lambda row: -abs(row["correlation"])), caption)]
+
+
+def _parameter_words(full_name: str) -> str:
+    owner, _, name = full_name.rpartition(".")
+    return f"{owner}: {words(name)}"
 
 
 def draw(axes: Axes, found: FitResult, channel: str | None = None) -> None:

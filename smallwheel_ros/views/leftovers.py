@@ -44,6 +44,8 @@ class Left(NamedTuple):
 
 def means(x: Array, y: Array, run: Index) -> Means:
     """Mean of y in eight parts of x with as many rows each, or at each of its few values."""
+    if not x.size:
+        return Means(*np.zeros((3, 0)))
     at = levels(x)
     if at is None:
         edges = np.quantile(x, np.linspace(0.0, 1.0, _PARTS + 1)[1:-1])
@@ -57,7 +59,7 @@ def means(x: Array, y: Array, run: Index) -> Means:
         known = len(of_runs) > 2
         half = 2.0 * np.std(of_runs, ddof=1) / np.sqrt(len(of_runs)) if known else np.nan
         found.append((x[here].mean(), np.mean(of_runs), half))
-    return Means(*np.array(found).T) if found else Means(*np.zeros((3, 0)))
+    return Means(*np.array(found).T)
 
 
 def shown_channel(name: str) -> Display:

@@ -19,8 +19,9 @@ from scipy.optimize import least_squares
 from smallwheel_ros import fit
 from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.compare.comparison import Comparison, comparison_of
-from smallwheel_ros.compare.contenders import Contender
+from smallwheel_ros.compare.contenders import Contender, contenders_of
 from smallwheel_ros.compare.shown import comparison_document
+from smallwheel_ros.effects.registry import default_registry, effect
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.held_out import folds_of, in_sample
@@ -29,7 +30,7 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.measurements.display import words
 from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.measurements.measurements import Measurements
-from smallwheel_ros.model.model import Model, predict
+from smallwheel_ros.model.model import CalibratedModel, Model, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.simulate import RigSettings, simulate_rig, write_table
@@ -353,6 +354,18 @@ def test_a_standing_model_says_whether_it_saw_the_data(
     assert words in found.models[0].notes[0]
     assert found.models[0].held_out is None
     assert (found.models[0].unseen is not None) == unseen
+
+
+def test_a_model_with_rivals_is_compared_as_their_mean(simulated: Measurements) -> None:
+    parts = [CalibratedModel(Model(SAND) + effect("slip_sinkage", a=a)) for a in (0.5, 1.5)]
+    both = CalibratedModel(Model(SAND), rivals=tuple((0.5, one) for one in parts))
+    (contender,) = contenders_of({"both": both}, default_registry())
+    assert "the mean of models that its data could not tell apart: slip sinkage" in (
+        contender.description
+    )
+    assert isinstance(contender.model, Model)
+    said = [predict(one, simulated.conditions).sinkage for one in (*parts, contender.model)]
+    assert said[2] == pytest.approx(0.5 * (said[0] + said[1]), rel=0.01)
 
 
 def test_a_model_that_saw_the_data_is_not_held_against_others(

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,12 +15,15 @@ K, N, M = 3e6, 0.9, 0.4  # of the soil, by p = k z^n D^m
 SIZES = (0.06, 0.08, 0.10)
 
 
-def curves(seed: int = 0, rows: int = 60) -> pd.DataFrame:
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "data"
+
+
+def curves(seed: int = 0, rows: int = 60, deepest: float = 0.02) -> pd.DataFrame:
     """Nine curves, each plate pressed three times, to 20 mm."""
     rng, made = np.random.default_rng(seed), []
     for i in range(9):
         size, firmer = SIZES[i % 3], np.exp(rng.normal(0.0, 0.04))
-        depth = np.linspace(0.0005, 0.02, rows)
+        depth = np.linspace(0.0005, deepest, rows)
         load = np.pi / 4 * size**2 * K * size**M * depth**N * firmer
         made.append(pd.DataFrame({
             "run": f"c{i}", "contact": "plate", "load": load * (1 + rng.normal(0, 0.01, rows)),
@@ -40,9 +45,15 @@ def test_clean_curves_are_left_alone() -> None:
     assert abs(found["n"].value - N) < 2 * found["n"].std
 
 
+@pytest.mark.parametrize("table", ["cullinan_sand/plates.csv", "cmu_wheel_rig/indentation.csv"])
+def test_no_real_curve_is_accused(table: str) -> None:
+    assert not [note for note in sw.fit(EXAMPLES / table).notes if "lies far off" in note]
+
+
+@pytest.mark.parametrize("deepest", [0.02, 0.04])
 @pytest.mark.parametrize("zero", [0.01, 0.03, 0.1])
-def test_one_curve_with_a_bad_zero_is_named(zero: float) -> None:
-    frame = curves(seed=1)
+def test_one_curve_with_a_bad_zero_is_named(zero: float, deepest: float) -> None:
+    frame = curves(seed=1, deepest=deepest)
     frame.loc[frame["run"] == "c4", "sinkage"] += zero
     found = sw.diagnose(frame)
     assert [bad["run"] for bad in found.document["bad_runs"]] == ["c4"]

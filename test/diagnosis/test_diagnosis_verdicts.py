@@ -23,7 +23,7 @@ from smallwheel_ros.api.diagnose import diagnose
 from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.misfit import Plateau
 from smallwheel_ros.diagnosis.next_measurement import Runs, propose
-from smallwheel_ros.diagnosis.pipeline import Diagnosis
+from smallwheel_ros.diagnosis.pipeline import Diagnosis, decided, start_of
 from smallwheel_ros.diagnosis.search import search
 from smallwheel_ros.diagnosis.verdict import decide
 from smallwheel_ros.effects.registry import default_registry
@@ -110,11 +110,30 @@ def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.Monkey
     none = {"steps": made.steps[:1], "named": ()}
     held = replace(evidence.held_out, **none, useless=(("slip_sinkage",),))
     useless = decide(replace(evidence, held_out=held))
-    assert (useless.word, useless.closest) == ("unknown_effect", ("slip_sinkage",))
+    # It may well be there: a single candidate is no closest description of what nothing describes.
+    assert (useless.word, useless.rivals, useless.closest) == (
+        "unknown_effect", ("slip_sinkage",), ()
+    )  # fmt: skip
     two = replace(evidence.posterior, rivals=("bulldozing", "multipass"))
     tied = decide(replace(evidence, held_out=held, posterior=two))
     assert tied.word == "indistinguishable"
     assert tied.rivals == ("slip_sinkage", "bulldozing", "multipass")
+
+
+def test_one_effect_alone_may_compete() -> None:
+    others = tuple(name for name in REGISTRY if name != "slip_sinkage")
+    found = plain(2.0, 1, without=(*others, "unknown"))
+    assert (found.verdict, found.missing_effects) == ("missing_effect", ["slip_sinkage"])
+
+
+def test_what_is_decided_is_what_the_diagnosis_has() -> None:
+    table = PlainRig(slip_growth=2.0).measure(rolled(0), 1)
+    found, whole = decided(start_of(table)), diagnose(table)
+    assert list(found.named) == whole.missing_effects
+    assert found.fit().bare == whole.fit.bare
+    nothing = decided(start_of(table.take(np.arange(3))))
+    assert (nothing.named, nothing.evidence) == ((), None)
+    assert nothing.reason
 
 
 def test_two_effects_are_named_and_each_step_falls(folder: Path) -> None:

@@ -10,9 +10,15 @@ import pytest
 from rows_of_drives import drive, give, static_rover
 
 from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of, with_margin_of_class
 from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import Condition, Status
+from smallwheel_ros.pipeline.mobility.vehicle import (
+    ANY_GROUND,
+    MEASURED,
+    OF_CLASS,
+    VehicleEstimates,
+)
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates
 
@@ -26,6 +32,32 @@ def crossed() -> Estimates:
     known = set(widths_of(VEHICLE.onboard))
     give(pipeline.streams, [row for row in drive(soil=False) if row[0] in known])
     return Estimates.joined([turn.estimates for turn in pipeline.turns(last=True)])
+
+
+def test_where_nothing_is_known_the_margin_is_that_of_the_terrain_class() -> None:
+    """Ice holds a tenth, grass a half; what was measured stands."""
+    settings = static_rover(**{"terrain.names": ["grass", "ice"]})
+    ground = cost_map_of(settings)
+    ground.frame = "odom"
+    pipeline = Pipeline(settings.onboard)
+    known = set(widths_of(settings.onboard))
+    give(pipeline.streams, [row for row in drive(soil=False) if row[0] in known])
+    turns = list(pipeline.turns(last=True))
+    newest = Estimates.joined([turn.estimates for turn in turns])
+    rows = VehicleEstimates.joined([turn.vehicle for turn in turns])
+    rows = replace(rows, margin_source=np.where(rows.stamp % 2 == 0, ANY_GROUND, MEASURED))
+    assert with_margin_of_class(rows, ground, newest) is rows  # no grid of classes
+    for number, holds in ((0, 0.5), (1, 0.1)):
+        cells = np.full((400, 400), number, dtype=np.int8)
+        ground.ahead.take_classes(Grid("odom", 0.1, (-20.0, -20.0), cells))
+        found = with_margin_of_class(rows, ground, newest)
+        prior = rows.margin_source == ANY_GROUND
+        assert prior.any()
+        assert set(found.margin_source[prior].tolist()) == {OF_CLASS}
+        assert abs(found.margin[prior] - holds).max() < 0.2
+        np.testing.assert_array_equal(found.margin[~prior], rows.margin[~prior])
+    ground.ahead.take_classes(Grid("map", 0.1, (-20.0, -20.0), cells))
+    assert with_margin_of_class(rows, ground, newest) is rows  # nobody knows where that is
 
 
 def bare(rows: Estimates, **columns: np.ndarray) -> Grid:

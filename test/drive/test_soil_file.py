@@ -90,7 +90,7 @@ def test_a_drive_without_events_has_none_and_a_good_one_nothing_to_say(driven: D
     newest = events.newest
     assert sorted(newest.wheel.tolist()) == [0, 1, 2, 3]
     assert newest.stamp.min() > found.stamp.max() - 10**9
-    assert alarms(pipeline, newest) == statements(pipeline, newest) == ()
+    assert alarms(pipeline) == statements(pipeline, newest) == ()
 
 
 def test_a_mirrored_joint_is_one_event_of_sensors() -> None:

@@ -11,8 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import smallwheel_ros as sw
+from smallwheel_ros.fitting import Problem
 from smallwheel_ros.fitting.posterior import sandwich
+from smallwheel_ros.fitting.problem import base_of
 from smallwheel_ros.measurements.measurements import Measurements
+from smallwheel_ros.model.model_file import as_calibrated
 from smallwheel_ros.simulate import RigSettings, simulate_rig
 
 
@@ -38,6 +41,53 @@ def test_other_weights_know_no_more_and_nothing_is_less_known_than_before(seed: 
     before = 1.0 / np.diag(precision)
     assert (np.diag(found) <= before * (1 + 1e-9)).all()
     assert (np.diag(found) >= np.minimum(np.diag(best), before) * (1 - 1e-9)).all()
+
+
+def test_pull_scatters_by_what_is_read_and_its_lack_of_fit_counts_once(
+    pulled: Measurements,
+) -> None:
+    twice = pulled.take(np.repeat(np.arange(len(pulled)), 2))
+    twice = replace(twice, run=np.array([f"{run}{i % 2}" for i, run in enumerate(twice.run)]))
+    fitter = Problem.of(twice).fitter
+    told = dict(zip(fitter.true_variance.names, fitter.true_variance.log_median, strict=True))
+    points = fitter.points
+    for name in points.forces:
+        mine = points.of_channel(name)
+        read = float(np.sqrt(np.mean((points.value[mine] / fitter.level[mine]) ** 2)))
+        assert np.exp(told[f"own:{name}"]) == pytest.approx(0.03 * read)
+        assert f"law:{name}" in told
+        assert f"fit:{name}" not in told
+    assert "fit:sinkage" in told
+
+
+@pytest.mark.parametrize("repeated", [False, True])
+def test_what_the_law_is_off_by_is_half_of_what_runs_differ_by_where_nothing_was_repeated(
+    pulled: Measurements, repeated: bool
+) -> None:
+    alone = replace(pulled, channels={"sinkage": pulled.channels["sinkage"]})
+    if repeated:
+        alone = alone.take(np.repeat(np.arange(len(alone)), 2))
+        alone = replace(alone, run=np.array([f"{run}{i % 2}" for i, run in enumerate(alone.run)]))
+    problem = Problem.of(alone)
+    scatter = problem.fitter.true_scatter(problem.fit).deviations
+    said = problem.result().measured.runs["sinkage"]
+    if repeated:
+        assert (said.run, said.law) == (scatter["own:sinkage"], scatter["fit:sinkage"])
+    else:
+        assert said.run == pytest.approx(said.law)
+        assert said.run**2 + said.law**2 == pytest.approx(scatter["own:sinkage"] ** 2)
+
+
+def test_a_fit_that_begins_with_several_models_says_what_it_leaves_out(
+    pulled: Measurements,
+) -> None:
+    parts = [sw.Model("dry_sand"), sw.Model("dry_sand") + sw.effects.slip_sinkage(a=0.8)]
+    both = as_calibrated(parts[0]).changed(rivals=tuple((0.5, as_calibrated(one)) for one in parts))
+    found = Problem.of(pulled, base_of(both, pulled)).result()
+    assert "several that its data could not tell apart" in found.notes[0]
+    assert "no effect (0.50), slip sinkage (0.50)" in found.notes[0]
+    plain = Problem.of(pulled, base_of(as_calibrated(parts[0]), pulled)).result()
+    assert not any("tell apart: no effect" in note for note in plain.notes)
 
 
 @pytest.fixture(scope="module")

@@ -29,16 +29,20 @@ def rivals(share: float) -> CalibratedModel:
     return CalibratedModel(Model(SAND), rivals=((share, first), (1.0 - share, second)))
 
 
+# Of what the rivals differ by, to first order: what digs deeper also meets more soil. In the last row the two
+# of resistance agree to a ninth of it, since bulldozing makes up for digging, and 3 % of it is left.
+LEFT = {"sinkage": 0.02, "resistance": 0.28, "drawbar_pull": 0.13, "torque": 0.04}
+
+
 @given(share=st.floats(0.02, 0.98))
 def test_it_predicts_the_mean_of_the_rivals_predictions(share: float) -> None:
     both = rivals(share)
     found = predict(mixed(both), AT)
     each = [(p, predict(one, AT)) for p, one in both.rivals]
-    for name in ("sinkage", "resistance", "drawbar_pull", "torque"):
+    for name, left in LEFT.items():
         mean = sum(p * getattr(one, name) for p, one in each)
         apart = np.abs(getattr(each[0][1], name) - getattr(each[1][1], name))
-        # To first order: what digs deeper also meets more soil, of which 0.3 is left here at most.
-        assert (np.abs(getattr(found, name) - mean) <= 0.3 * apart + 1e-9).all(), name
+        assert (np.abs(getattr(found, name) - mean) <= left * apart + 1e-9).all(), name
 
 
 @pytest.mark.parametrize("first", [0, 1])

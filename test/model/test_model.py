@@ -6,17 +6,21 @@ Tests `stages.py`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_examples import examples
+from scipy.integrate import quad
 
+from smallwheel_ros.effects import soil as hardpan
 from smallwheel_ros.effects.base import Array, Effect, EffectError
-from smallwheel_ros.effects.registry import effect
-from smallwheel_ros.model.model import Model, ModelError, predict
+from smallwheel_ros.effects.registry import effect, known_physics
+from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.contact import contact_load, contact_sinkage
 from smallwheel_ros.physics.sinkage import closed_form_sinkage, plate_sinkage
@@ -229,3 +233,156 @@ class TestRefusals:
         model += _Steeper()
         with pytest.raises(ModelError, match=r"closed form needs n < 3, row 2 has n = 3\.4"):
             predict(model, Conditions.of(60, 0.2, 0.1, slip=[0.1, 0.9]))
+
+
+DEPTH_LAW = hardpan.Exponential(c=40.0)  # pressure exp(40 z) times that of the power law
+
+
+def pressure(z: float, d: float) -> float:
+    return float(SAND.k * d**SAND.m * z**SAND.n * np.exp(40.0 * z))
+
+
+def borne_by(z: float, d: float, b: float) -> float:
+    """Load (N) on one side of the lowest point, by adaptive quadrature over the arc."""
+    r, entry = 0.5 * d, float(np.arccos(1.0 - 2.0 * z / d))
+    return float(b * r * quad(
+        lambda t: pressure(max(r * (np.cos(t) - np.cos(entry)), 0.0), d) * np.cos(t),
+        0.0, entry, epsabs=0.0, epsrel=1e-10,
+    )[0])  # fmt: skip
+
+
+def test_where_pressure_is_no_power_of_depth_each_contact_carries_its_load() -> None:
+    at = Conditions.of(60.0, 0.2, [0.1, 0.1, np.nan], contact=["rolling", "pressed", "plate"])
+    rolling, pressed, plate = predict(Model(SAND) + DEPTH_LAW, at).sinkage
+    assert borne_by(rolling, 0.2, 0.1) == pytest.approx(60.0, rel=1e-4)
+    assert 2.0 * borne_by(pressed, 0.2, 0.1) == pytest.approx(60.0, rel=1e-4)
+    assert np.pi * 0.1**2 * pressure(plate, 0.2) == pytest.approx(60.0, rel=1e-6)
+    alone = predict(Model(SAND) + DEPTH_LAW, Conditions.of(60.0, 0.2, np.nan, contact="plate"))
+    assert alone.sinkage[0] == pytest.approx(plate)
+
+
+def test_the_resistance_is_then_the_work_of_that_pressure() -> None:
+    found = predict(Model(SAND) + DEPTH_LAW, Conditions.of(60.0, 0.2, 0.1))
+    work = quad(lambda z: pressure(z, 0.2), 0.0, found.sinkage[0], epsabs=0.0, epsrel=1e-10)[0]
+    assert found.compaction_resistance[0] == pytest.approx(0.1 * work, rel=1e-4)
+
+
+def test_the_forces_of_a_pull_balance() -> None:
+    """Pull is thrust less its own resistance; what the effects add is taken off once."""
+    at = Conditions.of(60.0, 0.2, 0.1, slip=[0.0, 0.2, 0.6])
+    dragged = Model(SAND) + effect("bulldozing")
+    for form in ("stress_integral", "wong_reece", "integrated", "exponential"):
+        for model in (Model(SAND, thrust_form=form), replace(dragged, thrust_form=form)):  # type: ignore[arg-type]
+            found = predict(model, at)
+            assert found.thrust is not None
+            assert found.drawbar_pull == pytest.approx(found.thrust - found.rolling_resistance)
+    plain, more = predict(Model(SAND), at), predict(dragged, at)
+    added = more.true_resistance - more.compaction_resistance
+    assert (added > 0.01).all()
+    assert plain.drawbar_pull is not None
+    assert plain.drawbar_pull - more.drawbar_pull == pytest.approx(added)
+
+
+@pytest.mark.parametrize("slip", [0.1, 0.5])
+def test_in_the_law_of_wong_and_reece_pressure_and_shear_carry_the_load_together(
+    slip: float,
+) -> None:
+    model = Model(SAND, thrust_form="wong_reece")
+    found = predict(model, Conditions.of(60.0, 0.2, 0.1, slip=slip))
+    r, z = 0.1, float(found.sinkage[0])
+    entry = float(np.arccos(1.0 - z / r))
+    top = (0.4 + 0.3 * slip) * entry
+
+    def stresses(t: float) -> tuple[float, float]:
+        equal = t if t > top else entry - t / top * (entry - top)
+        normal = SAND.k * 0.2**SAND.m * max(r * (np.cos(equal) - np.cos(entry)), 0.0) ** SAND.n
+        moved = r * ((entry - t) - (1.0 - slip) * (np.sin(entry) - np.sin(t)))
+        strong = SAND.cohesion + normal * np.tan(SAND.friction_angle)
+        return normal, strong * (1.0 - np.exp(-moved / SAND.shear_displacement))
+
+    def total(part: Callable[[float, float, float], float]) -> float:
+        return float(0.1 * r * quad(
+            lambda t: part(t, *stresses(t)), 0.0, entry, points=[top], epsabs=0.0, epsrel=1e-9
+        )[0])  # fmt: skip
+
+    up = total(lambda t, normal, shear: normal * np.cos(t) + shear * np.sin(t))
+    assert up == pytest.approx(60.0, rel=2e-3)
+    pull = total(lambda t, normal, shear: shear * np.cos(t) - normal * np.sin(t))
+    assert found.drawbar_pull is not None
+    assert found.torque is not None
+    assert found.drawbar_pull[0] == pytest.approx(pull, rel=5e-3)
+    assert found.torque[0] == pytest.approx(r * total(lambda t, normal, shear: shear), rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("model", "at", "words"),
+    [
+        (Model([SAND, SOILS["moist_earth"]]), {}, "has several soils .* and the rows name none"),
+        (Model([SAND, SOILS["moist_earth"]]), {"soil": "dry_sandy"}, "no soil 'dry_sandy'.*dry_sand"),
+        (
+            Model(replace(SAND, n=2.9), "closed_form") + hardpan.PenetrationSpeed(mu=0.4),
+            {"speed": 0.1}, "needs n < 3, row 1 has n = 3.1",
+        ),
+        (Model(SAND) + "slip_sinkage", {}, "'slip_sinkage' needs the column 'slip'"),
+        (Model(SAND) + "slip_sinkage", {"slip": [0.1, np.nan]}, "'slip', which is blank in row 2"),
+        (Model(SAND), {"slip": [0.1, np.nan]}, "slip is blank in row 2"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_predicted_is_named(model: Model, at: dict[str, Any], words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        predict(model, Conditions.of([60.0, 60.0], 0.2, 0.1, **at))
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"geometry": "closed"}, "no geometry 'closed'.*closed_form"),
+        ({"thrust_form": "integral"}, "no thrust form 'integral'"),
+        ({"soils": []}, "at least one soil"),
+        ({"soils": [0.8]}, "found float, expected a soil or its name"),
+    ],
+)
+def test_what_is_no_model_is_named(parts: dict[str, Any], words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        Model(**{"soils": SAND} | parts)
+
+
+def test_a_fitted_model_knows_what_is_known_of_it_and_is_changed_in_parts() -> None:
+    covariance = np.array([[0.04, 0.01], [0.01, 0.25]])
+    fitted = CalibratedModel(
+        Model(SAND), ("dry_sand.n", "dry_sand.m"), covariance, {"data": "a.csv"},
+        rivals=[(0.4, CalibratedModel(Model("moist_earth")))],
+    )  # fmt: skip
+    assert fitted.standard_deviation("dry_sand.n") == pytest.approx(0.2)
+    assert fitted.standard_deviation("dry_sand.m") == pytest.approx(0.5)
+    assert fitted.standard_deviation("dry_sand.cohesion") is None
+    assert fitted.model == Model(SAND)
+    more = fitted + "slip_sinkage"
+    assert [one.id for one in more.effects] == ["slip_sinkage"]
+    assert more.names == fitted.names
+    assert more.covariance is fitted.covariance
+    assert more.provenance == {"data": "a.csv"}
+    assert more.rivals == ()  # they were rivals of another model
+    assert fitted.changed(names=()).rivals == fitted.rivals
+    assert CalibratedModel(Model(SAND)).covariance.shape == (0, 0)
+
+
+def test_known_physics_acts_where_its_columns_are() -> None:
+    plain = Model(SAND) + "slip_sinkage"
+    assert [one.id for one in plain.acting(Conditions.of(60.0, 0.2, 0.1, slip=0.2))] == [
+        "slip_sinkage"
+    ]
+    for form in known_physics():
+        there = Conditions.of(60.0, 0.2, 0.1, slip=0.2, **dict.fromkeys(form.needs, 0.01))
+        names = [one.id for one in plain.acting(there)]
+        assert names == [form.id, "slip_sinkage"]
+        own = Model(SAND) + form()
+        assert [one.id for one in own.acting(there)] == [form.id]  # once
+
+
+def test_the_headline_names_soils_rule_and_effects() -> None:
+    model = Model(["dry_sand", "moist_earth"], "closed_form") + "slip_sinkage" + "bulldozing"
+    assert (
+        model.headline() == "dry_sand, moist_earth, closed form, with slip sinkage and bulldozing"
+    )
+    assert Model(SAND).headline() == "dry_sand, contact integral"

@@ -22,8 +22,9 @@ from smallwheel_ros.common.node_parameter import (
     topic,
 )
 from smallwheel_ros.costmap.cost import CostSettings
-from smallwheel_ros.effects.registry import effect_class
+from smallwheel_ros.effects.registry import effect, effect_class
 from smallwheel_ros.effects.slip import Exponential
+from smallwheel_ros.model.measured import Measured
 from smallwheel_ros.model.model import CalibratedModel, Model
 from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.onboard.declared import (
@@ -393,6 +394,18 @@ class TestModelFile:
         write_model(path, CalibratedModel(Model(soil("moist_earth"))))
         made = settings_from(self.given(model_file=str(path))).onboard
         assert made.prior.soil.name == "moist_earth"
+
+    def test_what_the_estimates_deviations_leave_out_is_in_a_note(self, tmp_path: Path) -> None:
+        path, sand = tmp_path / "model.yaml", Model(soil("dry_sand"))
+        measured = Measured(ranges={"load": (20.0, 130.0), "slip": (0.0, 0.5)})
+        parts = (CalibratedModel(sand), CalibratedModel(sand + effect("slip_sinkage", a=0.8)))
+        both = CalibratedModel(sand, measured=measured, rivals=tuple((0.5, one) for one in parts))
+        write_model(path, both)
+        note = settings_from(self.given(model_file=str(path))).onboard.model_note
+        assert "deviations do not include what they differ by" in note
+        assert "measured was load 20 N to 130 N and slip 0 to 0.5: beyond that" in note
+        write_model(path, CalibratedModel(sand))
+        assert settings_from(self.given(model_file=str(path))).onboard.model_note == ""
 
     def test_an_effects_file_is_run_once(self, tmp_path: Path) -> None:
         model, effects, proof = (tmp_path / name for name in ("m.yaml", "e.py", "runs"))

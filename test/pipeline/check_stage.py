@@ -23,10 +23,21 @@ from smallwheel_ros.pipeline.checks.believed import BelievedRows, RawRows
 from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
 from smallwheel_ros.pipeline.intake.buffer import Samples
 from smallwheel_ros.pipeline.intake.layout import width_of
+from smallwheel_ros.pipeline.mobility.answer import AnswerState, KnownGround, OnGround, answer
+from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.rows.align import Align
 from smallwheel_ros.pipeline.rows.motion import MotionState, motion
 from smallwheel_ros.pipeline.soil.stretches import Loads, Stretches, StretchState, stretches
-from smallwheel_ros.pipeline.tables import SECOND, Aligned, Array, Columns, Readings
+from smallwheel_ros.pipeline.strength.steps import Steps, steps
+from smallwheel_ros.pipeline.tables import (
+    SECOND,
+    Aligned,
+    Array,
+    Columns,
+    Flags,
+    Integers,
+    Readings,
+)
 from smallwheel_ros.pipeline.twist.twist import TwistState, twist
 from smallwheel_ros.pipeline.warning.judgement import Judged, Judgement
 
@@ -163,6 +174,138 @@ def _twists(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
     return [twist(state, window.new_motion(), ()) for window in windows(believed, ends)]
 
 
+# --- Stages that go on from one another: each is given what those before it made of the whole drive
+
+
+@dataclass(frozen=True)
+class BelievedAt(Columns):
+    """What a filter believed at rows: means, variances, and of what: readings used, or number of the step."""
+
+    stamp: Integers
+    mean: Array
+    variance: Array
+    used: Integers
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """A drive through all stages up to the answer, in one go."""
+
+    pipeline: Pipeline
+    rows: Readings
+    closed: Stretches | None
+    ground: OnGround
+    made: Steps | None
+    judged: Judged
+
+
+_LAST: list[
+    tuple[BelievedRows, _Chain | None]
+] = []  # the newest chain, since a check asks for it often
+
+
+def _chain(believed: BelievedRows) -> _Chain | None:
+    """The chain of a drive; what is made of it is only read."""
+    if not _LAST or _LAST[0][0] is not believed:
+        _LAST[:] = [(believed, _made_chain(believed))]
+    return _LAST[0][1]
+
+
+def _made_chain(believed: BelievedRows) -> _Chain | None:
+    rows = _all_readings(believed)
+    if rows is None:
+        return None
+    pipeline = Pipeline(believed.settings)
+    closed, loads = stretches(pipeline.stretches, rows, believed.settings)
+    version, newest = pipeline.soils.take(closed, rows, believed.anew)
+    made = steps(
+        pipeline.steps, rows, loads.load, loads.load_std, version, pipeline.soils, believed.settings
+    )
+    none = np.empty(0, dtype=np.int64)
+    ends = none if made is None else pipeline.strengths.take(made, believed.anew)
+    strength = np.searchsorted(ends, rows.stamp)
+    refused = np.zeros(len(rows), dtype=np.int64)
+    ground = OnGround(loads.load, loads.load_std, version, newest, strength, refused)
+    judged = Judgement(believed.settings).take(rows, believed)
+    return _Chain(pipeline, rows, closed, ground, made, judged)
+
+
+def _soils(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    chain, stage = _chain(believed), Pipeline(believed.settings).soils
+    if chain is None:
+        return []
+    found: list[Table | None] = []
+    for window in windows(believed, ends):
+        rows = _between(chain.rows, window)
+        if not len(rows):
+            continue
+        closed = chain.closed
+        if closed is not None:
+            part = closed.take((closed.end > window.since) & (closed.end <= window.done))
+            closed = part if len(part) else None
+        version, _ = stage.take(closed, rows, believed.anew)  # type: ignore[arg-type]
+        of = [stage.versions[number] for number in version.tolist()]
+        found.append(
+            BelievedAt(
+                vars(rows)["stamp"],
+                np.array([one.law for one in of]),
+                np.array([np.diag(one.covariance)[:3] for one in of]),
+                np.array([one.accepted for one in of], dtype=np.int64),
+            )
+        )
+    return found
+
+
+def _of_steps(made: Steps, which: Flags) -> Steps:
+    """Some of the steps, with the wheels' rows in them."""
+    own = which[made.step]
+    number = np.cumsum(which) - 1
+    of_steps = ("end", "length", "forward", "force", "force_std", "soil", "level", "unlisted")
+    columns = {name: vars(made)[name] for name in of_steps}
+    columns = {name: None if column is None else column[which] for name, column in columns.items()}
+    rows = {
+        name: column[own]
+        for name, column in vars(made).items()
+        if name not in {*of_steps, "contact", "step"}
+    }
+    return Steps(**columns, **rows, step=number[made.step[own]], contact=made.contact.take(own))
+
+
+def _strengths(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    chain, stage = _chain(believed), Pipeline(believed.settings).strengths
+    if chain is None or chain.made is None:
+        return []
+    made, found = chain.made, list[Table | None]()
+    for window in windows(believed, ends):
+        part = _of_steps(made, (made.end > window.since) & (made.end <= window.done))
+        before = len(stage.believed)
+        stamps = stage.take(part, believed.anew)
+        of = [stage.believed[before + number][0] for number in range(stamps.size)]
+        if of:
+            found.append(
+                BelievedAt(
+                    stamps,
+                    np.array([one.x for one in of]),
+                    np.array([np.diag(one.P) for one in of]),
+                    np.arange(before, before + stamps.size),
+                )
+            )
+    return found
+
+
+def _answers(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    chain = _chain(believed)
+    if chain is None:
+        return []
+    known = KnownGround(chain.pipeline.soils.versions, chain.pipeline.strengths)
+    state, stamp, found = AnswerState(), chain.rows.stamp, list[Table | None]()
+    for window in windows(believed, ends):
+        now = (stamp > window.since) & (stamp <= window.done)
+        tables = chain.rows.take(now), chain.judged.take(now), chain.ground.take(now)
+        found.append(answer(state, *tables, known, believed.settings))
+    return found
+
+
 STAGES = {
     stage.name: stage
     for stage in (
@@ -173,6 +316,9 @@ STAGES = {
         Stage("judged", _judged),
         Stage("warned", _warned),
         Stage("twist", _twists),
+        Stage("soils", _soils),
+        Stage("strengths", _strengths),
+        Stage("answer", _answers),
     )
 }
 

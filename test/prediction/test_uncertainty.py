@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from smallwheel_ros.effects.registry import effect
 from smallwheel_ros.model.measured import Measured, RunScatter, Tied
@@ -137,6 +139,18 @@ def test_the_deviation_of_one_run_is_what_fresh_rows_differ_by() -> None:
             z * (1 + scatter.relative * rng.normal(size=3)) + scatter.absolute * rng.normal(size=3)
         )
     assert claimed.run_deviation["sinkage"] == pytest.approx(np.std(drawn, axis=0), rel=0.06)
+
+
+@given(law=st.floats(0.0, 0.2))
+def test_what_the_law_is_off_by_from_setting_to_setting_is_in_both_deviations(law: float) -> None:
+    bare = fitted()
+    runs = {"sinkage": replace(RUNS["sinkage"], law=law)}
+    more = bare.changed(measured=replace(bare.measured, runs=runs))
+    before, after = (predict_of(model, PLAIN) for model in (bare, more))
+    off = law * before.prediction.sinkage
+    for name in ("standard_deviation", "run_deviation"):
+        expected = np.hypot(getattr(before, name)["sinkage"], off)
+        assert getattr(after, name)["sinkage"] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_mixture_has_the_mean_and_deviation_of_draws_from_it() -> None:

@@ -172,7 +172,16 @@ def test_subjects_stand_side_by_side(tmp_path: Path) -> None:
 
 def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> None:
     def row(name: str, known: str) -> Any:
-        cells = [name, "60 s, 20 m", known, "-", "0.4 ± 0.7", "0; 1", "0", f"odometry: of {name}"]
+        cells = [
+            name,
+            "60 s, 20 m",
+            known,
+            "-",
+            "0.4 ± 0.7",
+            "2, 1; 3",
+            "0",
+            f"odometry: of {name}",
+        ]
         columns = [*real_drives.HEADER, real_drives.SAID]
         return SimpleNamespace(cells=dict(zip(columns, cells, strict=True)))
 
@@ -184,5 +193,7 @@ def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> N
     assert table["drive"].tolist() == ["mine/mud", "mine/sand"]
     assert table["slip known"].tolist() == ["90%", "85%"]
     text = real_drives.markdown(table)
+    assert "40 m: 4 warnings, 2 of them of the second level" in text
+    assert "gives 6;" in text
     assert "| mine/mud | 60 s, 20 m | 90% |" in text
     assert "- mine/sand: odometry: of mine/sand\n" in text

@@ -92,7 +92,7 @@ def test_a_wheel_that_digs_itself_in_is_told_of(
     assert stuck
     assert all("dig in" in m.text or m.level == 4 for m in stuck)
     assert {m.level for m in messages} >= {1, 2, 3}
-    assert "a wheel began to dig in once" in (tmp_path / "out" / "report.html").read_text()
+    assert "once that it gets stuck" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_sinkage_of_one_wheel_alone_is_no_digging_in(

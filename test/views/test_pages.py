@@ -208,7 +208,16 @@ def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) ->
     [
         ("missing_effect", {}, "The model lacks slip sinkage and bulldozing"),
         ("adequate", {"missing_effects": []}, "Nothing is missing that this data could show"),
-        ("unknown_effect", {"missing_effects": []}, "no effect of the library explains it"),
+        (
+            "unknown_effect",
+            {"missing_effects": [], "candidates": []},
+            "no effect of the library explains it",
+        ),
+        (
+            "unknown_effect",
+            {"missing_effects": [], "candidates": ["sinkage_offset"]},
+            "Something may be missing: sinkage offset. This data does not confirm it",
+        ),
         (
             "indistinguishable",
             {"missing_effects": [], "candidates": ["slip_sinkage", "penetration_rate"]},

@@ -217,6 +217,20 @@ class BelievedRows:
         row = np.maximum(np.searchsorted(moves, instants, side="right") - 1, 0)
         return np.asarray(np.minimum(self.moves.periods(moves)[row], self.rules.widest))
 
+    def motion_anew(self) -> list[int]:
+        """Which of `anew` are of what tells of motion: speed over ground, rims, imu."""
+        tells = {
+            self.source,
+            IMU,
+            *(name for name in self.streams if name.endswith("/wheel_speed")),
+        }
+        found = []
+        for stamp in self.anew:
+            before, after = (self.doubted.set_at(at) for at in (stamp, stamp + 1))
+            if self.since < stamp <= self.done and tells & (after - before):
+                found.append(stamp)
+        return found
+
     # --- Rows as they came
 
     def new(self, name: str) -> Rows:

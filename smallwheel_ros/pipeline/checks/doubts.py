@@ -8,6 +8,7 @@ that is derived.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Set
 from dataclasses import dataclass
 
@@ -35,6 +36,10 @@ class Doubted:
         if not any(flags):
             return np.zeros(stamps.shape, dtype=bool)
         return np.array(flags)[np.searchsorted(self.stamps, stamps, side="left")]
+
+    def set_at(self, stamp: int) -> frozenset[str]:
+        """The streams that are doubted at a stamp."""
+        return self.streams[bisect_left(self.stamps, stamp)]
 
     def believed(self, stream: str, stamps: Integers, values: Array) -> Array:
         """Rows of a stream, NaN where it is doubted."""

@@ -72,8 +72,9 @@ class RepeatedTwists:
             return []
         inside = rows.inside
         rim = np.nan_to_num(np.median(np.abs(window.rims_at(rows.t[inside])), axis=1))
-        flag = rows.same[inside] & (rim > MOVES)
-        self.run.extend(flag, rim * rows.dt[inside], window.seconds(rows.t[inside]))
+        # A stop adds no way, and ends no run: only a new message does.
+        way = np.where(rim > MOVES, rim, 0.0) * rows.dt[inside]
+        self.run.extend(rows.same[inside], way, window.seconds(rows.t[inside]))
         if not self.run.most > REPEAT_WAY:
             return []
         text = f"it repeats one and the same message for {self.run.most:.1f} m: check its driver"

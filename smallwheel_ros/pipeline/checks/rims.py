@@ -8,7 +8,7 @@ import numpy as np
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 
 from .sums import Pieces, Run, RunningAgreement, Said, robust
-from .window import AHEAD, MOVES, CheckedWheels, Window
+from .window import AHEAD, MOVES, STRAIGHT, CheckedWheels, Window
 
 SIGN_WAY, SIGN_SHARE = 1.0, 0.8  # m, 1
 DEAD_WAY = 2.0  # m
@@ -184,6 +184,7 @@ class RollingAll:
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.y, n = vehicle.y, len(vehicle.names)
+        self.half = 0.5 * float(np.ptp(self.y)) if n else 0.0
         self.pieces = Pieces(ROLL_PIECE, 2 * n)
         self.felt, self.count, self._level = 0.0, 0, LEVEL * vehicle.gravity
 
@@ -199,14 +200,20 @@ class RollingAll:
         if ODOMETRY in window.memory.doubted:  # what was named is no witness, nor was it before
             self.pieces = Pieces(ROLL_PIECE, 2 * n)
             return []
-        # Rims that stand while a late odometry still moves are left out, as those are that start before it.
-        turns = np.median(np.abs(m.rim), axis=1) > MOVES
-        rows = m.inside & m.straight & turns & np.isfinite(m.rim).all(axis=1)
+        # Rows are chosen by the rims alone, so that errors of the speed cancel over a metre, as in a chord:
+        # where a noisy speed chooses, those rows are taken in which it is too large. Rims that stand while a
+        # late odometry still moves are left out, as those are that start before it.
+        way, yaw = np.median(m.rim, axis=1), np.fmax(np.abs(m.w), np.abs(m.gyro))
+        turns, straight = np.abs(way) > MOVES, yaw * self.half < STRAIGHT * np.abs(way)
+        known = np.isfinite(m.rim).all(axis=1) & np.isfinite(m.v)
+        rows = m.inside & turns & straight & known
         v, dt = m.v[rows], m.dt[rows]
         turned = np.nan_to_num(np.where(np.isfinite(m.w[rows]), m.w[rows], m.gyro[rows]))
         place = v[:, None] - turned[:, None] * self.y
-        forward = np.sign(v)[:, None] * dt[:, None]
-        self.pieces.extend(np.abs(v) * dt, np.hstack([forward * m.rim[rows], forward * place]))
+        forward = np.sign(way[rows])[:, None] * dt[:, None]
+        self.pieces.extend(
+            np.abs(way[rows]) * dt, np.hstack([forward * m.rim[rows], forward * place])
+        )
         if (
             len(self.pieces) < ROLL_PIECES
             or not self.count

@@ -36,7 +36,7 @@ from .answer import STALE
 
 # Numbers of VehicleMobility.msg.
 UNKNOWN, OK, MAY_GET_STUCK, GETS_STUCK, STUCK = range(5)
-ANY_GROUND, MEASURED, BY_SOIL = 0, 2, 3
+ANY_GROUND, OF_CLASS, MEASURED, BY_SOIL = range(4)
 _SURE = 0.5  # of the information, over which a margin is no prior any more
 _TURNS = 0.05  # m/s of rims or ground, under which a slip is no ratio of speeds
 _PAUSE = 10 * SECOND  # ns: after so long without any row the drive goes on with the next one

@@ -140,16 +140,19 @@ class Align:
             rim = unknown(stamps.size)
         slip, slip_std, stands = assembled_slip(speed, speed_std, rim, trust)
         faster = np.where(np.abs(rim) > np.abs(speed), rim, speed)
-        slope, gained, across = self._felt(believed, stamps, moves, middle, felt)
+        slope, gained, across, pushed = self._felt(believed, stamps, moves, middle, felt)
         torque = self._torque(wheel, own["torque"])
         load = np.where(own["load"] >= _LIGHTEST, own["load"], np.nan)
         load_std = np.hypot(noise.load, _LOAD_STD * load)
-        load, load_std = self._static(wheel, load, load_std, slope, gained, across)
+        apart = np.nan_to_num(slope) + np.nan_to_num(gained)
+        pushed_by = np.where(np.isnan(pushed), apart, pushed)
+        load, load_std = self._static(wheel, load, load_std, pushed_by, np.nan_to_num(across))
         angle: Array = np.zeros(stamps.size)
         slip_angle: Array = angle
         if steered is not None:
             angle, slip_angle = steered.angle, steered.slip_angle
             left = self._gained_aside(believed, stamps)
+            pushed, _ = along_course(course, pushed, np.nan_to_num(across) + left)
             gained, _ = along_course(course, gained, left)
             slope, across = along_course(course, slope, across)
             middle, _ = along_course(course, middle, np.where(np.isnan(aside), 0.0, aside))
@@ -162,7 +165,8 @@ class Align:
             load=load, load_std=load_std, vehicle_speed=middle, speed=speed, speed_std=speed_std,
             rim_speed=rim, rim_std=rim_std_of(rim), slip=slip, slip_std=slip_std,
             stands=stands, forward=~(faster < 0.0), slope=slope, gained=gained,
-            across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque, pull=own["drawbar_pull"],
+            pushed=pushed, across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque,
+            pull=own["drawbar_pull"],
             pitch=np.nan_to_num(moves[:, PITCH]), x=moves[:, X], y=moves[:, Y], heading=heading,
             steering=angle, slip_angle=slip_angle, course=course,
         )  # fmt: skip
@@ -236,21 +240,25 @@ class Align:
 
     def _felt(
         self, believed: BelievedRows, stamps: Integers, moves: Array, middle: Array, felt: Array
-    ) -> tuple[Array, Array, Array]:
-        """What slope and gaining speed take of the wheels per mass, and the slope across, m/s^2."""
+    ) -> tuple[Array, Array, Array, Array]:
+        """Per mass (m/s^2): what slope and gaining speed take of the wheels, the slope across, both ahead."""
         over = np.maximum(_GAINING, 2 * believed.period(stamps))
         before = believed.speeds(stamps - over)[:, 0]
         gained = (middle - before) / (over / SECOND)
         gravity = self.settings.gravity
         if self.settings.with_imu:
             _, ahead, left, above, *up = felt.T
-            oriented, rest = ~np.isnan(up[2]), np.nan_to_num(gained)
-            slope = np.where(oriented, gravity * up[0], ahead - rest)
+            oriented = ~np.isnan(up[2])
+            slope = np.where(oriented, gravity * up[0], ahead - gained)
             across = np.where(oriented, gravity * up[1], left)
             upright = np.where(oriented, gravity * up[2], above) > _UPRIGHT * gravity
-            gained = np.where(oriented | np.isnan(ahead), gained, rest)
-            slope, across = (np.where(upright, each, np.nan) for each in (slope, across))
-            return slope, gained, across
+            # Without an orientation and a speed nothing tells a slope from a gain, but both are felt.
+            both = slope + gained
+            both = np.where(np.isnan(both), ahead, both)
+            slope, across, both = (
+                np.where(upright, each, np.nan) for each in (slope, across, both)
+            )
+            return slope, gained, across, both
         # An odometry of the plane has a pitch of exactly 0 in every message: it measures none.
         pitch = moves[:, PITCH]
         pitches = np.logical_or.accumulate(np.concatenate([[self._pitches], np.abs(pitch) > 0.0]))[
@@ -259,18 +267,20 @@ class Align:
         self._pitches = bool(pitches[-1])
         slope = np.where(pitches, -gravity * np.sin(pitch), np.nan)
         across = np.where(pitches, gravity * np.cos(pitch) * np.sin(moves[:, ROLL]), np.nan)
-        return slope, gained, across
+        return slope, gained, across, slope + gained
 
     def _static(
         self,
         wheel: Integers,
         load: Array,
         load_std: Array,
-        slope: Array,
-        gained: Array,
+        pushed: Array,
         across: Array,
     ) -> tuple[Array, Array]:
-        """Loads that are not measured: as configured, as tilt and gained speed move them (a rigid frame)."""
+        """Loads that are not measured: as configured, as tilt and gained speed move them (a rigid frame).
+
+        pushed, across: m/s^2, of slope and gain, and of the slope across.
+        """
         settings = self.settings
         if not settings.static_loads:
             return load, load_std
@@ -282,8 +292,7 @@ class Align:
             getattr(settings.static_loads.get(n), "standard_deviation", np.nan) for n in names
         ]
         weight = sum(one.value for one in settings.static_loads.values())
-        behind = (np.nan_to_num(slope) + np.nan_to_num(gained)) / settings.gravity
-        right = np.nan_to_num(across) / settings.gravity
+        behind, right = pushed / settings.gravity, across / settings.gravity
         along, aside = (
             _levers(settings.wheels, name)[wheel]
             for name in ("longitudinal_position", "lateral_position")

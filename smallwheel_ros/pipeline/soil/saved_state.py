@@ -13,7 +13,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.files import OutputError, json_text, read_text_file, write_bytes
+from smallwheel_ros.common.files import OutputError, json_text, read_text_file, write_together
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.onboard.prior import EstimatorError, SoilPrior
 
@@ -49,12 +49,17 @@ class SoilRecord:
 
 @dataclass(frozen=True)
 class SavedState:
-    """What a file holds; None: no soil had been measured. strength: as the traction's filter has it."""
+    """What a file holds; None: no soil had been measured.
+
+    strength: as the traction's filter has it. cost_map: SHA-256 of the map that was saved with it, None where
+    there was none.
+    """
 
     soil: SoilRecord | None
     variety: Variety
     accepted: int
     strength: Any = None
+    cost_map: str | None = None
 
 
 def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
@@ -65,13 +70,10 @@ def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
     }
 
 
-def write_state(
-    path: Path, state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
-) -> None:
-    """Write a file beside and rename it: whole or not at all. Raises EstimatorError where it cannot be.
-
-    now: for people who look into the file.
-    """
+def state_bytes(
+    state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
+) -> bytes:
+    """What a file of this state has in it. now: for people who look into the file."""
     soil = state.soil
     summary = (
         f"ln pressure {now.log_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
@@ -92,11 +94,20 @@ def write_state(
         "loadings": state.variety.loadings,
         "soil": law,
         "strength": state.strength,
+        "cost_map": state.cost_map,
     }
+    return json_text({**content, "sha256": _checksum(content)}).encode()
+
+
+def write_state(path: Path, content: bytes, beside: Mapping[Path, bytes]) -> None:
+    """Write what `state_bytes` gave, and first what belongs to it: whole or not at all.
+
+    Raises EstimatorError where it cannot be.
+    """
     with suppress(OSError):  # without the folder the writing reports it
         path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        write_bytes(path, json_text({**content, "sha256": _checksum(content)}).encode())
+        write_together({**beside, path: content})
     except OutputError as error:
         raise EstimatorError(str(error)) from None
 
@@ -158,7 +169,9 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
     if soil is not None:
         mean, covariance = np.array(soil["mean"]), np.array(soil["covariance"])
         soil = SoilRecord(tuple(soil["reference"]), mean, covariance)
-    return SavedState(soil, Variety(*ranges), content["accepted"], content["strength"])
+    return SavedState(
+        soil, Variety(*ranges), content["accepted"], content["strength"], content.get("cost_map")
+    )
 
 
 def _corrupt(path: Path, why: str) -> EstimatorError:

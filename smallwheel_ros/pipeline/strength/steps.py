@@ -195,11 +195,11 @@ def _means(
     contact = _contacts(rows, inside, group, good, (slip, mean(of.speed)), soils, settings)
     sound = ~contact.sunk & np.isfinite(contact.sinkage)
     good[good] = sound
-    slope, gained = _of_vehicle(step, sign * of.slope), _of_vehicle(step, sign * of.gained)
+    force = _of_vehicle(step, sign * of.pushed)
     ahead, behind = (sign * of.gained)[ends - 1], (sign * of.gained)[starts]
     late = np.abs(ahead - behind) * np.minimum(_LAG / np.maximum(duration, 1e-3), 1.0)
     noise = settings.noise.drawbar_pull / np.sqrt(np.maximum(count, 1))
-    force, along = slope + gained, None
+    along = None
     if settings.steered:
         along = np.cos(mean(of.apart))[good]
         # Wheels that go across their heading are held by forces that no law here has.

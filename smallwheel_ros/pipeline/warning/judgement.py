@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
-from .margin import AnyGround, GroundMargin, Margins
+from .margin import AnyGround, Margins
 
 # Slip with which nothing is gained any more: of 17 vehicles that got stuck in snow, the 14 that went on for a
 # second had it, and none before (0.6 to 0.7; with 0.8 it is 12).
@@ -72,15 +72,15 @@ class Judgement:
         self._levels: tuple[Integers, Integers] = np.array([NEVER]), np.zeros(1, dtype=np.int64)
         self._margins: Margins | None = None
         self._slip = np.nan
-        self._wheels_since: int | None = (
-            None  # ns, since when the odometry is known to be of the wheels
-        )
+        self._of_wheels = False  # whether the odometry has turned out to be made of the wheels
+        self._anew: list[int] = []  # stamps from which on what was learnt of the ground is dropped
 
     # --- Warning and margin
 
     def take(self, rows: Readings, believed: BelievedRows) -> Judged:
         """Go on with rows; what holds at each of them. `warned` has what is new."""
         rows = self._by_ground(rows, believed)
+        self._anew += believed.motion_anew()
         speeds, imu = believed.new(self._speed_is)[0], believed.new_imu()
         made = self.warnings.take(rows, speeds, imu if imu[0].size else None, believed.done)
         self.warned = self.instants = None
@@ -90,11 +90,12 @@ class Judgement:
             self._slip = float(self.warned.slip[-1])
             self._levels = _carried(self._levels, self.warned.stamp, self.warned.level)
             self._spin(instants)
-            margins = self.ground.take(instants)
+            margins = self.ground.take(instants, self._anew)
+            self._anew = []
             if margins is not None:
                 # A second is over with the first instant behind it: from there on its margin holds.
                 behind = np.searchsorted(instants.stamp, margins.stamp, side="right")
-                margins = self._unlearnt(replace(margins, stamp=instants.stamp[behind]))
+                margins = replace(margins, stamp=instants.stamp[behind])
                 old = self._margins
                 self._margins = margins if old is None else Margins.joined([old, margins])
         found = self._at(rows)
@@ -109,29 +110,13 @@ class Judgement:
         of_wheels = believed.trust(rows.stamp).of_wheels
         if not of_wheels.any():
             return rows
-        if self._wheels_since is None:
-            self._wheels_since = int(rows.stamp[np.argmax(of_wheels)])
+        if not self._of_wheels:
+            self._of_wheels = True
+            self._anew.append(int(rows.stamp[np.argmax(of_wheels)]))
         return replace(
             rows,
             speed=np.where(of_wheels, np.nan, rows.speed),
             vehicle_speed=np.where(of_wheels, np.nan, rows.vehicle_speed),
-        )
-
-    def _unlearnt(self, margins: Margins) -> Margins:
-        """The margin of ground that nothing is known of, once it has turned out that the wheels taught it."""
-        if self._wheels_since is None:
-            return margins
-        wrong = margins.stamp > self._wheels_since
-        unknown = GroundMargin(self.settings.reference_slip)
-        mean, deviation = unknown.moments()
-        median, lower = unknown.lower_half()
-        return replace(
-            margins,
-            margin=np.where(wrong, mean, margins.margin),
-            margin_std=np.where(wrong, deviation, margins.margin_std),
-            middle=np.where(wrong, median, margins.middle),
-            lower_std=np.where(wrong, lower, margins.lower_std),
-            risk=np.where(wrong, np.nan, margins.risk),
         )
 
     @property

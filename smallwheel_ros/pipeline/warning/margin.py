@@ -9,12 +9,14 @@ without a turn *the slip at the pull asked for* is compared, not the pull at a s
 grip gives cannot be, so that what a vehicle does bounds its margin from below.
 
 What is believed is a set of points drawn from the prior once, with weights; of ground that lies behind it is
-forgotten, exp(-way/10 m). For ground ahead 0.08 is added: what the places of one field differ by.
+forgotten, exp(-way/10 m). For ground ahead 0.08 is added: what the places of one field differ by. Where
+what told of motion turns out to have been wrong from the beginning, all that it taught is dropped.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -165,7 +167,7 @@ class AnyGround:
 
     def __init__(self, side: Array, reference_slip: float, gravity: float = GRAVITY) -> None:
         self._gravity = gravity
-        self.ground = GroundMargin(reference_slip)
+        self.ground, self._reference_slip = GroundMargin(reference_slip), reference_slip
         self.side = side
         self._open: Instants | None = None
         self._unshared: list[float] = []
@@ -174,9 +176,14 @@ class AnyGround:
         )
         self._asked = np.nan
         self.steps = 0
+        self._anew: list[int] = []  # stamps that no step has come to yet
 
-    def take(self, instants: Instants) -> Margins | None:
-        """Go on with instants; None: no second is over, or nothing rolls."""
+    def take(self, instants: Instants, anew: Sequence[int] = ()) -> Margins | None:
+        """Go on with instants; None: no second is over, or nothing rolls.
+
+        anew: stamps (ns) from which on nothing counts that was learnt before.
+        """
+        self._anew += anew
         if not self.side.size:
             return None
         rows = instants if self._open is None else Instants.joined([self._open, instants])
@@ -207,12 +214,19 @@ class AnyGround:
             self._asked = before + share * (way * pull - before)
         elif not math.isfinite(pull):
             self._asked = np.nan
+        if any(stamp <= (number + 1) * STEP for stamp in self._anew):
+            self._begin_anew((number + 1) * STEP)
         low, middle, high = self.ground.quantiles()
         mean, std = self.ground.moments()
         _, lower_std = self.ground.lower_half()
         told = self.steps > 0
         risk = self.ground.risk(self._asked) if told and math.isfinite(self._asked) else np.nan
         return ((number + 1) * STEP, mean, std, low, middle, high, lower_std, self._asked, risk)
+
+    def _begin_anew(self, until: int) -> None:
+        """Drop what was learnt up to a stamp (ns), which ends a step."""
+        self.ground, self.steps, self._asked = GroundMargin(self._reference_slip), 0, np.nan
+        self._anew = [stamp for stamp in self._anew if stamp > until]
 
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float

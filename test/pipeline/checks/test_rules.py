@@ -34,7 +34,7 @@ from smallwheel_ros.pipeline.checks.loads import impossible_soil
 from smallwheel_ros.pipeline.checks.odometry import Tilt
 from smallwheel_ros.pipeline.checks.rules import RULES, Finding, table
 from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
-from smallwheel_ros.pipeline.checks.window import CheckedWheels
+from smallwheel_ros.pipeline.checks.window import SPAN, CheckedWheels
 from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.tables import Array
@@ -181,6 +181,19 @@ def test_every_rule_has_its_fault() -> None:
     assert {rule.name for rule in RULES} == named
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_noisy_speed_is_no_scale_of_radii(seed: int) -> None:
+    """Poses that scatter make speeds and yaw rates noisy; over a metre that is nothing."""
+    rows = drive(120.0, seed, (0.03,) * 4)
+    _, values = rows[ODOMETRY]
+    rng = np.random.default_rng(seed)
+    moves = values[:, 0] != 0.0
+    for column, noise in ((0, 0.4), (1, 0.15)):  # m/s, rad/s; over half a second the same
+        lasting = np.convolve(rng.standard_normal(moves.size), np.full(7, 7**-0.5), "same")
+        values[:, column] += np.where(moves, noise * lasting, 0.0)
+    assert not [finding for finding in heard(rows) if finding.rule == "rolling"]
+
+
 def test_a_vehicle_that_spins_on_a_diagonal_has_good_encoders() -> None:
     assert said(drive(slips=(0.89, 0.2, 0.2, 0.85), uneven=0.3)) == set()
 
@@ -260,6 +273,23 @@ def test_doubted_is_a_stream_from_when_it_was_so_and_while_it_lasts(good: Rows) 
     assert seen[START + 25_000_000_000] == {}
     assert abs(seen[START + 45_000_000_000][LEFT] - stamps[begin]) <= 34_000_000
     assert seen[START + 80_000_000_000] == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "taught"), [("mm", True), ("load dead", True), ("late", False), ("tilt", False)]
+)
+def test_the_soil_begins_anew_once_and_not_before_what_had_taught_it_is_doubted(
+    good: Rows, name: str, taught: bool
+) -> None:
+    rows = copy.deepcopy(good)
+    FAULTS[name][2](rows)
+    listening = Listening()
+    until = max(int(stamps[-1]) for stamps, _ in rows.values())
+    (finding,) = [*listening.take(rows, until), *listening.flush()]
+    rules = listening.checks.rules
+    assert len(rules.anew) == taught
+    assert all(finding.stamp <= stamp <= finding.stamp + 2 * SPAN for stamp in rules.anew)
+    assert ("what the soil has learnt until then is dropped" in finding.text) is taught
 
 
 def test_memory_does_not_grow_with_the_drive() -> None:

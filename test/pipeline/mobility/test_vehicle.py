@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 from rows_of_drives import drive, give, rover
@@ -63,3 +65,45 @@ def test_what_nothing_tells_is_0_and_its_flag_false() -> None:
         assert not columns[flag].any()
         for name in VEHICLE_VALID[flag]:
             assert not columns[name].any()
+
+
+# Columns of `VehicleEstimates` that a flag is about, where they are called otherwise in the message.
+_COLUMNS = {
+    "steepest_slope": "margin",
+    "risk_of_getting_stuck": "risk",
+    "energy_per_metre": "energy",
+}
+
+
+def all_known() -> VehicleEstimates:
+    """One row in which all is known."""
+    names = [field.name for field in fields(VehicleEstimates)]
+    numbers = {name: np.full(1, 0.1 + 0.01 * i) for i, name in enumerate(names)}
+    whole = {
+        name: np.ones(1, dtype=np.int64) for name in ("stamp", "level", "margin_source", "soil")
+    }
+    return VehicleEstimates(**(numbers | whole | {"at_border": np.zeros(1, dtype=bool)}))
+
+
+@pytest.mark.parametrize(
+    ("flag", "name"), [(flag, name) for flag, names in VEHICLE_VALID.items() for name in names]
+)
+def test_each_flag_is_set_where_all_is_known_and_goes_with_each_of_its_columns(
+    flag: str, name: str
+) -> None:
+    rows = all_known()
+    known = vehicle_columns(rows)
+    assert all(known[one][0] for one in VEHICLE_VALID)
+    column = _COLUMNS.get(name, name)
+    found = vehicle_columns(replace(rows, **{column: np.full(1, np.nan)}))
+    about = {
+        flag,
+        *VEHICLE_VALID[flag],
+        *(f"{one}_standard_deviation" for one in VEHICLE_VALID[flag]),
+    }
+    about |= {"margin_source", "margin_information"} if flag == "margin_valid" else set()
+    for one, values in found.items():
+        if one in about:
+            assert not values[0], one
+        else:
+            assert values[0] == known[one][0], one

@@ -23,7 +23,12 @@ from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import Reported, Version, law_of
-from smallwheel_ros.pipeline.soil.saved_state import SavedState, read_state, write_state
+from smallwheel_ros.pipeline.soil.saved_state import (
+    SavedState,
+    read_state,
+    state_bytes,
+    write_state,
+)
 from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
 
@@ -200,7 +205,8 @@ def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
         tmp_path / "soil.json",
         Reported(settings.prior, settings.mean_diameter).estimate(versions[-1]),
     )
-    write_state(path, SavedState(saved, soils.variety, soils.accepted), settings.prior, (), now)
+    state = SavedState(saved, soils.variety, soils.accepted)
+    write_state(path, state_bytes(state, settings.prior, (), now), {})
     state = read_state(path, settings.prior, ())
     again = Soils(settings.prior, settings.estimator, (), settings.wheels)
     assert state.soil is not None

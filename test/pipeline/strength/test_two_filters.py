@@ -168,7 +168,7 @@ def test_a_way_back_is_the_mirror_of_a_way_forward() -> None:
     rows = replace(rows, across=np.full(len(rows), math.nan))  # the level across is no matter of x
     back = replace(
         rows, forward=~rows.forward, onward=~rows.onward, slope=-rows.slope, gained=-rows.gained,
-        torque=-rows.torque,
+        pushed=-rows.pushed, torque=-rows.torque,
     )  # fmt: skip
     wheels = tuple(
         replace(w, longitudinal_position=-w.longitudinal_position) for w in settings.wheels

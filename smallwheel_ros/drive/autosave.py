@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Soil and cost map are saved again and again, so that a robot that loses its power loses little.
+
+What is to be written is made in the turn; a thread writes it, since a card may take seconds.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.costmap.cost_map import CostMap
+from smallwheel_ros.drive.soil_file import SoilAndMap, SoilFile
+from smallwheel_ros.pipeline.pipeline import Pipeline
+
+
+class Autosave:
+    """Saves to a soil file by itself.
+
+    held: why nothing is saved, in words, as long as that lasts; empty while all is well. problem: why the
+    newest attempt has failed; empty where it has not. failures: how many have.
+    """
+
+    def __init__(self, file: SoilFile) -> None:
+        self._file = file
+        self.held = file.problem and "the file is left as it is, and nothing is saved by itself"
+        self.problem = ""
+        self.failures = 0
+        self._written: SoilAndMap | None = None  # the newest that was given to be written
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="autosave")
+        self._busy: Future[str] | None = None
+
+    def begin(self, pipeline: Pipeline, cost_map: CostMap) -> None:
+        """Begin to write what has changed, unless something is being written (`writes`)."""
+        if self._busy is not None:
+            return
+        given = self._changed(pipeline, cost_map)
+        if given is not None:
+            self._written = given
+            self._busy = self._thread.submit(self._file.write, given)
+
+    def writes(self) -> bool:
+        """Whether something is being written; what has been is looked at."""
+        if self._busy is not None and not self._busy.done():
+            return True
+        self._take_result()
+        return False
+
+    def finish(self, pipeline: Pipeline, cost_map: CostMap) -> None:
+        """Write what has changed, and wait until it is written."""
+        self._take_result()
+        self.begin(pipeline, cost_map)
+        self._take_result()
+
+    def hold(self, why: str) -> None:
+        """Save nothing by itself any more: what was saved is worth more than what there is now."""
+        self.held = why
+
+    def go_on(self) -> None:
+        """Save again: somebody has looked at what there is and wants it."""
+        self.held = ""
+
+    def _changed(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap | None:
+        if self.held or pipeline.soil.accepted == 0:
+            return None
+        given = self._file.prepared(pipeline, cost_map)
+        return None if given == self._written else given
+
+    def _take_result(self) -> None:
+        """Wait for the thread, and take what came of it."""
+        if self._busy is None:
+            return
+        try:
+            self._busy.result()
+            self.problem = ""
+        except SmallwheelError as error:
+            self.problem, self._written = f"nothing saved: {error}", None
+            self.failures += 1
+        finally:
+            self._busy = None
