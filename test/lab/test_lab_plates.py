@@ -18,6 +18,7 @@ from smallwheel_ros.lab.lab import LabFit, fit_lab
 from smallwheel_ros.lab.plates import PlateLaws, laws_text, plate_laws, which_law
 from smallwheel_ros.measurements.from_file import read_measurements
 from smallwheel_ros.measurements.measurements import Measurements
+from smallwheel_ros.model.model import Model
 from smallwheel_ros.physics.plates import LAWS, equivalent_diameter, plate_area
 
 
@@ -195,3 +196,33 @@ def test_plates_of_a_real_rig(shared_data: Path) -> None:
     assert len(error) == 3
     (wheel,) = found.agreements
     assert wheel.high < 1.0
+
+
+def test_a_lab_is_its_fit_and_the_constants_of_the_laws(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    found = lab(tmp_path, plate_rows(rng, runs=2, rows=15) + pressed_rows(rng, 1.0))
+    assert found.fit is not None
+    (laws,) = found.laws
+    constants = [(law.law.name, c) for law in laws.laws for c in law.constants]
+    rows, of_fit = found.rows(), found.fit.rows()
+    assert rows[: len(of_fit)] == of_fit
+    told = [(row["of"], row["parameter"], row["value"], row["std"]) for row in rows[len(of_fit) :]]
+    assert told == [(f"{c.owner}, {law}", c.name, c.value, c.std) for law, c in constants]
+    assert {"kc", "kphi"} <= {name for _, name, _, _ in told}
+    assert found.headline() == f"{found.fit.headline()}; plates of {len(laws.diameters)} sizes"
+    assert found.held_out == found.fit.held_out
+    assert found.parameters == found.fit.parameters  # no shear test has told of a strength
+    named = found.named()
+    assert set(found.fit.named()) <= set(named)
+    assert {c.full_name for _, c in constants} <= set(named)
+    assert all(named[name] == own for name, own in found.fit.named().items())
+    document = found.to_dict()
+    assert document["schema"] == 1
+    assert len(document["plate_laws"]) == 1
+    assert [one["agrees"] for one in document["agreements"]] == [a.agrees for a in found.agreements]
+    assert (document["shear"], document["lab_notes"]) == ([], list(found.notes))
+    text = str(found)
+    for part in (found.fit.text(), laws_text(laws), *(a.sentence() for a in found.agreements)):
+        assert part.rstrip(".")[1:] in text
+    again = Model.load(found.save(tmp_path / "lab.yaml"))
+    assert again.soils[0].k == pytest.approx(found.model.soils[0].k, rel=1e-6)

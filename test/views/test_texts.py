@@ -17,7 +17,9 @@ from smallwheel_ros.common.result import ResultError
 from smallwheel_ros.fitting import FitResult
 from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.simulate import RigSettings, simulate_rig
-from smallwheel_ros.views import learnt
+from smallwheel_ros.views import added, fit, learnt
+from smallwheel_ros.views.blocks import Callout, Table
+from smallwheel_ros.views.blocks import Figure as Figures
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,43 @@ def test_a_fit_has_each_number_in_print_and_on_its_page(fitted: FitResult, tmp_p
         assert "held" in text
         for one in fitted.parameters:
             assert one.name in text.replace("_", " ").replace(" ", "_"), one.name
-    assert fitted.plot(Figure().subplots()).get_ylabel()
+    for channel, label, scale in (
+        ("sinkage", "sinkage [mm]", 1e3),
+        ("resistance", "resistance [N]", 1.0),
+    ):
+        axes = fitted.plot(Figure().subplots(), channel)
+        assert axes.get_ylabel() == f"measured {label}"
+        assert axes.get_xlabel() == f"predicted {label}"
+        shown = np.concatenate([np.asarray(c.get_offsets()) for c in axes.collections])
+        residual = fitted.residuals[channel]
+        measured = fitted.measurements.channels[channel]
+        by_hand = scale * np.column_stack([measured - residual, measured])
+        inside = {tuple(point) for point in np.round(by_hand, 6).tolist()}
+        assert len(shown) > 0.9 * len(by_hand)
+        assert {tuple(point) for point in np.round(shown, 6).tolist()} <= inside
+
+
+def test_correlations_of_a_half_are_listed_the_closest_first(data: Measurements) -> None:
+    fitted = sw.fit(data, effects="slip_sinkage")
+    assert isinstance(fitted, FitResult)
+    tables = [
+        b
+        for s in fit.page(fitted, pictures=False).sections
+        for b in s.blocks
+        if isinstance(b, Table)
+    ]
+    rows = next(table.rows for table in tables if table.rows and "correlation" in table.rows[0])
+    by_pair = {
+        (fitted.names[b], fitted.names[a]): fitted.correlation[a, b]
+        for a in range(len(fitted.names)) for b in range(a)
+        if abs(fitted.correlation[a, b]) > 0.5
+    }  # fmt: skip
+    assert {(row["one"], row["other"]): row["correlation"] for row in rows} == by_pair
+    sizes = [abs(row["correlation"]) for row in rows]
+    assert sizes == sorted(sizes, reverse=True)
+    text = "\n".join(line for table in tables if table.rows is rows for line in table.lines())
+    owner, _, name = rows[0]["one"].rpartition(".")
+    assert f"{owner}: {name.replace('_', ' ')}" in text
 
 
 def test_a_prediction_is_a_row_for_each_setting(fitted: FitResult) -> None:
@@ -67,6 +105,28 @@ def test_an_effect_that_was_added_says_what_it_changed(
     found = sw.add("slip_sinkage", model=fitted, data=data)
     assert "slip sinkage" in str(found)
     assert "<svg" in found.save(tmp_path / "added.html").read_text()
+    (row,) = [row for row in found.rows() if row["channel"] == "resistance"]
+    for channel, sides, scale in (
+        ("resistance", (row["before"], row["after"]), 1.0),
+        (None, (found.rows()[0]["before"], found.rows()[0]["after"]), 1e3),  # the sinkage, in mm
+    ):
+        axes = Figure().subplots()
+        assert found.plot(axes, channel) is axes
+        lengths = [bar.get_width() for bar in axes.patches]
+        assert lengths == pytest.approx([scale * value for value in sides])
+        assert axes.get_xlabel() == f"held-out RMSE [{'mm' if scale > 1.0 else 'N'}]"
+    page = added.page(found)
+    assert [section.title for section in page.sections] == ["In short", "Its numbers"]
+    callout, *_, figure = page.sections[0].blocks
+    assert isinstance(callout, Callout)
+    assert callout.tone == ("result" if found.recommended else "warning")
+    assert isinstance(figure, Figures)
+    assert not any(
+        isinstance(b, Figures) for b in added.page(found, pictures=False).sections[0].blocks
+    )
+    (numbers,) = page.sections[1].blocks
+    assert isinstance(numbers, Table)
+    assert {row["owner"] for row in numbers.rows} == {"slip_sinkage"}
 
 
 def test_a_search_for_a_law_without_an_answer_says_so(data: Measurements) -> None:
