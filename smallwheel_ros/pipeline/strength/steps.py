@@ -199,9 +199,8 @@ def _means(
     ahead, behind = (sign * of.gained)[ends - 1], (sign * of.gained)[starts]
     late = np.abs(ahead - behind) * np.minimum(_LAG / np.maximum(duration, 1e-3), 1.0)
     noise = settings.noise.drawbar_pull / np.sqrt(np.maximum(count, 1))
-    along = None
+    along = np.cos(mean(of.apart))[good]
     if settings.steered:
-        along = np.cos(mean(of.apart))[good]
         # Wheels that go across their heading are held by forces that no law here has.
         skids = mean(np.abs(np.nan_to_num(of.slip_angle))) > ASIDE
         force[np.unique(number[skids])] = np.nan
