@@ -133,6 +133,7 @@ class CostMap:
         slope: float = 0.0,
         demand: float = math.nan,
         shown: float = -math.inf,
+        course: float = 0.0,
     ) -> None:
         """Take what the vehicle, at its pose after so much travel, has found where a wheel is.
 
@@ -155,6 +156,8 @@ class CostMap:
             Pull over load that is asked for there on the way that it goes; NaN where it is not known.
         shown
             Margin that the ground there has shown it has: what was asked for where it got over.
+        course
+            rad, by which the vehicle goes to the left of its heading.
         """
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)
@@ -181,7 +184,7 @@ class CostMap:
         if cost == mark == UNKNOWN:
             self._ground.skip(wheel.name)
             return
-        across = self.outline.across(pose, wheel)
+        across = self.outline.across(pose, wheel, course)
         self.changed |= self._ground.cross(wheel.name, across, travel, cost, mark)
         if margin is not None and not stuck:
             x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)

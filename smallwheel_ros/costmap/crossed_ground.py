@@ -51,8 +51,14 @@ class Outline:
         self.around = math.hypot(max(self.front, -self.rear), self.half_width)
         self.length = self.front - self.rear + 2.0 * self.radius
 
-    def across(self, pose: Pose, wheel: Wheel) -> tuple[Line, Line]:
-        """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is."""
+    def across(self, pose: Pose, wheel: Wheel, course: float = 0.0) -> tuple[Line, Line]:
+        """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is.
+
+        course: rad, of a vehicle that goes to the left of its heading. Then both lines are square to that,
+        the whole one as wide as its outline looks from there.
+        """
+        if course:
+            return self._square_to(pose, wheel, course)
         ahead, middle = wheel.longitudinal_position, wheel.lateral_position
         cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
         x, y = pose.x + cosine * ahead, pose.y + sine * ahead
@@ -62,6 +68,25 @@ class Outline:
 
         whole = line(self.left, self.right)
         return whole, line(middle + 0.5 * wheel.width, middle - 0.5 * wheel.width)
+
+    def _square_to(self, pose: Pose, wheel: Wheel, course: float) -> tuple[Line, Line]:
+        x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
+        cosine, sine = math.cos(course), math.sin(course)
+        # Corners of the outline to the left of the course, from the wheel.
+        corners = [
+            cosine * (left - wheel.lateral_position) - sine * (ahead - wheel.longitudinal_position)
+            for ahead in (self.front, self.rear)
+            for left in (self.left, self.right)
+        ]
+        way = pose.heading + course
+
+        def line(left: float, right: float) -> Line:
+            return (
+                (x - math.sin(way) * left, y + math.cos(way) * left),
+                (x - math.sin(way) * right, y + math.cos(way) * right),
+            )
+
+        return line(max(corners), min(corners)), line(0.5 * wheel.width, -0.5 * wheel.width)
 
     def gap(
         self, pose: Pose, x: NDArray[np.float64], y: NDArray[np.float64]

@@ -59,8 +59,8 @@ def feed(
                         " known: give each joint a name of its own"
                     )
                 elif joint in joints:
-                    turns = stream.endswith("wheel_speed")
-                    what = "velocity or position" if turns else "effort"
+                    of = {"wheel_speed": "velocity or position", "steering": "position"}
+                    what = of.get(stream.rpartition("/")[2], "effort")
                     text = f"topic {name} names joint {joint} without {what}"
                     again = f"{text}: is there more than one publisher?"
                     text = again if streams.all[stream].received else text
@@ -74,6 +74,7 @@ def feed(
         sort = np.argsort(order, kind="stable")
         rows[stream] = stamps[sort], values[sort], order[sort]
     _by_their_joints(pipeline, rows)
+    _steered(pipeline, rows)
     streams.add_rows(rows, np.array([now for _, _, now in chunk], dtype=np.int64))
 
 
@@ -101,3 +102,17 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
             pipeline.note(stream, "no_value", text, times)
         if found.size:
             rows[stream] = found, speeds[:, None], order[index]
+
+
+def _steered(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]) -> None:
+    """Steering angles without those that are none; what is odd of them is counted."""
+    for stream in [name for name in rows if name.endswith("/steering")]:
+        stamps, values, order = rows.pop(stream)
+        steering = pipeline.steering[stream]
+        usable = steering.usable(stamps, values[:, 0])
+        if times := int((~usable).sum()):
+            pipeline.note(stream, "steering_unit", steering.wrong, times)
+        if steering.new_steps:
+            pipeline.note(stream, "in_steps", steering.odd, steering.new_steps, unused=False)
+        if usable.any():
+            rows[stream] = stamps[usable], values[usable], order[usable]

@@ -121,6 +121,7 @@ class GroundMapper:
             found.tilt,
             found.demand,
             self._shown(found, stuck | (risk > 0.0)),
+            found.course,
         )
         margins, beyond = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, beyond, strict=True)
@@ -136,6 +137,7 @@ class GroundMapper:
             slope,
             demand,
             shown,
+            course,
             margin,
             more,
         ) in rows if frame else ():
@@ -143,7 +145,7 @@ class GroundMapper:
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
                     None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand,
-                    shown=shown, beyond=more,
+                    shown=shown, beyond=more, course=course,
                 )  # fmt: skip
         known = [k for k, one in enumerate(margins) if one is not None]
         if known:

@@ -56,8 +56,8 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
         "status": estimates.status,
         "status_text": status_texts(estimates, pipeline),
         "wheel": [names[number] for number in estimates.wheel.tolist()],
-        "slip_angle": np.zeros(len(estimates)),  # of wheels that are not steered
-        "steering_angle": np.zeros(len(estimates)),
+        "slip_angle": np.nan_to_num(estimates.slip_angle),
+        "steering_angle": np.nan_to_num(estimates.steering),
     }
     for flag, quantities in VALID.items():
         columns = {name: getattr(estimates, _COLUMNS.get(name, name)) for name in quantities}
@@ -119,6 +119,8 @@ def _in_words(
             why = "odometry shows none: it agrees with the wheels wherever they are"
         elif settings.velocity == "none":
             why = "odometry comes from the wheels, and there is no velocity_topic"
+        elif Condition.ANGLE_UNKNOWN in conditions:
+            why = "no steering angle of this wheel near this reading, or it is doubted"
         elif Condition.STANDS in conditions:
             why = "the wheel stands"
         read = ", ".join(e.id for e in settings.effects if {"slip", "speed"} & set(e.needs))

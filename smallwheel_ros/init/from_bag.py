@@ -42,6 +42,7 @@ from smallwheel_ros.init.rover import (
     rover_of_wheels,
     wheel_joints,
 )
+from smallwheel_ros.init.steering_joints import joints_of, steering_values
 from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
 from smallwheel_ros.onboard.parameters import for_each_wheel
 from smallwheel_ros.onboard.robot_description import (
@@ -130,6 +131,11 @@ class _Finder:
             filled = fill_silent(description, values)
             values |= filled.values
             self._notes += filled.lacking
+        steers, words_ = steering_values(
+            values, as_names(values["wheels"]), joints_of(self._reader, self._topics[JOINTS]), topic
+        )
+        values |= steers
+        self._notes += words_
         turning = self._recorded_joints(values, joints)
         rims = [joint for joint in turning.values() if joint in joints.names]
         if which := [joint for joint in rims if joint in joints.by_positions]:

@@ -245,6 +245,28 @@ class WheelParameters:
         1,
         text="-1: its joint turns backwards when it drives forward. Without it: by the axis in the URDF.",
     )
+    steering_joint: str = parameter(
+        "",
+        text="Joint whose position is its steering angle; two wheels of an axle that name one joint have a"
+        " linkage with one central angle. Empty: it is not steered. Without it: by the URDF.",
+    )
+    steering_sign: Sign = parameter(
+        1,
+        text="-1: its angle is positive to the right. Without it: by the axis in the URDF.",
+    )
+    steering_zero: float = parameter(
+        0.0,
+        "rad",
+        (-3.15, 3.15),
+        "Position of steering_joint at which the wheel points straight ahead.",
+    )
+    steering_arm: float | None = parameter(
+        None,
+        "m",
+        (-2.0, 2.0),
+        "Its middle to the left of the steering axis, straight ahead. Without it: the URDF's, else a quarter"
+        " of the diameter either way.",
+    )
     frame: str | None = parameter(
         None,
         text="Frame of its messages. Without it: the link that its joint moves in the URDF, else its name.",
@@ -313,6 +335,10 @@ class Parameters(DriveParameters):
         "joint_states",
         text="Topic (sensor_msgs/JointState) with the joints of the wheels.",
         form="topic",
+    )
+    steering_topic: str = topic(
+        "",
+        "Topic (sensor_msgs/JointState) with the joints that steer. Empty: that of joint states.",
     )
     terrain_classes_topic: str = topic(
         "terrain_classes",

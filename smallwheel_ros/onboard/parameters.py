@@ -28,7 +28,7 @@ from smallwheel_ros.onboard.declared import (
     parameters_for,
 )
 from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
-from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
+from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings, Steered
 from smallwheel_ros.onboard.strength import any_strength, strength_of
 from smallwheel_ros.physics.conditions import ROLLING, Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, soil
@@ -289,6 +289,7 @@ def _onboard(given: Parameters) -> OnboardSettings:
         with_torque=frozenset(name for name in rolling if of[name].torque_per_effort > 0.0),
         with_imu=bool(given.imu_topic),
         static_loads=static,
+        steered=_steered({name: of[name] for name in rolling}),
         velocity="topic" if by_topic else "none" if given.odometry_from_wheels else "odometry",
         soil_told=told,
         strength_measured=measured,
@@ -305,6 +306,52 @@ def _wheel(name: str, own: WheelParameters) -> Wheel:
         own.lateral_position,
         own.longitudinal_position,
     )
+
+
+def _steered(rolling: Mapping[str, WheelParameters]) -> dict[str, Steered]:
+    """The wheels that are steered, and how. Raises ParametersError for a joint that cannot steer them."""
+    turned = {own.joint: name for name, own in rolling.items()}
+    by_joint: dict[str, list[str]] = {}
+    for name, own in rolling.items():
+        if own.steering_joint in turned:
+            raise ParametersError(
+                f"parameter {name}.steering_joint is {own.steering_joint!r}, which turns wheel"
+                f" {turned[own.steering_joint]}: expected a joint of its own"
+            )
+        if own.steering_joint:
+            by_joint.setdefault(own.steering_joint, []).append(name)
+    found = {}
+    for joint, names in by_joint.items():
+        reach = _linkage(joint, names, rolling) if len(names) > 1 else 0.0
+        for name in names:
+            found[name] = Steered(rolling[name].steering_arm, reach)
+    return found
+
+
+def _linkage(joint: str, names: list[str], rolling: Mapping[str, WheelParameters]) -> float:
+    """How far (m) an axle with one central angle is ahead of the line that the vehicle turns about.
+
+    That is the axle that is not steered, or half way between two steered ones.
+    """
+    places = {name: rolling[name].longitudinal_position for name in names}
+    if len(names) > 2 or abs(max(places.values()) - min(places.values())) > _TAPE:
+        raise ParametersError(
+            f"parameters steering_joint of {', '.join(names)} are all {joint!r}: expected two wheels of one"
+            " axle (a linkage), or a joint for each; a vehicle that is steered in its middle (articulated)"
+            " is not estimated"
+        )
+    axle = sum(places.values()) / len(places)
+    others = {name: own.longitudinal_position for name, own in rolling.items() if name not in names}
+    fixed = [place for name, place in others.items() if not rolling[name].steering_joint]
+    pivot = sum(fixed) / len(fixed) if fixed else 0.0
+    if not fixed and others:
+        pivot = 0.5 * (axle + sum(others.values()) / len(others))
+    if abs(axle - pivot) <= _TAPE:
+        raise ParametersError(
+            f"parameters steering_joint of {' and '.join(names)} are both {joint!r}, a linkage: expected"
+            f" longitudinal_position of its axle and of the others (they are {axle:g} and {pivot:g} m)"
+        )
+    return axle - pivot
 
 
 def _estimator(given: Parameters, static: Mapping[str, Quantity]) -> EstimatorSettings:

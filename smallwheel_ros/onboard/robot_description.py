@@ -23,7 +23,9 @@ from smallwheel_ros.onboard.parameters import (
 from smallwheel_ros.onboard.running_gear import (
     PARALLEL,
     VehicleHeading,
+    articulated,
     axis_of,
+    carried_by,
     centre_of,
     contradicting,
     heading_of,
@@ -34,7 +36,8 @@ from smallwheel_ros.physics.conditions import PRESSED
 
 DESCRIPTION_TYPE = "std_msgs/msg/String"
 _SIZE, _PLACE = ("diameter", "width"), ("lateral_position", "longitudinal_position")
-_FILLED = (*_SIZE, *_PLACE, "joint_sign", "frame")
+_STEERING = ("steering_joint", "steering_sign", "steering_arm", "steering_zero")
+_FILLED = (*_SIZE, *_PLACE, "joint_sign", "frame", *_STEERING)
 _HEAVIEST = 1e5  # kg, as vehicle.mass
 
 
@@ -65,7 +68,14 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
     except ParametersError:
         return []
     own = for_each_wheel(given)
-    names = [f"{wheel}.{name}" for wheel in wheels for name in _FILLED]
+    # Of a wheel that is said not to be steered nothing of steering is asked.
+    fixed = {wheel for wheel in wheels if own.get(f"{wheel}.steering_joint") == ""}
+    names = [
+        f"{wheel}.{name}"
+        for wheel in wheels
+        for name in _FILLED
+        if not (wheel in fixed and name in _STEERING)
+    ]
     return [name for name in names if own.get(name) is None]
 
 
@@ -101,8 +111,10 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
     Diameter and width come from the cylinder of the link that the wheel's joint moves, places from
     the chain of joints between it and the base frame (all at zero) and the cylinder's middle, the
     joint's sign from its axis: 1 where that points along +y of the base frame, -1 along -y; its
-    frame is that link. given: as in `silent_parameters`. Raises RobotDescriptionError if the text is
-    no URDF, ParametersError if the wheels have no usable names.
+    frame is that link. What steers it is the nearest joint above that turns about the vertical. given:
+    as in `silent_parameters`. Raises RobotDescriptionError if the text is no URDF or that of a
+    vehicle of which one joint carries and steers several wheels, ParametersError if the wheels have no usable
+    names.
     """
     urdf, filled, silent = Urdf(text), Filled(), silent_parameters(given)
     given = for_each_wheel(given)
@@ -131,12 +143,15 @@ def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
         if f"{wheel}.frame" in silent:
             with suppress(RobotDescriptionError):  # which other parameters of the wheel have said
                 filled.values[f"{wheel}.frame"] = _mounting(urdf, wheel, given)[0].child
-        steering = "" if given.get(f"{wheel}.contact") == PRESSED else _steering(urdf, wheel, given)
-        if steering and any(name.startswith(f"{wheel}.") for name in silent):
-            filled.lacking.append(
-                f"wheel {wheel} is steered by joint {steering!r}: steering is not read, its slip"
-                " is that of a wheel that points straight ahead"
-            )
+        if (
+            given.get(f"{wheel}.contact") != PRESSED
+            and given.get(f"{wheel}.steering_joint") is None
+        ):
+            filled.values.update(_steering(urdf, wheel, given, heading))
+        elif given.get(f"{wheel}.steering_joint"):
+            own = _steering(urdf, wheel, given, heading)
+            same = own.get(f"{wheel}.steering_joint") == given[f"{wheel}.steering_joint"]
+            filled.values.update({n: v for n, v in own.items() if same and n in silent})
     for text in elsewhere(filled.values, given):
         filled.lacking.append(f"robot description: {text}: the description's is taken")
     return filled
@@ -153,7 +168,9 @@ def _heading(
             axis_of(urdf, wheels[wheel], base)
         except RobotDescriptionError:  # said where its place is looked for
             wheels.pop(wheel, None)
-    wanted = {f"{wheel}.{name}" for wheel in wheels for name in (*_PLACE, "joint_sign")}
+    wanted = {
+        f"{wheel}.{name}" for wheel in wheels for name in (*_PLACE, "joint_sign", "steering_joint")
+    }
     if not wanted & {*silent}:
         return VehicleHeading(0)
     heading = heading_of(urdf, wheels, base)
@@ -221,10 +238,31 @@ def _sign(urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading) -> tuple
     return (1 if left > 0.0 else -1,)
 
 
-def _steering(urdf: Urdf, wheel: str, given: Mapping[str, object]) -> str:
-    """Name of a joint that steers the wheel; empty where there is none, or something else is wrong."""
+def _steering(
+    urdf: Urdf, wheel: str, given: Mapping[str, object], heading: VehicleHeading
+) -> dict[str, Value]:
+    """Parameters of what steers a wheel; empty where nothing does, or something else is wrong.
+
+    Raises RobotDescriptionError where that joint carries other wheels, too.
+    """
     try:
-        found = steering_of(urdf, *_mounting(urdf, wheel, given))
-    except RobotDescriptionError:
-        return ""
-    return "" if found is None else found.joint
+        mounting = _mounting(urdf, wheel, given)
+        found = steering_of(urdf, *mounting, heading)
+    except RobotDescriptionError:  # said where its place is looked for
+        return {}
+    if found is None:
+        return {}
+    wheels = {}
+    for name in wheel_names(given.get("wheels")):
+        with suppress(RobotDescriptionError):
+            wheels[name] = _mounting(urdf, name, given)[0]
+    carried = carried_by(urdf, found.joint, wheels, mounting[1])
+    if len(carried) > 1:
+        raise RobotDescriptionError(articulated(found.joint, carried))
+    values: dict[str, Value] = {"steering_joint": found.joint}
+    if found.sign != PARAMETERS[f"{WHEEL}.steering_sign"].default:
+        values["steering_sign"] = found.sign
+    values["steering_arm"] = found.arm
+    if found.zero:
+        values["steering_zero"] = found.zero
+    return {f"{wheel}.{name}": value for name, value in values.items()}

@@ -9,6 +9,7 @@ have to tell.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from smallwheel_ros.onboard.wheel_names import ACROSS, ALONG, called_by_place, p
 # Directions within 25 degrees of each other: more than wheels are cambered or toed in, and far from
 # the 90 degrees by which an axis or a cylinder is turned by mistake.
 PARALLEL = 0.9
+_STRAIGHT = 0.01  # rad: what rounding leaves of an axis in a description
 _UPRIGHT = 0.7  # an axis within 45 degrees of the vertical steers
 _LOWEST = 0.25  # of the height over which joints turn: a wheel is no higher above the lowest one
 # Of the length or width of the vehicle: wheels of two sizes, and rockers, whose joints are all low.
@@ -39,11 +41,16 @@ _AHEAD = (
 
 
 class Steering(NamedTuple):
-    """What steers a wheel: a joint, its sign (1: positive to the left), its distance to the wheel, m."""
+    """What steers a wheel: a joint, its sign (1: positive to the left), what it makes of the wheel.
+
+    arm: m, the wheel's middle to the left of the joint's axis. zero: rad, position of the joint at which the
+    wheel points straight ahead.
+    """
 
     joint: str
     sign: int
     arm: float
+    zero: float = 0.0
 
 
 @dataclass
@@ -134,10 +141,7 @@ def running_gear(urdf: Urdf) -> RunningGear:
     for name in sorted(steering):
         carried = [one.joint.name for one in wheels if _steered_by(one, turning) == name]
         if len(carried) > 1:
-            raise RobotDescriptionError(
-                f"joint {name!r} turns about the vertical and carries the wheels of {', '.join(carried)}: a"
-                " vehicle that is steered by an axle or in its middle (articulated) is not estimated"
-            )
+            raise RobotDescriptionError(articulated(name, carried))
     left = {n: reason for n, reason in why.items() if reason and n not in steering}
     if not wheels:
         words = "; ".join(notes + _left_out(left))
@@ -147,7 +151,8 @@ def running_gear(urdf: Urdf) -> RunningGear:
     for one in wheels:
         notes += [
             f"{joint.name} is called a steering joint, but turns about"
-            f" {_shown(turning[joint.name].axis)}: what steers {one.joint.name} is not known from it"
+            f" {_shown(turning[joint.name].axis)}: what steers {one.joint.name} is not known from it: give"
+            " steering_joint"
             for joint in one.above
             if "steer" in joint.name.lower()
             and joint.name in turning
@@ -179,16 +184,42 @@ def _is_steer(name: str, one: _Turning) -> bool:
     return "steer" in name.lower() and name in [joint.name for joint in one.above]
 
 
-def steering_of(urdf: Urdf, joint: Joint, base: str) -> Steering | None:
-    """What steers the wheel of a joint; None where nothing does. Raises RobotDescriptionError."""
+def steering_of(
+    urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading | None = None
+) -> Steering | None:
+    """What steers the wheel of a joint; None where nothing does. Raises RobotDescriptionError.
+
+    heading: which way the vehicle looks; None: along the base frame's x.
+    """
+    heading = heading or VehicleHeading(0)
     above = {j.name: _turning(urdf, j, base) for j in _above(urdf, joint, base)}
     wheel = _turning(urdf, joint, base)
     name = _steered_by(wheel, above)
     if not name:
         return None
-    beside = wheel.centre - above[name].at
-    arm = abs(float(beside @ wheel.axis))
-    return Steering(name, 1 if above[name].axis[2] > 0.0 else -1, arm)
+    arm = round(float(heading.turned(wheel.centre - above[name].at)[1]), 9) + 0.0
+    sign = 1 if above[name].axis[2] > 0.0 else -1
+    ahead, left, _ = heading.turned(wheel.axis)
+    toe = math.atan2(-math.copysign(ahead, ahead * left), abs(left)) if left else 0.0
+    zero = 0.0 if abs(toe) < _STRAIGHT else round(-sign * toe, 6)
+    return Steering(name, sign, arm, zero)
+
+
+def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str) -> list[str]:
+    """Return the wheels that a steering joint carries, by their names."""
+    return [
+        name
+        for name, joint in wheels.items()
+        if (found := steering_of(urdf, joint, base)) is not None and found.joint == steering
+    ]
+
+
+def articulated(joint: str, wheels: Iterable[str]) -> str:
+    """Words of a joint that carries several wheels."""
+    return (
+        f"joint {joint!r} turns about the vertical and carries the wheels of {', '.join(wheels)}: a"
+        " vehicle that is steered by an axle or in its middle (articulated) is not estimated"
+    )
 
 
 def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHeading:

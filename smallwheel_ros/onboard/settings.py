@@ -31,6 +31,23 @@ _GRAVITY_HEIGHT = 1.2  # mean diameters
 
 
 @dataclass(frozen=True)
+class Steered:
+    """How a wheel is steered.
+
+    Attributes
+    ----------
+    arm
+        m, its middle to the left of the steering axis; None: not known.
+    linkage
+        m, of two wheels with one central angle: their axle ahead of the line across the vehicle that the
+        vehicle turns about a point of; 0: the wheel has a joint of its own.
+    """
+
+    arm: float | None = None
+    linkage: float = 0.0
+
+
+@dataclass(frozen=True)
 class OnboardSettings(DriveParameters):
     """Everything that the pipeline needs to know before the first message; `settings_from` checks it.
 
@@ -52,6 +69,8 @@ class OnboardSettings(DriveParameters):
         Effects of the model beside pressure and sinkage, in their order.
     static_loads
         Loads (N) of wheels whose load is not measured, by name.
+    steered
+        Rolling wheels whose steering angle is measured, by name.
     velocity
         Where the speed over ground comes from that slip is worked out with: odometry that the
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
@@ -74,6 +93,7 @@ class OnboardSettings(DriveParameters):
     with_torque: frozenset[str] = frozenset()
     with_imu: bool = False
     static_loads: Mapping[str, Quantity] = field(default_factory=dict)
+    steered: Mapping[str, Steered] = field(default_factory=dict)
     velocity: VelocitySource = "odometry"
     soil_told: bool = True
     strength_measured: bool = False
@@ -120,6 +140,17 @@ class OnboardSettings(DriveParameters):
         )
 
     @property
+    def rolling(self) -> tuple[Wheel, ...]:
+        """The wheels that roll."""
+        return tuple(wheel for wheel in self.wheels if wheel.contact == ROLLING)
+
+    @property
+    def unsteered_place(self) -> float:
+        """Mean place ahead (m) of the wheels that are not steered, which do not move aside; 0 without any."""
+        fixed = [w.longitudinal_position for w in self.rolling if w.name not in self.steered]
+        return sum(fixed) / len(fixed) if fixed else 0.0
+
+    @property
     def mean_diameter(self) -> float:
         """Mean diameter of the wheels, m: what is known best of a soil is how it carries them."""
         mean = sum(wheel.diameter for wheel in self.wheels) / len(self.wheels)
@@ -135,6 +166,7 @@ class OnboardSettings(DriveParameters):
             *(f"{w.name}/sinkage" for w in wheels if w.name not in self.without_sinkage),
             *(f"{w.name}/drawbar_pull" for w in wheels if w.name in self.with_drawbar_pull),
             *(f"{w.name}/wheel_speed" for w in rolling),
+            *(f"{w.name}/steering" for w in rolling if w.name in self.steered),
             *((ODOMETRY,) if rolling else ()),
             *((VELOCITY,) if by_topic else ()),
             *(f"{w.name}/torque" for w in rolling if w.name in self.with_torque),

@@ -66,6 +66,7 @@ class ProblemLog:
         return tuple(found)
 
 
-NO_ROW = ("no_value", "not_readable", "velocity_unit")  # of messages that gave the stream no row
+# Of messages that gave the stream no row.
+NO_ROW = ("no_value", "not_readable", "velocity_unit", "steering_unit")
 # Reasons of streams that keep the message.
-_USED = frozenset(["no_orientation", "load_not_positive", "time_jump"])
+_USED = frozenset(["no_orientation", "load_not_positive", "time_jump", "in_steps"])

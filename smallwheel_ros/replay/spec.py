@@ -271,6 +271,7 @@ def _detail(stream: str, settings: NodeSettings) -> str:
     return {
         "wheel_speed": f"joint {own.joint}",
         "torque": f"effort of joint {own.joint}",
+        "steering": f"joint {own.steering_joint}",
         "drawbar_pull": "force.x",
         "load": f"effort of joint {own.load_joint}" if by_joint else "",
     }.get(what, "")

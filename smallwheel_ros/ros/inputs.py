@@ -46,6 +46,7 @@ _SILENT_AFTER = 2.0  # s without a message of a topic that had some
 # What a stream measures; those of a wheel are `<wheel>/load` and so on.
 _MEASURED = {
     "wheel_speed": "wheel speed",
+    "steering": "steering angle",
     "drawbar_pull": "drawbar pull",
     "odom": "odometry",
     "velocity": "velocity over ground",
@@ -347,6 +348,7 @@ def part_of_message(stream: str, settings: NodeSettings) -> str:
     return {
         "wheel_speed": f", joint {own.joint}",
         "torque": f", effort of joint {own.joint}",
+        "steering": f", joint {own.steering_joint}",
         "drawbar_pull": ", force.x",
     }.get(kind, "")
 

@@ -251,11 +251,17 @@ def _kept(
     return keep
 
 
-def _world(settings: DriveSettings, rng: np.random.Generator) -> World:
-    """Stand for 2 s, halt for 3 s on the way, go on until stuck. Two bends make an S."""
+def _world(settings: DriveSettings, rover: SimulatedRover, rng: np.random.Generator) -> World:
+    """Stand for 2 s, halt for 3 s on the way, go on until stuck. Two bends make an S.
+
+    A rover that steers has tighter ones, and turns on the spot where it halts.
+    """
     half = 0.5 * settings.distance
     bend = min(rng.uniform(0.5, 1.0) / half, 0.1)
-    legs = Leg(half, bend, stand=3.0), Leg(half + _FINISH, -bend, stand=1.0)
+    turn = 0.0
+    if rover.steers:
+        bend, turn = rng.uniform(0.4, 0.7), rng.uniform(0.8, 1.5)
+    legs = Leg(half, bend, stand=3.0), Leg(half + _FINISH, -bend, turn=turn, stand=1.0)
     sensors = replace(settings.sensors, noise_factor=settings.noise, outliers=settings.outliers)
     return World(
         "drive", legs=legs, speed=_SPARE * settings.speed, ramp=0.35, slope=0.06, swing=1.6, grip=0.05,
@@ -281,7 +287,7 @@ class _Wheels:
         ahead = (self.y[:, None] == self.y) & (self.x[:, None] > self.x)
         self.passes = 1.0 + ahead.sum(axis=0)
         self.rng = _stream(settings, 12, attempt)
-        distance, world = settings.distance, _world(settings, self.rng)
+        distance, world = settings.distance, _world(settings, rover, self.rng)
         finish = draw_finish(settings.finish, distance, _stream(settings, 13))
         started = *draw_patches(distance, self.rng), *finish
         soils = [in_ground(stretch.soil) for stretch in stretches]
@@ -302,7 +308,7 @@ class _Wheels:
         shown = np.empty_like(truth.sinkage)
         for j in range(len(self.rover.wheels)):
             cells = self.ground.cells(truth.place + self.x[j])
-            travel = np.abs(truth.speed - truth.rate * self.y[j])
+            travel = np.abs(truth.travel(self.rover, j))
             slip = np.nan_to_num(truth.slip[:, j])
             for rows, wheels in self._on_soil(j, cells, truth.load[:, j], slip, travel):
                 shown[rows, j] = wheels.response().shown_sinkage

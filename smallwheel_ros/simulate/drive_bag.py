@@ -34,8 +34,8 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
     pushes the wheel up, force.x what it last pushed the wheel forward with), ``/<wheel>/sinkage``
     (smallwheel_ros/WheelSinkage, 10 Hz), ``/odom`` (nav_msgs/Odometry, 30 Hz, not from the wheels),
     ``/joint_states`` (sensor_msgs/JointState, 50 Hz, joints named ``<wheel>_joint``, effort in N m at
-    the wheel) and ``/imu`` (sensor_msgs/Imu, 50 Hz, in base_link). Messages are recorded some
-    milliseconds after the instant in their header.
+    the wheel, and ``<wheel>_steering_joint`` of wheels that steer) and ``/imu`` (sensor_msgs/Imu, 50 Hz,
+    in base_link). Messages are recorded some milliseconds after the instant in their header.
 
     The folder appears when the bag is complete. A progress bar is shown on a terminal.
 
@@ -135,20 +135,29 @@ def _joints(drive: Drive, names: list[str]) -> Fields:
     }
     stamps, _ = drive.rows[f"{names[0]}/wheel_speed"]
     turned = np.column_stack([_integral(speed, stamps) for speed in of["wheel_speed"].T])
+    steered = [wheel.name for wheel in drive.rover.wheels if wheel.steered]
+    joints = [f"{name}_joint" for name in names] + [f"{name}_steering_joint" for name in steered]
+    if steered:
+        angles = np.column_stack([drive.rows[f"{name}/steering"][1][:, 0] for name in steered])
+        turned = np.hstack([turned, angles])
+        rates = np.gradient(angles, stamps / 1e9 - stamps[0] / 1e9, axis=0)
+        of["wheel_speed"] = np.hstack([of["wheel_speed"], rates])
+        of["torque"] = np.hstack([of["torque"], np.zeros_like(angles)])
     for position, velocity, effort in zip(turned, of["wheel_speed"], of["torque"], strict=True):
         states = {"position": position, "velocity": velocity, "effort": effort}
-        yield {"name": [f"{name}_joint" for name in names], **states}
+        yield {"name": joints, **states}
 
 
 def _odometry(drive: Drive) -> Fields:
     stamps, rows = drive.rows["odom"]
-    pitch, roll = rows[:, 8:].T
+    pitch, roll = rows[:, 8:10].T
     orientations = _orientations(roll, pitch, np.arctan2(rows[:, 5], rows[:, 4]))
     heights = _integral(-rows[:, 0] * np.sin(pitch), stamps)
     for row, z, orientation in zip(rows, heights, orientations, strict=True):
         speed, rate, x, y = row[:4]
         pose = Message(position=_vector(x, y, z), orientation=orientation)
-        twist = Message(linear=_vector(speed, 0.0, 0.0), angular=_vector(0.0, 0.0, rate))
+        aside = row[10] if row.size > 10 else 0.0
+        twist = Message(linear=_vector(speed, aside, 0.0), angular=_vector(0.0, 0.0, rate))
         yield {
             "child_frame_id": "base_link",
             "pose": Message(pose=pose, covariance=_POSE),

@@ -2,8 +2,8 @@
 """What the sensors of a world's vehicle make of the truth: rows of stamps (ns) and values, by stream.
 
 Columns are those of the library's streams: of the odometry speed, yaw rate, x, y, cosine and sine of the yaw,
-variances of the first two (0: not told), pitch and roll; of the imu yaw rate, specific force, and where up
-is. A sinkage has its variance beside it.
+variances of the first two (0: not told), pitch and roll, and of a rover that steers speed aside; of the imu
+yaw rate, specific force, and where up is. A sinkage has its variance beside it.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from smallwheel_ros.simulate.world import SimulatedRover, World
 
 Integers = NDArray[np.int64]
 Rows = dict[str, tuple[Integers, Array]]
+_ANGLE = 3e-3  # rad, of a potentiometer on a steering axis
 _SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they are alike
 
 
@@ -121,6 +122,11 @@ class MeasuredRows:
             f"{w.name}/wheel_speed": _stamped(time, speed[:, j])
             for j, w in enumerate(self.rover.wheels)
         }
+        for j, wheel in enumerate(self.rover.wheels):
+            if wheel.steered:
+                angle = self.truth.at(time, self.truth.steering[:, j])
+                shown = angle + _ANGLE * self.normal(time.size)
+                found[f"{wheel.name}/steering"] = _stamped(time, shown)
         if sensors.torque:
             turns = np.abs(self.truth.at(time, self.truth.rim)) > 1e-3
             torque = self.truth.at(time, self.truth.torque) + sensors.friction * turns
@@ -195,7 +201,16 @@ class MeasuredRows:
         else:
             turning = turning + 0.005 * self.normal(time.size)
             yaw = self.truth.at(time - self.lag, truth.yaw) + 2e-3 * self.normal(time.size)
+        aside = None
+        if self.rover.steers:
+            crab = self.truth.at(time - self.lag, truth.crab)
+            aside = speed * np.sin(crab) - self.rover.pivot * turning
+            aside = aside + deviation * self.normal(time.size)
+            speed = speed * np.cos(crab)
         x, y = (np.cumsum(speed * part(yaw)) / rate for part in (np.cos, np.sin))
+        if aside is not None:
+            x = x - np.cumsum(aside * np.sin(yaw)) / rate
+            y = y + np.cumsum(aside * np.cos(yaw)) / rate
         nothing: Array = np.zeros(time.size)
         pitch = nothing
         if sensors.pitch:
@@ -206,7 +221,9 @@ class MeasuredRows:
         )
         if sensors.odometry == "pose":
             speed, turning, spread = nothing, nothing, (nothing, nothing)
+            aside = None if aside is None else nothing
         columns = [speed, turning, x, y, np.cos(yaw), np.sin(yaw), *spread, pitch, nothing]
+        columns += [] if aside is None else [aside]
         return _stamped(time, np.stack(columns, axis=1))
 
     def _imu(self) -> tuple[Integers, Array]:
@@ -217,6 +234,11 @@ class MeasuredRows:
         moves = np.abs(truth.at(time, truth.speed)) > 0.02
         shakes = _SHAKES * moves if drives else np.zeros(time.size)
         felt = truth.felt(time, off)
+        if truth.crab.any():
+            crab = truth.at(time, truth.crab)
+            ahead, left = felt[:, 0].copy(), felt[:, 1].copy()
+            felt[:, 0] = np.cos(crab) * ahead - np.sin(crab) * left
+            felt[:, 1] = np.sin(crab) * ahead + np.cos(crab) * left
         keep = math.exp(-1.0 / self.sensors.imu_rate / _SHAKEN)
         lasting = np.stack([self._lasting(time.size, keep) for _ in range(3)], axis=1)
         felt = felt + shakes[:, None] * lasting + 0.1 * self.normal((time.size, 3))

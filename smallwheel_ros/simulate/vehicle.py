@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.simulate.steered_wheels import SteeredWheels
 from smallwheel_ros.simulate.truth import Array
 from smallwheel_ros.simulate.wheel_laws import DEPTHS, LAWS, SLIPS
 from smallwheel_ros.simulate.world import GRAVITY, SimulatedRover, World
@@ -42,7 +43,8 @@ class Truth:
 
     place: m along the way; path: m of travel; rate: rad/s of turning. rim: m/s; slip: NaN where a rim stands.
     load, thrust, resistance: N; torque: N m; held: pull at the reference slip, N. stuck: s at which slip had
-    been over 0.8 for half a second, to stay, or None.
+    been over 0.8 for half a second, to stay, or None. steering, crab: rad to the left of the heading,
+    of each wheel, and of the way.
     """
 
     time: Array
@@ -61,6 +63,8 @@ class Truth:
     resistance: Array
     torque: Array
     held: Array
+    steering: Array
+    crab: Array
     stuck: float | None
 
     def at(self, time: Array, values: Array) -> Array:
@@ -77,6 +81,16 @@ class Truth:
         left = GRAVITY * np.cos(climb) * np.sin(roll + lean[1]) + turning
         return np.stack([ahead, left, GRAVITY * np.cos(climb) * np.cos(roll)], axis=1)
 
+    def travel(self, rover: SimulatedRover, wheel: int) -> Array:
+        """Speed of a wheel's place along the wheel's heading, m/s."""
+        own, angle = rover.wheels[wheel], self.steering[:, wheel]
+        lever = (own.x - rover.pivot) * np.sin(angle) - own.y * np.cos(angle)
+        return np.asarray(np.cos(angle - self.crab) * self.speed + lever * self.rate)
+
+    def aside(self, rover: SimulatedRover) -> Array:
+        """Speed of base_link to the left, m/s."""
+        return np.asarray(np.sin(self.crab) * self.speed - self.rate * rover.pivot)
+
     @property
     def pull(self) -> Array:
         """Drawbar pull of each wheel, N."""
@@ -91,8 +105,8 @@ class Truth:
     def course(self) -> tuple[Array, Array, Array]:
         """Where it is in the frame odom: x, y, and height, m."""
         step = self.speed * TICK
-        level = step * np.cos(self.climb)
-        parts = level * np.cos(self.yaw), level * np.sin(self.yaw), step * np.sin(self.climb)
+        level, way = step * np.cos(self.climb), self.yaw + self.crab
+        parts = level * np.cos(way), level * np.sin(way), step * np.sin(self.climb)
         x, y, height = (np.cumsum(part) for part in parts)
         return x, y, height
 
@@ -128,6 +142,10 @@ class SimulatedVehicle:
         self.diameter = np.array([w.diameter for w in wheels])
         self.all = np.arange(len(wheels))
         self.side = (self.y < 0.0).astype(int)
+        self.steered = SteeredWheels(rover) if rover.steers else None
+        # What each wheel travels for a metre of the vehicle, and for a radian of its turning.
+        self.share: Array = np.ones(len(wheels))
+        self.lever: Array = -self.y
         weight = rover.mass * GRAVITY / len(wheels)
         # Thrust, resistance and torque, (soils, wheels, depths, 3, slips); of this tick, (3, wheels, slips).
         self.curves = np.stack([self._curves_on(soil, weight) for soil in ground.soils])
@@ -145,6 +163,8 @@ class SimulatedVehicle:
         self.place = self.speed = self.path = self.yaw = self.time = 0.0
         self.most = 0.0
         self.failed = False
+        self.crab = 0.0
+        self.waits = False  # until its wheels point as they have to
         self.dug: Array = np.zeros(self.all.size)
         self.ripple: Array = np.zeros(self.all.size)
         self.apart: Array = np.zeros(self.all.size)  # m/s, by which rims of a differential differ
@@ -166,7 +186,9 @@ class SimulatedVehicle:
                 rate = math.copysign(self.world.turning, leg.turn)
                 for _ in range(round(abs(leg.turn) / self.world.turning / TICK)):
                     self.step(0.0, rate)
+            self.crab = leg.crab
             self._drive(leg.metres, leg.bend)
+            self.crab = 0.0
             self._stand(leg.stand)
             if self.stuck is not None or self.failed:
                 return
@@ -186,6 +208,7 @@ class SimulatedVehicle:
             wish = min(wish, math.sqrt(1.2 * self.world.ramp * left) + 0.02)
             rim = min(max(wish, rim - gain), rim + gain)
             self.step(sense * rim, sense * rim * bend)
+            rim = 0.0 if self.waits else rim
             self.failed = self.time > until
 
     def step(self, rim: float, turning: float) -> None:
@@ -199,7 +222,9 @@ class SimulatedVehicle:
         keep = math.exp(-TICK / 0.3)
         noise = math.sqrt(1.0 - keep**2) * self.rng.standard_normal(self.all.size)
         self.ripple = keep * self.ripple + 0.01 * noise
-        rims = (rim - turning * self.y) * (1.0 + self.ripple)
+        if self.steered is not None:
+            rim, turning = self._steer(rim, turning)
+        rims = (self.share * rim + self.lever * turning) * (1.0 + self.ripple)
         spot = rim == 0.0 and turning != 0.0
         hard = bool(ground.floor[0, here])
         yields = 0.9 if hard and not self.world.skid else self.yields
@@ -220,7 +245,7 @@ class SimulatedVehicle:
         self.place, self.path = self.place + now * TICK, self.path + travel
         self.yaw += rate * TICK
         floor = ground.floor[self.all, cells]
-        ahead = np.maximum(np.abs(rims) - np.abs(now - rate * self.y), 0.0)
+        ahead = np.maximum(np.abs(rims) - np.abs(self.share * now + self.lever * rate), 0.0)
         self.dug = self.dug * np.exp(-travel / (_LEAVING * self.diameter))
         self.dug = np.where(floor, 0.0, self.dug + self.digging * ahead * TICK)
         held = self._forces(np.full((1, self.all.size), REFERENCE_SLIP), cells)
@@ -230,10 +255,25 @@ class SimulatedVehicle:
         dive = self._dive(cells)
         self.rows.append(
             (self.time, self.path, self.place, now, rate, self.yaw, climb + dive, roll, rims, shown, sunk,
-             load, thrust * load, resistance * load, torque, (held[0] - held[1])[0] * load)
+             load, thrust * load, resistance * load, torque, (held[0] - held[1])[0] * load,
+             self._angles, self.crab)
         )  # fmt: skip
         self.time += TICK
         self._look(rims, sense)
+
+    def _steer(self, rim: float, turning: float) -> tuple[float, float]:
+        """Turn the wheels; returns the speed and the rate of turning that they are ready for."""
+        assert self.steered is not None
+        turning = self.steered.bent(rim, turning, TICK)
+        self.waits = not self.steered.turn_to(rim, turning, self.crab, TICK)
+        if self.waits:
+            rim = turning = 0.0
+        self.share, self.lever = self.steered.share, self.steered.lever
+        return rim, turning
+
+    @property
+    def _angles(self) -> Array:
+        return np.zeros(self.all.size) if self.steered is None else self.steered.angle
 
     def _count_passes(self, cells: NDArray[np.intp]) -> None:
         """How often each wheel's place was rolled over before."""
@@ -332,16 +372,16 @@ class SimulatedVehicle:
         """Speed after this tick, slips, thrusts and resistances."""
         mass, steep = self.rover.mass, self.steep[self.side, cells]
         candidates = self.speed + _GAIN * TICK * _STEPS
-        slips = self._slips(candidates[:, None] - rate * self.y, rims, sense)
+        slips = self._slips(candidates[:, None] * self.share + rate * self.lever, rims, sense)
         thrust, resistance = self._forces(slips, cells)
         spare = 0.15 * self.world.spare * mass * GRAVITY * sense
-        whole = ((thrust - resistance - steep * sense) * load).sum(axis=1) * sense
+        whole = ((thrust - resistance - steep * sense) * load * self.share).sum(axis=1) * sense
         whole = whole - spare - mass * GRAVITY * math.sin(climb)
         left = np.minimum.accumulate(whole - mass * (candidates - self.speed) / TICK)
         now = float(np.interp(0.0, -left, candidates))
         if now * sense < 0.0 and abs(rims.mean()) > 1e-3:
             now = 0.0  # rigid wheels in their ruts do not roll back against their drives
-        slip = self._slips(now - rate * self.y, rims, sense)
+        slip = self._slips(now * self.share + rate * self.lever, rims, sense)
         thrust, resistance = self._forces(slip[None], cells)
         return now, slip, thrust[0], resistance[0]
 

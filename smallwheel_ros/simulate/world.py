@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 Range = tuple[float, float]  # a number is drawn between
 GRAVITY = 9.80665
@@ -11,13 +11,14 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class RoverWheel:
-    """One wheel: size and place in base_link (x forward, y left), metres."""
+    """One wheel: size and place in base_link (x forward, y left), metres; steered: about its own middle."""
 
     name: str
     diameter: float
     width: float
     x: float
     y: float
+    steered: bool = False
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,20 @@ class SimulatedRover:
     gravity_x: float = 0.02
     gravity_y: float = -0.01
     gravity_height: float = 0.33
+
+    @property
+    def steers(self) -> bool:
+        """Whether any wheel is steered."""
+        return any(wheel.steered for wheel in self.wheels)
+
+    @property
+    def pivot(self) -> float:
+        """Where ahead (m) the line across is that moves along the heading alone, but for crab steering.
+
+        That of the wheels that are not steered; without any it is that of base_link.
+        """
+        fixed = [wheel.x for wheel in self.wheels if not wheel.steered]
+        return sum(fixed) / len(fixed) if self.steers and fixed else 0.0
 
 
 def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWheel, ...]:
@@ -45,20 +60,39 @@ def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWhe
 # is not taken for wheel size.
 _AXLE = (0.35, 0.28, 0.25, 0.10)
 _SAME, _LARGER = (-0.35, 0.28, 0.25, 0.10), (-0.35, 0.42, 0.40, 0.12)
+_SIX = (0.36, 0.27, 0.20, 0.10), (0.0, 0.31, 0.20, 0.10), (-0.36, 0.27, 0.20, 0.10)
+
+
+def steered(wheels: tuple[RoverWheel, ...], *axles: str) -> tuple[RoverWheel, ...]:
+    """The same wheels, those of some axles steered."""
+    return tuple(
+        replace(wheel, steered=True) if wheel.name.split("_")[0] in axles else wheel
+        for wheel in wheels
+    )
+
+
+# `six_steered`: as most rovers have it, four of six wheels are steered.
 ROVERS = {
     "four": SimulatedRover(wheels_on_axles(_AXLE, _SAME)),
     "two_sizes": SimulatedRover(wheels_on_axles(_AXLE, _LARGER)),
+    "six_steered": SimulatedRover(
+        steered(wheels_on_axles(*_SIX), "front", "rear"), 22.0, 0.01, -0.01, 0.28
+    ),
 }
 
 
 @dataclass(frozen=True)
 class Leg:
-    """Drive so far (m, backward below 0) along a bend (1/m), or turn on the spot (rad), then stand (s)."""
+    """Turn on the spot (rad), drive so far (m, backward below 0) along a bend (1/m), then stand (s).
+
+    crab: rad to the left of its heading, in which a vehicle of which all wheels are steered drives.
+    """
 
     metres: float = 0.0
     bend: float = 0.0
     turn: float = 0.0
     stand: float = 0.0
+    crab: float = 0.0
 
 
 @dataclass(frozen=True)

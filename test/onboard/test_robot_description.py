@@ -291,7 +291,7 @@ def test_a_base_frame_that_is_not_there_is_said() -> None:
     assert "no link 'chassis', expected parameter base_frame" in found.lacking[0]
 
 
-def test_a_steered_wheel_is_said() -> None:
+def test_what_steers_a_wheel_comes_from_the_description() -> None:
     text = robot(
         link("base_link"),
         link("fork"),
@@ -299,10 +299,17 @@ def test_a_steered_wheel_is_said() -> None:
         joint("steering", "base_link", "fork", xyz="0.3 0.2 0", axis="0 0 1", kind="revolute"),
         joint("front_joint", "fork", "tyre"),
     )
+    steering = {"front.steering_joint": "steering", "front.steering_arm": 0.0}
     found = filled(text)
-    assert found.values == pytest.approx(ALL)
-    assert "wheel front is steered by joint 'steering'" in found.lacking[0]
-    assert filled(text, front__contact="pressed").lacking == []
+    assert found.values == pytest.approx(ALL | steering)
+    assert found.lacking == []
+    assert filled(text, front__contact="pressed").values == pytest.approx(ALL)
+    own = filled(text, front__steering_joint="")
+    assert own.values == pytest.approx(ALL)
+    other = filled(text, front__steering_joint="a_servo")
+    assert other.values == pytest.approx(ALL)
+    turned = filled(text.replace("0 0 1", "0 0 -1"))
+    assert turned.values["front.steering_sign"] == -1
 
 
 @pytest.mark.parametrize(

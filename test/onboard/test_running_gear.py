@@ -50,8 +50,8 @@ def test_wheels_are_found_named_and_steered(text, wheels, steered, tmp_path) -> 
 def test_steering_has_its_joint_sign_and_arm() -> None:
     assert steering(robots.ranger())["rl_wheel"] == ("rl_steering_joint", -1, 0.0)
     assert steering(robots.limo()) == {
-        f"front_{side}_wheel": (f"{side}_steering_hinge_wheel", 1, 0.0225)
-        for side in ("left", "right")
+        f"front_{side}_wheel": (f"{side}_steering_hinge_wheel", 1, arm)
+        for side, arm in (("left", 0.0225), ("right", -0.0225))
     }
     assert steering(robots.OSR)["front_wheel_joint_left"] == ("front_wheel_joint_L", 1, 0.02)
 

@@ -20,10 +20,12 @@ from smallwheel_ros.pipeline.intake.layout import rules_of, width_of
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, unknown
 
 from .doubts import NO_DOUBT, SHOWS_NO_SLIP, Doubted
+from .rigid_motion import places_of, rigid_motion
 
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
 NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 10)))
+_TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: some messages of it
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class BelievedRows:
     streams
         Raw rows by stream, as kept.
     moves
-        Speed (m/s) and yaw rate (rad/s) over ground as measured, (rows, 2).
+        Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: not told) over ground as measured, (rows, 3).
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
@@ -120,7 +122,12 @@ class BelievedRows:
 
     def speeds(self, instants: Integers) -> Array:
         """Speed (m/s) and yaw rate (rad/s) as measured over ground, (instants, 2)."""
-        return self._of(self.source, instants, self.moves.at(instants, self.rules))
+        return self._of(self.source, instants, self.moves.at(instants, self.rules)[:, :2])
+
+    def aside(self, instants: Integers) -> Array:
+        """Speed (m/s) of the base frame to the left as measured over ground; NaN: not told, (instants,)."""
+        found = self.moves.at(instants, self.rules)[:, 2:3]
+        return self._of(self.source, instants, found)[:, 0]
 
     def imu(self, instants: Integers) -> Array:
         """Rows of the imu, z up, (instants, 7)."""
@@ -134,8 +141,48 @@ class BelievedRows:
             row[:] = self.at(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
         return found
 
+    def steering(self, instants: Integers) -> tuple[Array, Array]:
+        """Angle (rad, to the left) and its rate (rad/s) of each wheel that rolls, (wheels, instants).
+
+        0 of a wheel that is not steered, NaN where an angle is not known. A rate is that of the last tenth of
+        a second.
+        """
+        rolling, steered = self.settings.rolling, self.settings.steered
+        angle, rate = np.zeros((2, len(rolling), instants.size))
+        for i, wheel in enumerate(rolling):
+            if wheel.name in steered:
+                name = f"{wheel.name}/steering"
+                angle[i] = self.at(name, instants)[:, 0]
+                change = angle[i] - self.at(name, instants - _TURNING)[:, 0]
+                rate[i] = np.nan_to_num(change) * SECOND / _TURNING
+        return angle, rate
+
+    def motion_of_rims(self, instants: Integers) -> Array:
+        """Rigid motion nearest to the rims of wheels that are steered: vx, vy, yaw rate, (3, instants)."""
+        angle, rate = self.steering(instants)
+        rolling = self.settings.rolling
+        arm = arms_of(self.settings)
+        x, y = places_of(rolling, angle, arm)
+        # While it is steered the middle of a wheel beside its axis is moved along, too.
+        return rigid_motion(self.each_rim(instants) + rate * arm[:, None], x, y, angle)
+
+    def unsteered_rims(self, instants: Integers) -> Array:
+        """Mean speed (m/s) of the rims that are not steered, which some odometries are made of."""
+        rolling, steered = self.settings.rolling, self.settings.steered
+        fixed = [wheel.name not in steered for wheel in rolling]
+        return mean_of_known(self.each_rim(instants)[fixed])
+
     def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
-        """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left."""
+        """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left.
+
+        Of steered wheels, likewise, vx of the rigid motion nearest to them, mean size, and its yaw rate times
+        half of the width that they stand on.
+        """
+        if self.settings.steered:
+            ahead, _, turn = self.motion_of_rims(instants)
+            sides = [wheel.lateral_position for wheel in self.settings.rolling]
+            half = 0.5 * (max(sides) - min(sides))
+            return ahead, mean_of_known(np.abs(self.each_rim(instants))), half * turn
         rims = self.each_rim(instants)
         if not len(rims):
             return unknown(instants.size), unknown(instants.size), unknown(instants.size)
@@ -203,6 +250,13 @@ class BelievedRows:
             stamps, values = found[ODOMETRY]
             found[ODOMETRY] = stamps, self._of(SHOWS_NO_SLIP, stamps, values)
         return found
+
+
+def arms_of(settings: OnboardSettings) -> Array:
+    """Middle of each rolling wheel to the left of its steering axis, m; 0 where that is not known."""
+    steered = settings.steered
+    arms = [steered[w.name].arm if w.name in steered else 0.0 for w in settings.rolling]
+    return np.array([arm or 0.0 for arm in arms])
 
 
 def mean_of_known(wheels: Array) -> Array:

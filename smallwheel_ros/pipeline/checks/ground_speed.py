@@ -42,7 +42,7 @@ from .doubts import Doubts
 from .lateness import LAGS, Lag, OfWheels
 from .sums import RunningDeviation
 
-SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL = range(10)
+SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL, ASIDE = range(11)
 WINDOW = (
     SECOND // 2
 )  # between the poses of a speed: places are known to some cm, so speeds to some cm/s
@@ -107,8 +107,8 @@ class _Sums:
 class GroundSpeed:
     """Rows of speed and imu, and how far they are believed.
 
-    moves: speed (m/s) and yaw rate (rad/s). felt: the imu's rows, z up. posed: whether speed is that of the
-    pose.
+    moves: speed (m/s), yaw rate (rad/s) and, of a vehicle that steers, speed aside (m/s). felt: the imu's
+    rows, z up. posed: whether speed is that of the pose.
     """
 
     def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
@@ -116,17 +116,19 @@ class GroundSpeed:
         self.doubts = Doubts() if doubts is None else doubts
         self.source = VELOCITY if settings.velocity == "topic" else ODOMETRY
         self._raw: Mapping[str, Samples] = {}
-        self.moves, self.felt = Stream("moves", 2), Stream("felt", 7)
+        self.moves, self.felt = Stream("moves", 3), Stream("felt", 7)
         self._own = Stream(
             "own", 6
         )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
         self._trust = Stream("trust", 9)
         self.posed = True
+        self._told_aside = False  # whether a twist has ever had a speed aside
         self._way = 0.0
         self._up = self._looks_down = 0
         self._turned = [NEVER]  # stamps at which the imu was turned over, and back
         self._sums = _Sums()
         self._turns_late, self._speed_late, self._of_wheels = Lag(), Lag(), OfWheels()
+        self._of_unsteered = OfWheels()
 
     def take(self, raw: Mapping[str, Samples]) -> None:
         """Take what came: raw rows by stream."""
@@ -198,6 +200,7 @@ class GroundSpeed:
         back: Array = np.zeros(stamps.size)
         speed, turn = values[:, SPEED], values[:, YAW_RATE]
         way, off = unknown(stamps.size), unknown(stamps.size)
+        aside_told = self._aside(values)
         if self.source == ODOMETRY and self.posed:
             twist = np.logical_or.accumulate((speed != 0.0) | (turn != 0.0))
             posed = ~twist
@@ -221,6 +224,11 @@ class GroundSpeed:
             cross = then[:, COSINE] * now[:, SINE] - then[:, SINE] * now[:, COSINE]
             dot = then[:, COSINE] * now[:, COSINE] + then[:, SINE] * now[:, SINE]
             turned = np.arctan2(cross, dot) / seconds
+            if self.settings.steered:
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    across = (now[:, Y] - then[:, Y]) * ahead - (now[:, X] - then[:, X]) * aside
+                    across = np.where(near, across / length / seconds, np.nan)
+                aside_told = np.where(posed, across, aside_told)
             speed = np.where(posed, speeds, speed)
             turn = np.where(posed, np.where(near, turned, np.nan), turn)
             back = np.where(posed, (span // 2).astype(float), 0.0)
@@ -237,7 +245,17 @@ class GroundSpeed:
         # Also what is not known is a row: nothing is interpolated over it, whenever it is looked at.
         before_it = np.concatenate([[self.moves.newest], middle[:-1]])
         rising = middle > np.maximum.accumulate(before_it)
-        self.moves.extend(middle[rising], np.column_stack([speed, turn])[rising])
+        self.moves.extend(middle[rising], np.column_stack([speed, turn, aside_told])[rising])
+
+    def _aside(self, values: Array) -> Array:
+        """Speed aside (m/s) of a twist; while it is exactly 0 in every message it is not told."""
+        if not self.settings.steered:
+            return np.zeros(len(values))
+        aside = values[:, ASIDE if self.source == ODOMETRY else 2]
+        moves = np.abs(np.nan_to_num(aside)) > 0.0
+        told = np.logical_or.accumulate(np.append(self._told_aside, moves))[1:]
+        self._told_aside = bool(told[-1])
+        return np.where(told, aside, np.nan)
 
     # --- What is learnt
 
@@ -276,6 +294,13 @@ class GroundSpeed:
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
         made, may_be, share = self._made_of_wheels(ways_before, way, parts)
+        if self.settings.steered and self.source == ODOMETRY:
+            # Car-like odometries are made of the axle that is not steered.
+            unsteered = parts.copy()
+            unsteered[:, 0] = np.nan_to_num(now.unsteered_rims(middle)) * passed
+            other = self._of_unsteered.take(ways_before, way, unsteered)
+            share = np.where(other[0] & ~made, other[2], share)
+            made, may_be = made | other[0], may_be | other[1]
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
         rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share]

@@ -118,7 +118,7 @@ class Late:
             return []
         first = round(-1.0 / step)
         t: Array = np.asarray(np.arange(first, round(4.0 / step)) * step, dtype=np.float64)
-        each = window.rims_at(t)
+        each = window.rims_ahead_at(t)
         apart = np.max([np.ptp(each[:, side], axis=1) for side in self.sides], axis=0)
         rims: Array = np.asarray(np.median(each, axis=1), dtype=np.float64)
         rims = np.where(apart <= ALIKE * np.abs(rims) + MOVES, rims, np.nan)

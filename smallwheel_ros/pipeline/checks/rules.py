@@ -83,6 +83,7 @@ from .rims import (
     RollingPair,
     TurnRule,
 )  # fmt: skip
+from .steering import SIGN_ANGLE, SIGN_OFF, SIGN_REMOVES, SIGN_STEERED, SteeringSign
 from .sums import Said
 from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
@@ -185,6 +186,17 @@ RULES: tuple[Rule, ...] = (
         "two outvote one; else it is one or the other",
         "mounting of the imu, frame of the odometry, joints interchanged",
         TurnRule,
+    ),
+    Rule(
+        "steering",
+        f"rows on which a wheel is steered by over {SIGN_ANGLE:g} rad, {SIGN_STEERED:g} m in all; of 4 wheels"
+        " and more",
+        "what rims, headings, gyro and the way of the poses leave over of the nearest rigid motion, less what"
+        " is left with the other sign of some wheels, over their rims",
+        f"over {SIGN_OFF:g}, and under 1/{SIGN_REMOVES:g} of the squares are left",
+        "slips of wheels differ by 0.06, and no other sign removes that",
+        "steering_sign, or steering_joint",
+        SteeringSign,
     ),
     Rule(
         "rolling",

@@ -26,6 +26,7 @@ AROUND = (
 )  # ns of rows on both sides: a delay of 1 s, changes over 0.5 s and their mean are in it
 GAP = 0.5  # s: over a longer gap nothing is added up
 MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
+FAR = 0.5  # rad of a steering angle, beyond which what a rim does ahead hangs on the angle itself
 STRAIGHT = 0.1  # of v: what a bend may add to the speed of a wheel's place; a radius is known to that anyway
 SPEED, YAW_RATE, X, Y, COSINE, SINE = range(6)  # of a row of the odometry
 GYRO, AHEAD, LEFT, ABOVE = range(4)  # of a row of the imu
@@ -36,7 +37,8 @@ Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values
 class CheckedWheels:
     """The rolling wheels whose rims are measured; arrays have a value for each.
 
-    x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known. gravity: m/s^2.
+    x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known. gravity: m/s^2. steered:
+    names of those that are steered.
     """
 
     names: tuple[str, ...]
@@ -45,6 +47,7 @@ class CheckedWheels:
     radius: Array
     mass: float = 0.0
     gravity: float = GRAVITY
+    steered: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, settings: OnboardSettings) -> CheckedWheels:
@@ -61,6 +64,7 @@ class CheckedWheels:
             np.array([0.5 * wheel.diameter for wheel in wheels]),
             settings.mass,
             settings.gravity,
+            frozenset(settings.steered),
         )
 
 
@@ -213,6 +217,39 @@ class Window:
         assert self.rims is not None
         return np.stack([self.rims.at(t, i) for i in range(self.rims.x.shape[1])], axis=1)
 
+    def angles_at(self, t: Array) -> Array:
+        """Steering angles (rad, to the left) at times of the window, (times, wheels); NaN: not known."""
+        found = np.zeros((t.size, len(self.vehicle.names)))
+        for i, name in enumerate(self.vehicle.names):
+            if name in self.vehicle.steered:
+                rows = self._raw.get(f"{name}/steering")
+                found[:, i] = np.nan if rows is None else rows.at(t, 0)
+        return found
+
+    def direction_at(self, t: Array) -> Array:
+        """Way that the vehicle goes against its heading (rad) by poses 0.5 s apart; NaN: not known.
+
+        Within 90 degrees of ahead, backward too. Poses that are made of the wheels tell none.
+        """
+        o = self.odometry
+        if o is None or self.memory.known.of_wheels or not o.x[:, [X, Y]].any():
+            return np.full(t.size, np.nan)
+        x, y, cosine, sine = (Rows(o.t, o.x[:, [k]]) for k in (X, Y, COSINE, SINE))
+        dx, dy = (c.at(t + GAP / 2, 0) - c.at(t - GAP / 2, 0) for c in (x, y))
+        ahead = dx * cosine.at(t, 0) + dy * sine.at(t, 0)
+        left = dy * cosine.at(t, 0) - dx * sine.at(t, 0)
+        moves = np.hypot(dx, dy) > MOVES * GAP / 2
+        return np.where(moves, np.arctan2(left * np.sign(ahead), np.abs(ahead)), np.nan)
+
+    def rims_ahead_at(self, t: Array) -> Array:
+        """Parts ahead of the rims' speeds, (times, wheels); NaN of wheels that are steered far."""
+        rims = self.rims_at(t)
+        return self._ahead(rims, t) if self.vehicle.steered else rims
+
+    def _ahead(self, rims: Array, t: Array) -> Array:
+        angles = self.angles_at(t)
+        return np.where(np.abs(angles) <= FAR, np.cos(angles) * rims, np.nan)
+
     @cached_property
     def motion(self) -> Motion | None:
         """Rows of the rims with all that is compared to them; None without rims."""
@@ -235,12 +272,16 @@ class Window:
         yaw = np.fmax(np.abs(w), np.abs(gyro))
         half = float(np.ptp(self.vehicle.y)) / 2
         straight = (np.abs(v) > MOVES) & ~(yaw * half >= STRAIGHT * np.abs(v)) & np.isfinite(yaw)
-        return Motion(rims.t, rims.dt, rims.x, v, w, gyro, straight, rims.inside)
+        ahead = self._ahead(rims.x, rims.t) if self.vehicle.steered else rims.x
+        return Motion(rims.t, rims.dt, ahead, v, w, gyro, straight, rims.inside)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Rows of the rims: times and durations (s), rims (m/s), speed, yaw rates, straight, of the span."""
+    """Rows of the rims: times and durations (s), rims (m/s), speed, yaw rates, straight, of the span.
+
+    Of steered wheels rims are their parts ahead, NaN where they point far aside.
+    """
 
     t: Array
     dt: Array

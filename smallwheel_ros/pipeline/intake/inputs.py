@@ -14,7 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, NodeSettings
+from smallwheel_ros.onboard.steering_angle import SteeringReader
 from smallwheel_ros.pipeline.tables import Array
+
+from .plausible import FASTEST
 
 Fields = Mapping[str, Array]  # of a topic's messages, (messages, count) each
 Rows = dict[str, Array]  # of streams, (messages, width) each; NaN throughout: not to be kept
@@ -50,6 +53,8 @@ def topics_of(settings: NodeSettings) -> list[Topic]:
     found: list[Topic] = []
     velocities: dict[str, list[tuple[str, float]]] = {}
     efforts: dict[str, list[tuple[str, float]]] = {}
+    angles: dict[str, list[tuple[str, SteeringReader]]] = {}
+    steered = settings.onboard.steered
     for wheel, own in settings.inputs.items():
         if settings.load.source == "wrench":
             forces.setdefault(own.load_topic, []).append((f"{wheel}/load", "z", own.load_sign))
@@ -66,6 +71,11 @@ def topics_of(settings: NodeSettings) -> list[Topic]:
         if f"{wheel}/wheel_speed" in streams:
             turns = (f"{wheel}/wheel_speed", float(own.joint_sign))
             velocities.setdefault(own.joint, []).append(turns)
+        if wheel in steered:
+            reader = SteeringReader(
+                own.steering_sign, own.steering_zero, steered[wheel].linkage, own.lateral_position
+            )
+            angles.setdefault(own.steering_joint, []).append((f"{wheel}/steering", reader))
         if f"{wheel}/sinkage" in streams:
             kind, read = SINKAGE, _sinkage(wheel)
             if own.range_height is not None:
@@ -73,19 +83,27 @@ def topics_of(settings: NodeSettings) -> list[Topic]:
             found.append(Topic(own.sinkage_topic, kind, read, (f"{wheel}/sinkage",)))
     for name, parts in forces.items():
         found.append(Topic(name, WRENCH, _force(parts), tuple(part[0] for part in parts)))
-    if velocities or efforts:
+    turned = {part[0]: joint for joint, parts in angles.items() for part in parts}
+    apart = settings.steering_topic not in ("", settings.joint_states_topic)
+    if velocities or efforts or (turned and not apart):
         of = {
             part[0]: joint
             for all_ in (velocities, efforts)
             for joint, parts in all_.items()
             for part in parts
         }
-        read = _joints(velocities, efforts)
+        of |= {} if apart else turned
+        read = _joints(velocities, efforts, {} if apart else angles)
         found.append(Topic(settings.joint_states_topic, JOINTS, read, tuple(of), of))
+    if turned and apart:
+        read = _joints({}, {}, angles)
+        found.append(Topic(settings.steering_topic, JOINTS, read, tuple(turned), turned))
     if ODOMETRY in streams:
-        found.append(Topic(settings.odom_topic, ODOM, _odometry, (ODOMETRY,)))
+        read = _odometry_aside if steered else _odometry
+        found.append(Topic(settings.odom_topic, ODOM, read, (ODOMETRY,)))
     if VELOCITY in streams:
-        found.append(Topic(settings.velocity_topic, TWIST, _velocity, (VELOCITY,)))
+        read = _velocity_aside if steered else _velocity
+        found.append(Topic(settings.velocity_topic, TWIST, read, (VELOCITY,)))
     if IMU in streams:
         found.append(Topic(settings.imu_topic, IMU_TYPE, _imu(settings.imu_yaw), (IMU,)))
     return found
@@ -117,8 +135,9 @@ def _range(stream: str, height: float) -> Callable[[Fields, list[str]], Rows]:
 def _joints(
     velocities: Mapping[str, list[tuple[str, float]]],
     efforts: Mapping[str, list[tuple[str, float]]],
+    angles: Mapping[str, list[tuple[str, SteeringReader]]],
 ) -> Callable[[Fields, list[str]], Rows]:
-    """Load and torque by effort. Of speeds velocity, position, and whether there is a velocity.
+    """Load and torque by effort, angles by position. Of speeds velocity, position, and if it has one.
 
     Nothing of a joint that a message names twice.
     """
@@ -137,6 +156,9 @@ def _joints(
                 for stream, factor in efforts.get(joint, ()):
                     found[stream] = factor * effort
             velocity, position = (column(of, name, joints, i) for name in ("velocity", "position"))
+            if position is not None:
+                for stream, reader in angles.get(joint, ()):
+                    found[stream] = reader.angle(position)
             there = position if velocity is None else velocity
             if there is None:
                 continue  # counted by the replay: the joint states have none
@@ -171,9 +193,23 @@ def _odometry(of: Fields, _: list[str]) -> Rows:
     return {ODOMETRY: np.hstack([*moves, *angles[:2], *variances, *angles[2:]])}
 
 
+def _odometry_aside(of: Fields, joints: list[str]) -> Rows:
+    """The same with the speed aside, NaN where that is no number of a vehicle."""
+    aside = of["twist.twist.linear.y"]
+    aside = np.where(np.abs(aside) <= FASTEST, aside, np.nan)
+    return {ODOMETRY: np.hstack([_odometry(of, joints)[ODOMETRY], aside])}
+
+
 def _velocity(of: Fields, _: list[str]) -> Rows:
     speed = of["twist.linear.x"]
     return {VELOCITY: np.hstack([speed, of["twist.angular.z"], np.zeros_like(speed)])}
+
+
+def _velocity_aside(of: Fields, _: list[str]) -> Rows:
+    """The same with the speed aside."""
+    columns = [of[f"twist.{name}"] for name in ("linear.x", "angular.z", "linear.y")]
+    columns[2] = np.where(np.abs(columns[2]) <= FASTEST, columns[2], np.nan)
+    return {VELOCITY: np.hstack(columns)}
 
 
 def _imu(yaw: float) -> Callable[[Fields, list[str]], Rows]:

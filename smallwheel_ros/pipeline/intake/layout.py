@@ -8,7 +8,7 @@ from smallwheel_ros.pipeline.tables import SECOND
 
 from .buffer import StampRules
 
-WIDTHS = {"load": 1, "sinkage": 2, "drawbar_pull": 1, "wheel_speed": 1, "torque": 1}
+WIDTHS = {"load": 1, "sinkage": 2, "drawbar_pull": 1, "wheel_speed": 1, "torque": 1, "steering": 1}
 WIDTHS |= {ODOMETRY: 10, VELOCITY: 3, IMU: 7}
 # s. What is measured at 5 Hz and more is interpolated; slower, wheel and ground change in between.
 MAXIMUM_GAP = 0.2
@@ -23,8 +23,14 @@ def width_of(stream: str) -> int:
 
 
 def widths_of(settings: OnboardSettings) -> dict[str, int]:
-    """Values in a row of each stream that is listened to."""
-    return {name: width_of(name) for name in settings.streams}
+    """Values in a row of each stream that is listened to.
+
+    The odometry's speed aside is read for vehicles that steer alone: others roll along their heading.
+    """
+    found = {name: width_of(name) for name in settings.streams}
+    if settings.steered and ODOMETRY in found:
+        found[ODOMETRY] += 1
+    return found
 
 
 def rules_of(settings: OnboardSettings) -> StampRules:

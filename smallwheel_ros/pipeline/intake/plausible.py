@@ -12,7 +12,7 @@ from smallwheel_ros.pipeline.tables import Array
 _LARGEST = 1e9  # in SI units nothing on a vehicle is larger
 _STRONGEST = 160.0  # m/s^2: the widest range of usual accelerometers is 16 g
 _LIGHTEST = 1e-6  # N: what presses less is in the air
-_FASTEST = 10.0  # m/s: no vehicle on small wheels drives on soil at 36 km/h
+FASTEST = 10.0  # m/s: no vehicle on small wheels drives on soil at 36 km/h
 
 
 def sound(kind: str, values: Array) -> bool:
@@ -25,7 +25,7 @@ def sound(kind: str, values: Array) -> bool:
     if not (np.abs(values[:, :many]) < _LARGEST).all():
         return False
     if kind in ("odom", "velocity"):
-        return bool((np.abs(values[:, 0]) <= _FASTEST).all())
+        return bool((np.abs(values[:, 0]) <= FASTEST).all())
     return kind != "load" or bool((values[:, 0] >= _LIGHTEST).all())
 
 
@@ -54,8 +54,8 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
         if not abs(value) < _LARGEST:
             reason = "not_plausible" if math.isfinite(value) else "not_finite"
             return reason, f"{name} is {value:g}, expected a number smaller than {_LARGEST:g}"
-    if kind in ("odom", "velocity") and abs(values[0]) > _FASTEST:
-        text = f"speed is {values[0]:g} m/s, expected at most {_FASTEST:g}"
+    if kind in ("odom", "velocity") and abs(values[0]) > FASTEST:
+        text = f"speed is {values[0]:g} m/s, expected at most {FASTEST:g}"
         return "not_plausible", text
     return None
 

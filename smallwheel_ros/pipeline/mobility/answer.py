@@ -123,6 +123,7 @@ def answer(
         Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
         Condition.SLIP_UNKNOWN: slip_unknown,
         Condition.STANDS: slip_unknown & (np.abs(rows.speed) <= SLOWEST_RIM),
+        Condition.ANGLE_UNKNOWN: slip_unknown & np.isnan(rows.steering),
         Condition.DOES_NOT_FIT: _does_not_fit(state, rows, can, settings),
         Condition.NOT_USED: sensed & ~np.isfinite(rows.sinkage),
         Condition.LOAD_MISSING: ~np.isfinite(loads.load),
@@ -152,7 +153,9 @@ def answer(
     return Estimates(
         **columns, stamp=rows.stamp, wheel=rows.wheel, slip=rows.slip, slip_std=rows.slip_std,
         sinkage_measured=rows.sinkage, sinkage_measured_std=rows.sinkage_std, distance=rows.distance,
-        x=rows.x, y=rows.y, heading=rows.heading, tilt=_tilt(state, rows, settings.gravity),
+        x=rows.x, y=rows.y, heading=rows.heading,
+        steering=rows.steering, slip_angle=rows.slip_angle, course=rows.course,
+        tilt=_tilt(state, rows, settings.gravity),
         status=status_of(conditions), conditions=conditions,
         probability_drawbar_pull_positive=ndtr(can.drawbar_pull / can.drawbar_pull_std),
         steepest_slope=np.arctan(margin), steepest_slope_std=margin_std / (1.0 + margin**2),

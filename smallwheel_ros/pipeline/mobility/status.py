@@ -34,6 +34,7 @@ class Condition(IntFlag):
     WARNED = 2048
     MARGIN_OF_PRIOR = 4096
     STRENGTH_OF_PRIOR = 8192
+    ANGLE_UNKNOWN = 16384
 
 
 class _Explained(IntEnum):

@@ -129,7 +129,12 @@ class VehicleState:
         own = [soils[one].number for one in estimates.soil_version.tolist()]
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
-        felt = np.hstack([self._felt[1], np.stack([rows.slope, rows.across, judged.asked])])
+        # Slopes are those ahead and to the left, whichever way the vehicle goes.
+        cosine, sine = np.cos(rows.course), np.sin(rows.course)
+        turned = rows.course != 0.0
+        ahead = np.where(turned, cosine * rows.slope - sine * rows.across, rows.slope)
+        across = np.where(turned, sine * rows.slope + cosine * rows.across, rows.across)
+        felt = np.hstack([self._felt[1], np.stack([ahead, across, judged.asked])])
         if instants is not None and warned is not None:
             before = self._last
             self._last = (
@@ -163,7 +168,7 @@ class VehicleState:
         unknown = {
             name: np.where(old if column.ndim == 1 else old[:, None], np.nan, column)
             for name, column in vars(instants).items()
-            if name != "stamp"
+            if name not in ("stamp", "course")
         }
         level = np.where(old, 0, warned.level)
         return (
@@ -176,7 +181,6 @@ class VehicleState:
         self, instants: Instants, warned: Warned, stuck: Flags, every: Estimates, numbers: Integers,
         stamps: Integers, felt: Array,
     ) -> VehicleEstimates:  # fmt: skip
-        count = len(instants)
         known = np.isfinite(instants.rim) & np.isfinite(instants.ground)
         shown = 2 * known.sum(axis=1) > known.shape[1]
         level = np.where(
@@ -194,7 +198,7 @@ class VehicleState:
         ahead, across, asked = _felt(stamps, felt, instants.stamp, self.settings.gravity)
         return VehicleEstimates(
             stamp=instants.stamp, level=level, slip_warned=warned.slip, speed=instants.speed,
-            speed_std=np.where(moving, usual, np.nan), course=np.zeros(count),
+            speed_std=np.where(moving, usual, np.nan), course=instants.course,
             slip=slips[0], slip_std=slips[1], slip_left=slips[2], slip_left_std=slips[3],
             slip_right=slips[4], slip_right_std=slips[5],
             margin=margin, margin_std=margin_std,
@@ -235,7 +239,7 @@ def _nothing(wheels: int) -> tuple[Instants, Warned, Flags]:
     never, no = np.array([NEVER]), np.zeros(1, dtype=np.int64)
     of_wheels, one = np.full((1, wheels), np.nan), np.full(1, np.nan)
     return (
-        Instants(never, of_wheels, of_wheels, of_wheels, one, one, one),
+        Instants(never, of_wheels, of_wheels, of_wheels, one, one, one, np.zeros(1), np.zeros(1)),
         Warned(never, one, one, no, no),
         np.zeros(1, dtype=bool),
     )

@@ -35,6 +35,7 @@ from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import SECOND, Aligned, Array, Flags, Integers, unknown
 
 from .slip import assembled_slip, rim_std_of
+from .steering import Course, SteeredRows, along_course, speed_aside
 
 _LOAD_STD = 0.02  # of the load, until stretches have learnt it
 _GAINING = round(
@@ -61,6 +62,7 @@ class Align:
         self._pitches = False  # whether the odometry has ever had a pitch
         self._turns = False  # whether the velocity has ever had a yaw rate
         self._moves_turn = False  # and whatever tells the speed
+        self._course = Course()
         # Whether a torque has ever been anything but 0.
         self._strains = [False for _ in settings.wheels]
 
@@ -116,13 +118,24 @@ class Align:
         middle, turn = self._middle(believed, stamps, moves, trust)
         gyro = ~np.isnan(felt[:, 0])
         yaw_rate = np.where(gyro, felt[:, 0], self._turned(believed, stamps, turn))
+        steered, lever = None, lateral
+        aside: Array = np.zeros(stamps.size)
+        course: Array = aside
         speed = np.where(rolls, middle - yaw_rate * lateral, np.nan)
+        if settings.steered:
+            course = self._course.take(believed, stamps)
+            aside = speed_aside(believed, stamps, middle, yaw_rate, course)
+            motion_ = middle, aside, yaw_rate
+            steered = SteeredRows(believed, wheel, stamps, self._order, motion_)
+            speed, lever = np.where(rolls, steered.speed, np.nan), steered.lever
         variance_told = moves[:, SPEED_VARIANCE] + np.where(
-            gyro, 0.0, moves[:, YAW_VARIANCE] * lateral**2
+            gyro, 0.0, moves[:, YAW_VARIANCE] * lever**2
         )
         told = (variance_told > 0.0) & (settings.velocity != "topic")
         speed_std = np.sqrt(np.where(told, variance_told, trust.variance))
         speed_std = np.hypot(speed_std, self._unsteady(believed, wheel, stamps, trust, gyro))
+        if steered is not None:
+            speed_std = np.hypot(speed_std, steered.std)
         if settings.velocity == "none":
             rim = unknown(stamps.size)
         slip, slip_std, stands = assembled_slip(speed, speed_std, rim, trust)
@@ -134,6 +147,15 @@ class Align:
         apart = np.nan_to_num(slope) + np.nan_to_num(gained)
         pushed_by = np.where(np.isnan(pushed), apart, pushed)
         load, load_std = self._static(wheel, load, load_std, pushed_by, np.nan_to_num(across))
+        angle: Array = np.zeros(stamps.size)
+        slip_angle: Array = angle
+        if steered is not None:
+            angle, slip_angle = steered.angle, steered.slip_angle
+            left = self._gained_aside(believed, stamps)
+            pushed, _ = along_course(course, pushed, np.nan_to_num(across) + left)
+            gained, _ = along_course(course, gained, left)
+            slope, across = along_course(course, slope, across)
+            middle, _ = along_course(course, middle, np.where(np.isnan(aside), 0.0, aside))
         known = np.isfinite(variance) & (variance > 0.0)
         usual = settings.estimator.sinkage_std
         heading = np.arctan2(moves[:, SINE], moves[:, COSINE])
@@ -146,6 +168,7 @@ class Align:
             pushed=pushed, across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque,
             pull=own["drawbar_pull"],
             pitch=np.nan_to_num(moves[:, PITCH]), x=moves[:, X], y=moves[:, Y], heading=heading,
+            steering=angle, slip_angle=slip_angle, course=course,
         )  # fmt: skip
 
     def _middle(
@@ -197,6 +220,12 @@ class Align:
         common = np.ptp(mean_of_known(rims), axis=0)
         rolls = self._order[wheel] >= 0
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
+
+    def _gained_aside(self, believed: BelievedRows, stamps: Integers) -> Array:
+        """Speed that the vehicle gains to its left, m/s^2; 0 where that is not told."""
+        over = np.maximum(_GAINING, 2 * believed.period(stamps))
+        change = believed.aside(stamps) - believed.aside(stamps - over)
+        return np.nan_to_num(change / (over / SECOND))
 
     def _torque(self, wheel: Integers, torque: Array) -> Array:
         """Torques; of a driver that leaves the effort empty, 0 in every message, they are not known."""

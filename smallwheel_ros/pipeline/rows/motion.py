@@ -28,6 +28,7 @@ from smallwheel_ros.pipeline.tables import (
 )
 
 from .passes import Passes
+from .steering import ASIDE
 
 _LONGEST = 1.0  # s between two rows over which speeds are taken to change evenly
 
@@ -80,10 +81,26 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
     onward = _onward(state, rows)
     counted = state.passes.numbers(rows, distance, onward)
     passes, doubt = rut_of(wheels, rows.wheel, onward, counted)
+    if settings.steered:
+        off = np.isnan(counted) & _off_track(rows, wheels)
+        passes, doubt = (np.where(off, 0.5, one) for one in (passes, doubt))
     return Readings(
         **vars(rows), distance=distance, path=path, onward=onward,
         pass_number=counted, passes=passes, pass_doubt=doubt, due=due,
     )  # fmt: skip
+
+
+def _off_track(rows: Aligned, wheels: tuple[Wheel, ...]) -> Flags:
+    """Where hind wheels run beside the ruts of the first: half in them, as far as is known.
+
+    In a bend of radius r these are off by wheelbase^2 / (2 r), here over half a wheel's width; or the vehicle
+    goes across.
+    """
+    places = [w.longitudinal_position for w in wheels if w.contact == ROLLING]
+    width = np.array([wheel.width for wheel in wheels])[rows.wheel]
+    moves = np.maximum(np.abs(rows.vehicle_speed), STANDSTILL_SPEED)
+    off = 0.5 * (max(places) - min(places)) ** 2 * np.abs(rows.yaw_rate) / moves
+    return np.asarray((off > 0.5 * width) | (np.abs(rows.course) > ASIDE))
 
 
 def _path(last: _Last, stamps: Integers, speed: Array, stands: Flags) -> Array:

@@ -199,9 +199,11 @@ class StrengthFilter:
 
         def shown(made: Forces) -> tuple[Array, Array]:
             _, pulls, rims = made
-            row = pulls.row.sum(axis=0)[None]
+            row = (at.share * pulls.row).sum(axis=0)[None]
             row[0, LEVEL] = self._way * self.mass
-            value = np.atleast_1d(pulls.value.sum() + row[0, LEVEL] * self.kalman.x[LEVEL])
+            value = np.atleast_1d(
+                (at.along * pulls.value).sum() + row[0, LEVEL] * self.kalman.x[LEVEL]
+            )
             n = 1 if balanced else 0
             values = np.concatenate([value[:n], rims.value[turned], pulls.value[pulled]])
             return values, np.concatenate([row[:n], rims.row[turned], pulls.row[pulled]])
@@ -228,8 +230,8 @@ class StrengthFilter:
             _, pulls, rims = made
             if math.isfinite(force) and self.mass > 0.0:
                 zero = self._way * self.kalman.x[LEVEL]
-                missing = self.mass * (force - zero) - pulls.value.sum()
-                slope = pulls.by_slip.sum()
+                missing = self.mass * (force - zero) - (at.along * pulls.value).sum()
+                slope = (at.along * pulls.by_slip).sum()
             else:
                 by_pull = np.isfinite(pull)
                 off = np.where(by_pull, pull - pulls.value, 2.0 * torque / at.diameter - rims.value)

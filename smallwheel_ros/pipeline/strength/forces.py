@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,7 +28,8 @@ _DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
 class Rolling:
     """Wheels that roll, rows: number among the rolling ones, contact, and slip.
 
-    peak: place of the largest pressure at slip 1, of the arc. layers: effects that layer the pressure.
+    peak: place of the largest pressure at slip 1, of the arc. layers: effects that layer the pressure. along:
+    share of each wheel's pull that goes along the vehicle's course, (rows,).
     """
 
     order: Integers
@@ -38,6 +39,12 @@ class Rolling:
     slip: Array
     peak: float
     layers: tuple[Effect, ...] = ()
+    along: Array = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def share(self) -> Array:
+        """`along` as a column, (rows, 1)."""
+        return self.along[:, None]
 
     def factor(self, times: int) -> Callable[[Array], Array] | None:
         """Of the effects on the pressure by depth, of these rows so many times; None: without any."""

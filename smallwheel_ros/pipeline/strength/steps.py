@@ -18,6 +18,7 @@ from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.rows.level import Level
 from smallwheel_ros.pipeline.rows.slip import slip_of
+from smallwheel_ros.pipeline.rows.steering import ASIDE
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import local_laws
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
@@ -62,7 +63,8 @@ class Steps:
     (steps,): end, stamp (ns) of the row that ends each; length, m; force, m/s^2 along the travel, NaN where
     not known, and its deviation; level: zero of the imu ahead, and its deviation, m/s^2, (steps, 2);
     unlisted: share of the weight that is on no wheel of the list. Of wheels, rows by step: slip with its
-    deviation, torque, pull, contact.
+    deviation, torque, pull, contact; along: share of a wheel's pull that goes along the course, where wheels
+    are steered.
     """
 
     end: Integers
@@ -81,6 +83,7 @@ class Steps:
     contact: OnSoil
     level: Array | None = None
     unlisted: Array | None = None
+    along: Array | None = None
 
 
 class Excitation(NamedTuple):
@@ -196,11 +199,16 @@ def _means(
     ahead, behind = (sign * of.gained)[ends - 1], (sign * of.gained)[starts]
     late = np.abs(ahead - behind) * np.minimum(_LAG / np.maximum(duration, 1e-3), 1.0)
     noise = settings.noise.drawbar_pull / np.sqrt(np.maximum(count, 1))
+    along = np.cos(mean(of.apart))[good]
+    if settings.steered:
+        # Wheels that go across their heading are held by forces that no law here has.
+        skids = mean(np.abs(np.nan_to_num(of.slip_angle))) > ASIDE
+        force[np.unique(number[skids])] = np.nan
     return Steps(
         of.stamp[ends], np.array(way), of.forward[starts], force,
         np.hypot(_FORCE_STD, np.nan_to_num(late)), rows.soil[starts], number[good], wheel[good],
         slip[good], slip_std[good], mean(sign * of.torque)[good], mean(of.pull)[good], noise[good],
-        contact.take(sound),
+        contact.take(sound), along=along,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -95,6 +96,8 @@ class Strengths:
 
     def _take(self, steps: Steps, number: int, mine: Integers) -> None:
         at = self.rolling(steps.wheel[mine], steps.contact.take(mine), steps.slip[mine])
+        if steps.along is not None:
+            at = replace(at, along=steps.along[mine])
         force = float(steps.force[number]) if mine.size == self._count else math.nan
         torque, pull = steps.torque[mine], steps.pull[mine]
         single = bool(np.isfinite(torque).any() or np.isfinite(pull).any())

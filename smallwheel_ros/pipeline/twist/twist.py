@@ -20,6 +20,7 @@ from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.checks.ground_speed import SPEED_VARIANCE
+from smallwheel_ros.pipeline.checks.rigid_motion import places_of, rigid_motion
 from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
 
@@ -28,6 +29,7 @@ from .filter import LONGEST, TwistFilter
 Rows = Mapping[str, tuple[Integers, Array]]  # of streams by name: stamps (N,) ns, values (N, width)
 
 _CHI = 1.5  # effective over geometric track to begin with, of skid steering; 1 on one axle
+_ACROSS = 0.3  # rad of a course, over which the way aside counts
 _PART = 0.1  # s in which late rims are carried on by the imu
 # m/s, rad/s, m/s^2: no vehicle and no imu of one has more
 _FASTEST, _TURNS, _SHAKES = 100.0, 35.0, 500.0
@@ -79,6 +81,8 @@ class TwistState:
                 " (m, positive left), or leave twist.publish false"
             )
         self.settings, self.gravity = settings, vehicle.gravity
+        self.rolling = tuple(rolling)
+        self.steering = [f"{w.name}/steering" if w.name in vehicle.steered else "" for w in rolling]
         self.sides = [[f"{w.name}/wheel_speed" for w in side] for side in sides]
         self.radius = {f"{w.name}/wheel_speed": w.diameter / 2.0 for w in rolling}
         self.ground = {"odometry": ODOMETRY, "topic": VELOCITY}.get(vehicle.velocity, "")
@@ -91,7 +95,8 @@ class TwistState:
         )  # m/s^2 of gravity felt ahead and left, by the last orientation
         places = np.array([np.mean([w.lateral_position for w in side]) for side in sides])
         axles = {w.longitudinal_position for side in sides for w in side}
-        self.track = places, _CHI if len(axles) > 1 else 1.0
+        # Steered wheels turn the vehicle without skidding.
+        self.track = places, _CHI if len(axles) > 1 and not vehicle.steered else 1.0
         self.filter = TwistFilter(*self.track)
         self.anew: list[int] = []  # stamps of doubts that rows have not reached yet
 
@@ -108,10 +113,13 @@ def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
     rims = [name for side in state.sides for name in side]
     stamps = np.unique(np.concatenate([streams[name][0] for name in rims]))
     stamps = stamps[stamps > state.last]
-    left, right = (
-        _mean(np.array([_held(*streams[n], stamps, state.hold)[:, 0] for n in side]))
-        for side in state.sides
-    )
+    if any(state.steering):
+        left, right = _sides_of_steered(state, streams, stamps)
+    else:
+        left, right = (
+            _mean(np.array([_held(*streams[n], stamps, state.hold)[:, 0] for n in side]))
+            for side in state.sides
+        )
     seen = ~(np.isnan(left) & np.isnan(right))
     stamps, both = stamps[seen], np.column_stack([left, right])[seen]
     before = np.maximum(
@@ -139,6 +147,26 @@ def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
         keep = own > newest - LONGEST - delay - state.hold
         state.tail[name] = own[keep], values[keep]
     return Twists(stamps, *found.T)
+
+
+def _sides_of_steered(
+    state: TwistState, streams: Mapping[str, _Stream], stamps: Integers
+) -> tuple[Array, Array]:
+    """Speeds ahead (m/s) of both sides by the rigid motion of steered wheels; NaN where it goes across.
+
+    The filter knows no way aside.
+    """
+    rims = np.array([_held(*streams[n], stamps, state.hold)[:, 0] for n in state.radius])
+    angle = np.array(
+        [
+            _held(*streams[n], stamps, state.hold)[:, 0] if n else np.zeros(stamps.size)
+            for n in state.steering
+        ]
+    )
+    vx, vy, turn = rigid_motion(rims, *places_of(state.rolling, angle), angle)
+    across = np.hypot(vx, vy) * np.sin(_ACROSS) < np.abs(vy)
+    left, right = (np.where(across, np.nan, vx - place * turn) for place in state.track[0])
+    return left, right
 
 
 def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array]:
@@ -182,6 +210,9 @@ def _streams(state: TwistState, rows: Rows) -> dict[str, _Stream]:
     for name, radius in state.radius.items():
         stamps, values = read(name)
         good(name, stamps, radius * values[:, :1], _FASTEST)
+    for name in filter(None, state.steering):
+        stamps, values = read(name)
+        good(name, stamps, values[:, :1], _TURNS)
     stamps, values = read(IMU)
     good(_GYRO, stamps, values[:, :1], _TURNS)
     good(_FORCE, stamps, values[:, 1:3] - _level(state, state.gravity * values[:, 4:6]), _SHAKES)

@@ -76,6 +76,8 @@ class Instants(Columns):
 
     stamp: ns, end of the tenth. rim, ground, ground_std: m/s, (rows, wheels). speed: m/s. rise: sine of the
     slope, nose up. felt: m/s^2 ahead, as the accelerometer has it (slope and gain of speed), or by odometry.
+    Of a vehicle that steers rims and ground are the parts along its course (rad), and ahead is along it;
+    apart: rad, the most that a wheel points or goes off the course.
     """
 
     stamp: Integers
@@ -85,6 +87,8 @@ class Instants(Columns):
     speed: Array
     rise: Array
     felt: Array
+    course: Array
+    apart: Array
 
     @property
     def time(self) -> Array:
@@ -137,8 +141,8 @@ class Warnings:
         self._open: Readings | None = None
         self._imu: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((0, 7))
         self._speeds: Integers = np.empty(0, dtype=np.int64)
-        # Of each wheel: time, rim, ground and its deviation.
-        self._newest = np.full((self.rolling.size, 4), np.nan)
+        # Of each wheel: time, rim, ground and its deviation, how far off the course.
+        self._newest = np.full((self.rolling.size, 5), np.nan)
         self._done: Instants | None = None
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
         self._rolled, self._level = False, 0
@@ -185,7 +189,9 @@ class Warnings:
         wheels = self.rolling.size
         rim, ground, ground_std = np.full((3, kept.size, wheels), np.nan)
         speed, slope, felt = np.full((3, kept.size), np.nan)
-        felt_by_imu, up = self._felt(kept)
+        course, apart = np.zeros((2, kept.size))
+        # A wheel whose angle is not known has no slip, and counts as along the course.
+        share = np.cos(np.nan_to_num(rows.apart))
         for k, one in enumerate(kept.tolist()):
             mine = np.flatnonzero(bins == one)
             now = (one + 1) * PERIOD / SECOND
@@ -195,22 +201,30 @@ class Warnings:
                     last = own[-1]
                     self._newest[j] = (
                         rows.stamp[last] / SECOND,
-                        rows.rim_speed[last],
-                        rows.speed[last],
+                        share[last] * rows.rim_speed[last],
+                        share[last] * rows.speed[last],
                         rows.speed_std[last],
+                        max(
+                            abs(np.nan_to_num(rows.apart[last])),
+                            abs(np.nan_to_num(rows.slip_angle[last])),
+                        ),
                     )
             fresh = now - self._newest[:, 0] <= HELD
-            rim[k, fresh], ground[k, fresh], ground_std[k, fresh] = self._newest[fresh, 1:].T
+            rim[k, fresh], ground[k, fresh], ground_std[k, fresh] = self._newest[fresh, 1:4].T
+            apart[k] = np.nan_to_num(self._newest[fresh, 4]).max(initial=0.0)
             last = mine[-1]
+            course[k] = np.nan_to_num(rows.course[last])
             speed[k], slope[k] = rows.vehicle_speed[last], rows.slope[last]
             felt[k] = rows.pushed[last]
         rise = slope / self._gravity
         if self.with_imu:
-            rise, felt = up, felt_by_imu
-        return Instants((kept + 1) * PERIOD, rim, ground, ground_std, speed, rise, felt)
+            felt, rise = self._felt(kept, course)
+        return Instants(
+            (kept + 1) * PERIOD, rim, ground, ground_std, speed, rise, felt, course, apart
+        )
 
-    def _felt(self, kept: Integers) -> tuple[Array, Array]:
-        """Means of the accelerometer ahead, and of the sine of the slope, in each tenth."""
+    def _felt(self, kept: Integers, course: Array) -> tuple[Array, Array]:
+        """Means of the accelerometer along the course, and of the sine of the slope, in each tenth."""
         ahead, up = np.full((2, kept.size), np.nan)
         if not self._imu[0].size:
             return ahead, up
@@ -219,6 +233,10 @@ class Warnings:
             first, last = np.searchsorted(bins, [one, one + 1])
             if last > first:
                 ahead[k], up[k] = self._imu[1][first:last, [1, 4]].mean(axis=0)
+                if course[k]:
+                    left = self._imu[1][first:last, [2, 5]].mean(axis=0)
+                    cosine, sine = np.cos(course[k]), np.sin(course[k])
+                    ahead[k], up[k] = cosine * np.array([ahead[k], up[k]]) + sine * left
         return ahead, up
 
     def _judged(self, first: int) -> Warned:

@@ -25,6 +25,7 @@ from scipy.special import ndtr, ndtri
 
 from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.physics.wheel import GRAVITY
+from smallwheel_ros.pipeline.rows.steering import ASIDE
 from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
 
 from .hazard import Instants
@@ -257,7 +258,12 @@ class AnyGround:
     def _learn(
         self, rows: Instants, rims: Array, rim: float, speed: float, pull: float, noise: float
     ) -> None:
-        """Where both sides run the same way, and it is no turn."""
+        """Where both sides run the same way, it is no turn, and no wheel goes across the way.
+
+        It stays the margin of wheels along the way, since wheels can be straightened.
+        """
+        if rows.apart.max() > ASIDE:
+            return
         left, right = rims[self.side > 0.0], rims[self.side < 0.0]
         if left.size and right.size and abs(right.mean() - left.mean()) >= _TURNS * abs(rim):
             return

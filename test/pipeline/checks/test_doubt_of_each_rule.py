@@ -129,7 +129,8 @@ def kind(stream: str) -> str:
 
 def test_every_rule_and_every_fault_is_here() -> None:
     assert set(DOUBTS) == set(FAULTS)
-    assert {rule.name for rule in RULES} == {FAULTS[name][0] for name in DOUBTS}
+    # These wheels are not steered: that rule's faults are in test_steering_sign.py.
+    assert {rule.name for rule in RULES} - {"steering"} == {FAULTS[name][0] for name in DOUBTS}
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -182,7 +182,9 @@ def test_a_fault_is_named_and_no_other(good: Rows, name: str) -> None:
 
 
 def test_every_rule_has_its_fault() -> None:
-    assert {rule.name for rule in RULES} == {rule for rule, _, _ in FAULTS.values()}
+    # Faults of steering are those of test_steering_sign.py: these wheels are not steered.
+    named = {rule for rule, _, _ in FAULTS.values()} | {"steering"}
+    assert {rule.name for rule in RULES} == named
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_without_any_odometry_there_is_a_row_each_tenth_all_the_same(
     assert found.stamp[-1] - found.stamp[0] > 11 * SECOND
     assert (np.diff(found.stamp) == SECOND // 10).all()
     columns = vehicle_columns(found)
-    assert set(np.asarray(columns["level"]).tolist()) == {UNKNOWN}
+    assert set(np.asarray(columns["level"]).tolist()) == {WarningLevel.UNKNOWN}
     assert not any(np.asarray(columns[flag]).any() for flag in VEHICLE_VALID)
 
 

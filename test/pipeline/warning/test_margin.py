@@ -57,7 +57,9 @@ def instants(
     felt = GRAVITY * pull + 0.1 * rng.standard_normal(n)
     stamp = START + 100_000_000 * np.arange(1, n + 1)
     ground_std, along = 0.02 + 0.0 * ground, speed + 0.02 * rng.standard_normal(n)
-    return Instants(stamp, rim, ground, ground_std, along, np.zeros(n), felt)
+    return Instants(
+        stamp, rim, ground, ground_std, along, *np.zeros((1, n)), felt, *np.zeros((2, n))
+    )
 
 
 def test_before_any_drive_it_is_the_prior() -> None:

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Angle of a steered wheel: from the position of its joint, and whether it can be one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# rad: modules that steer without end count on over half a turn; more than a whole one none is known to.
+_MOST = math.tau
+_SURE = 5  # messages with more, after which it is no glitch, but another unit
+# rad; ns: an angle that stands so long and then is so far off came in steps: no wheel turns so fast.
+_STEP, _STANDS = 0.1, 250_000_000
+
+
+@dataclass(frozen=True)
+class SteeringReader:
+    """From the position of a joint (rad) to the angle of a wheel, positive to the left.
+
+    Attributes
+    ----------
+    sign, zero
+        Of the joint: its position straight ahead is zero (rad).
+    linkage
+        m, of an axle with one central angle: how far it is ahead of the line that the vehicle turns about;
+        0: the joint is the wheel's own.
+    left
+        m, of the wheel from the middle of the vehicle.
+    """
+
+    sign: int
+    zero: float
+    linkage: float = 0.0
+    left: float = 0.0
+
+    def angle(self, position: Array) -> Array:
+        """Angles (rad) of the wheel at positions of its joint, of the same shape.
+
+        Of a linkage tan d_i = L tan d / (L - y_i tan d): all wheels stand square to one point.
+        """
+        central: Array = self.sign * (position - self.zero)
+        if not self.linkage:
+            return central
+        length, side = abs(self.linkage), math.copysign(1.0, self.linkage)
+        across, along = np.sin(central), np.cos(central)
+        return np.asarray(np.arctan2(length * across, length * along - side * self.left * across))
+
+
+class SteeringAngle:
+    """Angles of a wheel as they come.
+
+    wrong: why angles are not used, in words; empty: nothing is wrong. odd: what is odd of those that are.
+    new_steps: how often, in the newest messages, the angle came in a step.
+    """
+
+    def __init__(self) -> None:
+        self.wrong = self.odd = ""
+        self.new_steps = 0
+        self._beyond = 0
+        self._last, self._since = math.nan, 0  # rad; ns, since when it has been the same
+
+    def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
+        """Which of some messages (stamps in ns, angles in rad) have an angle.
+
+        NaN is left to those who keep the rows. What is over a whole turn again and again is in degrees: then
+        what is under it is, too, and no message is used any more.
+        """
+        beyond = np.abs(angles) > _MOST
+        count = self._beyond + np.cumsum(beyond)
+        if beyond.any():
+            self._beyond = int(count[-1])
+            largest = float(angles[beyond][-1])
+            self.wrong = (
+                f"its angle is {largest:g} rad, expected at most a turn from straight ahead"
+                f" ({_MOST:.3g} rad): is it in degrees? (parameters <wheel>.steering_joint, steering_zero)"
+            )
+        self.new_steps = 0
+        for stamp, angle in zip(stamps.tolist(), angles.tolist(), strict=True):
+            if angle == self._last or math.isnan(angle):
+                continue
+            step = abs(angle - self._last)
+            if step > _STEP and stamp - self._since >= _STANDS:
+                self.new_steps += 1
+                self.odd = (
+                    f"its angle stands and then is {step:.2f} rad off: it comes in steps, so slip is unsure"
+                    " while it changes"
+                )
+            self._last, self._since = angle, stamp
+        return ~beyond & (count < _SURE)

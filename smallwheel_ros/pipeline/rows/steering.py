@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a steered wheel does along its heading and across it, and the course of a vehicle that steers.
+
+Of a wheel at (x, y) that points d to the left, its middle a to the left of the steering axis:
+
+    c     = (vx - w y, vy + w x)                  velocity of its place
+    speed = c . (cos d, sin d) - a dd/dt          what its rim's speed is compared to
+    aside = c . (-sin d, cos d)
+    slip angle = atan2(aside, |speed|)
+    variance of speed: + (a dd/dt)^2 + (aside 0.02 rad)^2     a quarter of the diameter where a is not known
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from smallwheel_ros.onboard.settings import OnboardSettings
+from smallwheel_ros.pipeline.checks.believed import BelievedRows, arms_of
+from smallwheel_ros.pipeline.checks.rigid_motion import places_of, rows_along
+from smallwheel_ros.pipeline.tables import Array, Integers, unknown
+
+# rad that wheels point or go off the way, over which sideways forces are a tenth of the grip and more.
+ASIDE = 0.15
+_ANGLE_STD = 0.02  # rad: what potentiometers and servos of steering are off by
+_STEP_S = 0.1 / math.sqrt(12.0)  # s: an angle that came in steps is anywhere within the last tenth
+_SLOWEST = 0.02  # m/s, under which a direction of travel is noise
+_SHOWN = math.radians(60.0)  # of a course up to which the speed ahead tells the whole
+_SIDEWAYS = math.radians(
+    100.0
+)  # beyond 90 degrees the course is kept to here, so that none flickers
+
+
+class SteeredRows:
+    """Rows of wheels on a vehicle that steers; rows of wheels that do not roll have an angle of 0.
+
+    angle: rad, NaN: not known. speed, aside: m/s along the heading and to its left. lever: m, of the yaw rate
+    in the speed. std: m/s, what steering adds to the deviation of the speed. slip_angle: rad.
+    """
+
+    def __init__(
+        self, believed: BelievedRows, wheel: Integers, stamps: Integers, order: Integers,
+        motion: tuple[Array, Array, Array],
+    ) -> None:  # fmt: skip
+        """order: number among the rolling wheels of each wheel. motion: vx, vy, yaw rate at the rows."""
+        settings = believed.settings
+        own, row = order[wheel], np.arange(stamps.size)
+        angles, rates = believed.steering(stamps)
+        arms = arms_of(settings)
+        xs, ys = places_of(settings.rolling, angles, arms)
+        of = [np.where(own >= 0, each[own, row], 0.0) for each in (angles, rates, xs, ys)]
+        self.angle, rate, x, y = of
+        ahead, left, turn = motion
+        along = rows_along(x, y, self.angle)
+        self.lever = along[:, 2]
+        # Products apart, not one sum: a yaw rate that is not known makes the speed unknown.
+        across = -np.sin(self.angle) * (ahead - turn * y) + np.cos(self.angle) * (left + turn * x)
+        self.speed = along[:, 0] * ahead + along[:, 1] * left + self.lever * turn
+        self.speed = self.speed - rate * arms[own]
+        self.aside = across
+        reach = np.array([_reach(settings, number) for number in range(len(arms))])[own]
+        spread = np.hypot(_ANGLE_STD, _STEP_S * rate)
+        self.std = np.nan_to_num(np.hypot(rate * reach, across * spread))
+        moves = np.hypot(self.speed, across) > _SLOWEST
+        self.slip_angle = np.where(moves, np.arctan2(across, np.abs(self.speed)), np.nan)
+
+
+def _reach(settings: OnboardSettings, number: int) -> float:
+    """Size (m) of what the middle of a rolling wheel is beside its steering axis."""
+    wheel = settings.rolling[number]
+    steered = settings.steered.get(wheel.name)
+    if steered is None:
+        return 0.0
+    return 0.25 * wheel.diameter if steered.arm is None else abs(steered.arm)
+
+
+def speed_aside(
+    believed: BelievedRows, stamps: Integers, ahead: Array, turn: Array, course: Array
+) -> Array:
+    """Speed (m/s) of the base frame to the left; where nothing tells it, as the wheels stand.
+
+    Wheels that are not steered stand on a line that moves along the heading alone. Where all are steered the
+    vehicle goes where its rims say, as fast as it goes ahead; nearly sideways that is not known.
+    """
+    settings, told = believed.settings, believed.aside(stamps)
+    if len(settings.steered) < len(settings.rolling):
+        place = settings.unsteered_place
+        rolls = -turn * place if place else np.zeros(stamps.size)
+    else:
+        rolls = np.where(np.abs(course) <= _SHOWN, ahead * np.tan(course), np.nan)
+    return np.where(np.isnan(told), rolls, told)
+
+
+class Course:
+    """Direction in which the vehicle goes, by its rims: within 90 degrees of ahead, backward too.
+
+    Kept while it hardly moves, or the rims do not tell it.
+    """
+
+    def __init__(self) -> None:
+        self._last = 0.0
+
+    def take(self, believed: BelievedRows, stamps: Integers) -> Array:
+        """Course (rad, positive to the left) at stamps (ns) in their order."""
+        instants, index = np.unique(stamps, return_inverse=True)
+        vx, vy, _ = believed.motion_of_rims(instants)
+        found = unknown(instants.size)
+        moves = np.hypot(vx, vy) > _SLOWEST
+        ways = np.arctan2(vy, vx)
+        for i in range(instants.size):
+            if moves[i]:
+                self._last = _folded(float(ways[i]), self._last)
+            found[i] = self._last
+        return np.asarray(found[index])
+
+
+def _folded(way: float, last: float) -> float:
+    """Whichever of a direction and its opposite is near the last course, at most `_SIDEWAYS` from ahead."""
+    near = last + math.remainder(way - last, math.pi)
+    return near if abs(near) <= _SIDEWAYS else math.remainder(way, math.pi)
+
+
+def along_course(course: Array, ahead: Array, left: Array) -> tuple[Array, Array]:
+    """A vector's parts along the course and to its left."""
+    cosine, sine = np.cos(course), np.sin(course)
+    return cosine * ahead + sine * left, cosine * left - sine * ahead
