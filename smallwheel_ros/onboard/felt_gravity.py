@@ -9,7 +9,7 @@ _WEAKEST, _STRONGEST = (
     0.82,
     1.22,
 )  # of gravity: accelerometers that nobody calibrated are within 2 %
-_UNITS = {"g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 0.01}
+_UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
 
 
 def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:

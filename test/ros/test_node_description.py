@@ -152,6 +152,7 @@ def test_with_everything_given_nothing_is_listened_to(
     more.write_text(
         "/**:\n  ros__parameters:\n    front:\n      lateral_position: 0.1\n"
         "      longitudinal_position: 0.2\n      joint_sign: 1\n      frame: front_hub\n"
+        "      steering_joint: ''\n"
     )
     published = publish(peer, URDF)
     with NodeProcess([one_wheel, more], tmp_path / "node.log"):
