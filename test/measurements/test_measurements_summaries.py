@@ -34,7 +34,8 @@ def test_no_measurement_of_made_tables_is_taken_for_a_statistic(tmp_path: Path) 
         cells, grid, kind = made.measured(seed)
         data = read(tmp_path, made.text(cells, kind != "none"))
         tables += 1
-        if len(data) < len(cells):
+        # Rows without noise that say the same to the last digit may count once, and that is reported.
+        if len(data) < len({tuple(row[1:]) for row in cells}):
             lost.append((seed, grid, kind))
     assert len(lost) <= MOST_LOST * tables, lost
 

@@ -183,7 +183,9 @@ def test_a_drive_over_dds_gives_what_the_library_gives(
             assert again.soil[0][name] == last[name]
         # A message or two may come before /clock has gone back, and are refused as too old.
         assert len(expected) - 3 <= len(again.mobility) <= len(expected)
-        assert again.soil[-1]["n"] == pytest.approx(last["n"], abs=1e-3)
+        # What they tell is lost: n is another one, within what is not known of it two borders after a metre.
+        spread = math.sqrt(last["covariance"][4])
+        assert again.soil[-1]["n"] == pytest.approx(last["n"], abs=spread)
         assert again.soil[-1]["measurements_accepted"] <= last["measurements_accepted"]
     assert "time went back by" in log.read_text()
     assert "Traceback" not in log.read_text()

@@ -207,7 +207,9 @@ def test_terrain_classes_in_costs_out(peer: Peer, one_wheel: Path, tmp_path: Pat
         assert known[0] == "7"
         assert known[1]["places"] > 3
         assert known[1]["standard_deviation"] > 0.0
-        assert far[0, 0] == round(100 * ndtr(-known[1]["margin"] / known[1]["standard_deviation"]))
+        # It is stuck only where it makes no way: what is gained up to there makes it cheaper.
+        at_reference = 100 * ndtr(-known[1]["margin"] / known[1]["standard_deviation"])
+        assert 0 <= far[0, 0] <= round(at_reference)
 
         # Grids that cannot be used are counted, and the last good one stays.
         # One after the other: the publisher keeps only the newest.

@@ -241,6 +241,8 @@ def test_saving_replaces_nothing_but_a_saved_soil(
             "soil.json",
             "soil.json.cost_map.yaml",
             "soil.json.cost_map.pgm",
+            "soil.json.cost_map.before.yaml",  # of the soil before, until this one is there
+            "soil.json.cost_map.before.pgm",
         }
         assert node.death() is None
     assert "Traceback" not in log.read_text()
