@@ -38,4 +38,5 @@ class IdlePublisher:
         newest = np.maximum.accumulate(np.concatenate([[self._away], away]))[1:]
         if stamps.size:
             self._away = int(newest[-1])
-        return np.asarray(zero & (stamps - newest <= _BETWEEN))
+        # Before a message that is far ahead time has gone back: that is another drive.
+        return np.asarray(zero & (np.abs(stamps - newest) <= _BETWEEN))

@@ -41,6 +41,15 @@ def test_a_joint_that_stands_at_0_from_the_beginning_is_believed() -> None:
     assert not IdlePublisher().idle(np.arange(500) * SECOND // 50, zeros, zeros).any()
 
 
+def test_a_time_that_goes_back_is_another_drive() -> None:
+    """A bag that loops: its joints turned at its end, and stand at 0 at its beginning."""
+    stamps, speeds, positions = messages(slice(0, 0), 0.0)
+    idle = IdlePublisher()
+    idle.idle(stamps, speeds, positions)
+    zeros = np.zeros(100)
+    assert not idle.idle(stamps[:100], zeros, zeros).any()
+
+
 @given(st.lists(st.integers(1, 499), max_size=5))
 def test_it_does_not_matter_where_messages_are_cut(cuts: list[int]) -> None:
     rows = messages(slice(1, None, 3), 0.0)
