@@ -68,8 +68,8 @@ _SINKAGE_SCALE_STD = (
 LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 N_RANGE, SHOWN_N_RANGE = (0.05, 2.9), (-0.35, 5.0)
-# What a single sensor is off by, over what all are. Half a millimetre of zero where nothing is said: m lives on
-# what wheels of two sizes differ by, and with more it would be told by no drive.
+# What a single sensor is off by, over what all are. Half a millimetre of zero where nothing is said: m lives
+# on what wheels of two sizes differ by.
 _EACH_ZERO, _EACH_LOAD = 1.0 / 6.0, 0.5
 _LEAST_SLIP_FACTOR, _TINY = 0.2, 1e-9
 _AXLE = 0.5  # of the diameter
