@@ -61,10 +61,10 @@ class CostRules:
         """Cost of what the ground gives at most, less a slope (1), with its standard deviation.
 
         shown: what the ground there has given beyond that slope already. -1 where margin or deviation is not
-        a number.
+        a number, or nothing is known of a margin without bounds.
         """
         spread = max(deviation, _EXACT)
-        if math.isnan(margin) or math.isnan(deviation):
+        if math.isnan(margin / spread) or math.isnan(deviation):
             return UNKNOWN
         if shown == -math.inf:
             return round(HIGHEST * float(ndtr((self.required_margin - margin) / spread)))

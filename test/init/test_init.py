@@ -397,13 +397,13 @@ def test_a_wrong_joint_is_answered_with_those_that_are_there(tmp_path: Path) -> 
     "name",
     [
         "husky_snow",
-        "husky_wetgrass",
         "pathfinder_flat",
-        "warthog_grass",
         "warthog_grass_pose_only",
-        "warthog_gravel",
         "warthog_ice",
-        "warthog_sand1",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("husky_wetgrass", "warthog_grass", "warthog_gravel", "warthog_sand1")
+        ),
     ],
 )
 def test_a_real_drive_needs_five_numbers(name: str, shared_data: Path, tmp_path: Path) -> None:
