@@ -315,6 +315,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _spin(node, executor, lambda: True)
     except KeyboardInterrupt:
         pass
+    except Exception:
+        if rclpy.ok():
+            raise
+        # A signal ends ROS at any moment, in the middle of a transition, too.
     finally:
         # A launch file passes on the signal that the whole group has had: once is enough.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
