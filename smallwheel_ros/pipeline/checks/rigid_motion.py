@@ -19,7 +19,7 @@ from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.tables import Array
 
 # Of what rims are off by (slips differ by 0.06), over what wheels go aside by (slip angles of 0.1 rad).
-_ACROSS = 0.5
+ACROSS = 0.5
 
 
 def places_of(
@@ -77,7 +77,7 @@ def rigid_motion(rims: Array, x: Array, y: Array, angle: Array) -> Array:
     vx, vy (m/s) and w (rad/s), shape (3, instants); NaN where fewer than two wheels are known.
     """
     known = np.isfinite(rims) & np.isfinite(angle)
-    rows = rows_along(x, y, angle), _ACROSS * rows_across(x, y, angle)
+    rows = rows_along(x, y, angle), ACROSS * rows_across(x, y, angle)
     rows_ = np.concatenate([np.where(known[..., None], one, 0.0) for one in rows])
     speeds = np.where(known, rims, 0.0)
     normal = np.einsum("wti,wtj->tij", rows_, rows_)

@@ -15,7 +15,7 @@ import numpy as np
 
 from smallwheel_ros.pipeline.tables import Array
 
-from .rigid_motion import rows_across, rows_along
+from .rigid_motion import ACROSS, rows_across, rows_along
 from .sums import Said
 from .window import MOVES, CheckedWheels, Window
 
@@ -24,7 +24,6 @@ _FEWEST = 4  # wheels, of which one of three more than a rigid motion has is wro
 _ALIKE = 1.2  # of the best: of those that explain as much the one with the fewest wheels is meant
 _MOST = 6  # steered wheels of which all sets are tried; of more each alone, and all of them
 _APART = 0.1  # s between rows: wheels are not steered faster
-_ACROSS = 0.5  # weight of going aside, as in the motion of the rims
 
 
 class SteeringSign:
@@ -65,14 +64,14 @@ class SteeringSign:
         half = max(0.5 * float(np.ptp(y)), 0.05)
         known = np.isfinite(turn)
         # A direction that odometry shows counts as much as the headings of all wheels.
-        told = np.where(np.isfinite(way), _ACROSS * np.sqrt(len(x)), 0.0)
+        told = np.where(np.isfinite(way), ACROSS * np.sqrt(len(x)), 0.0)
         way = np.nan_to_num(way)
         for k, signs in enumerate(self._signs):
             turned = signs * angles
             seen = np.zeros((len(rims), 2, 3))
             seen[:, 0, :2] = (told * np.stack([-np.sin(way), np.cos(way)])).T
             seen[:, 1, 2] = np.where(known, half, 0.0)
-            parts = rows_along(x, y, turned), _ACROSS * rows_across(x, y, turned), seen
+            parts = rows_along(x, y, turned), ACROSS * rows_across(x, y, turned), seen
             design = np.concatenate(parts, axis=1)
             shown = np.zeros(design.shape[:2])
             shown[:, : rims.shape[1]] = rims

@@ -21,6 +21,7 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.rows.slip import slip_of
+from smallwheel_ros.pipeline.rows.steering import along_course
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.tables import (
     SECOND,
@@ -130,10 +131,10 @@ class VehicleState:
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
         # Slopes are those ahead and to the left, whichever way the vehicle goes.
-        cosine, sine = np.cos(rows.course), np.sin(rows.course)
-        turned = rows.course != 0.0
-        ahead = np.where(turned, cosine * rows.slope - sine * rows.across, rows.slope)
-        across = np.where(turned, sine * rows.slope + cosine * rows.across, rows.across)
+        turned = rows.course != 0.0  # a slope across that is not known leaves that ahead as it is
+        ahead, across = along_course(-rows.course, rows.slope, rows.across)
+        ahead = np.where(turned, ahead, rows.slope)
+        across = np.where(turned, across, rows.across)
         felt = np.hstack([self._felt[1], np.stack([ahead, across, judged.asked])])
         if instants is not None and warned is not None:
             before = self._last
