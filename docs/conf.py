@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
+    "effect_forms",
     "ros_messages",
 ]
 exclude_patterns = ["_build"]

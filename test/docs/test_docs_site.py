@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import importlib.util
 import re
 import subprocess
@@ -26,11 +27,22 @@ def text_of(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
+def headings(page: Path) -> set[str]:
+    """The headings of a page as links name them."""
+    lines = re.findall(r"^#+ (.*)$", text_of(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in lines}
+
+
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.name)
 def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#\s]+)", text_of(page)):
-        if "://" not in target:
-            assert (page.parent / target).exists(), target
+    for target in re.findall(r"\]\(([^)\s]+)", text_of(page)):
+        if "://" in target:
+            continue
+        file, _, heading = target.partition("#")
+        there = page.parent / file if file else page
+        assert there.exists(), target
+        if heading and there.suffix == ".md":
+            assert heading in headings(there), target
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:
@@ -148,6 +160,19 @@ def test_messages_have_every_field(site: Path) -> None:
     shown = re.findall(r'<span class="pre">(\w+)</span>', text_of(site / "messages.html"))
     for file in (ROOT / "msg").glob("*.msg"):
         assert set(re.findall(r"^[\w/\[\]]+ (\w+)", text_of(file), re.MULTILINE)) <= set(shown)
+
+
+@pytest.mark.slow
+def test_effects_have_every_form(site: Path) -> None:
+    page = text_of(site / "effects.html")
+    shown = html.unescape(re.sub(r"<[^>]+>", "", page)).replace("’", "'")  # as Sphinx sets it
+    for forms in families().values():
+        for form in forms:
+            assert form.formula in shown
+            assert form.source in shown
+            for known in form.parameters():
+                if known.published:
+                    assert f"({known.published[0]:g} to {known.published[1]:g})" in shown
 
 
 @pytest.mark.slow
