@@ -24,6 +24,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "mathml",
     "effect_forms",
+    "parameter_table",
     "ros_messages",
 ]
 exclude_patterns = ["_build"]

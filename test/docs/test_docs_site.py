@@ -14,7 +14,9 @@ from typing import Any
 import pytest
 from chromium import CHROMIUM, Browser
 
+from smallwheel_ros.common.node_parameter import WHEEL
 from smallwheel_ros.effects.registry import families
+from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -151,7 +153,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_library_has_its_functions(site: Path) -> None:
     thrust = text_of(site / "_api" / "physics.html")
     assert 'id="smallwheel_ros.physics.traction.thrust"' in thrust
-    assert "shear_displacement: kappa, m." in thrust
+    assert re.search(r"shear_displacement</strong>.*?kappa, m\.", thrust, re.DOTALL)
     assert 'href="_api/physics.html"' in text_of(site / "api.html")
 
 
@@ -173,6 +175,13 @@ def test_effects_have_every_form(site: Path) -> None:
             for known in form.parameters():
                 if known.published:
                     assert f"({known.published[0]:g} to {known.published[1]:g})" in shown
+
+
+@pytest.mark.slow
+def test_parameters_are_all_listed(site: Path) -> None:
+    shown = re.sub(r"<[^>]+>", "", text_of(site / "parameters.html"))
+    for parameter in (*GENERAL, *PER_WHEEL):
+        assert parameter.name.removeprefix(f"{WHEEL}.") in shown
 
 
 @pytest.mark.slow
