@@ -23,8 +23,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
-    "effect_forms",
-    "parameter_table",
+    "table_directive",
     "ros_messages",
 ]
 exclude_patterns = ["_build"]

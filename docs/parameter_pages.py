@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes config/template.yaml from the declarations of the node's parameters.
 
-`python docs/parameter_pages.py` writes it anew. The directive `parameters` shows the same as a table.
+`python docs/parameter_pages.py` writes it anew. The site shows the same as tables (code_tables.py).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from smallwheel_ros.common.node_parameter import NodeParameter, Value, written
+from smallwheel_ros.common.node_parameter import Value, written
 from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL
 
 _EXAMPLE_WHEEL = "front_left"
@@ -18,15 +18,6 @@ _EXAMPLES: dict[str, Value] = {
     f"{_EXAMPLE_WHEEL}.diameter": 0.25,
     f"{_EXAMPLE_WHEEL}.width": 0.10,
 }
-
-
-def span(parameter: NodeParameter) -> str:
-    """What a value may be, in words; empty: anything."""
-    if parameter.choices:
-        return " or ".join(map(str, parameter.choices))
-    if parameter.low is None or parameter.high is None:
-        return ""
-    return f"{parameter.low:g} to {parameter.high:g}"
 
 
 def template() -> str:
@@ -46,7 +37,7 @@ def template() -> str:
         if above and above[0] != group:
             group = above[0]
             lines += ["", f"    {'' if group in needed else '# '}{group}:"]
-        words, allowed = parameter.description, span(parameter)
+        words, allowed = parameter.description, parameter.allowed
         words += f" [{parameter.unit}]" if parameter.unit else ""
         words += f" {allowed}." if allowed else ""
         words += " At start." if parameter.at_start else ""

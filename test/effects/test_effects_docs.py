@@ -28,11 +28,11 @@ def page(repository: Path) -> Path:
 def test_every_effect_has_its_section_with_its_forms_and_its_drawing(repository: Path) -> None:
     text = (repository / "docs" / "effects.md").read_text(encoding="utf-8")
     sections = dict(re.findall(r"^##+ (\w+)\n(.*?)(?=^##|\Z)", text, re.MULTILINE | re.DOTALL))
-    of_effects = {id: body for id, body in sections.items() if "```{effect}" in body}
+    of_effects = {id: body for id, body in sections.items() if "```{code-table} effect" in body}
     assert set(of_effects) == set(families())
     instruments = text.index("\n## Instruments\n")
     for id, body in of_effects.items():
-        assert f"```{{effect}} {id}\n```" in body
+        assert f"```{{code-table}} effect {id}\n```" in body
         assert f"(images/effects/{id}.svg)" in body
         faults = {form.kind == "instrument" for form in families()[id]}
         assert faults == {text.index(f" {id}\n") > instruments}
