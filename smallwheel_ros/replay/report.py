@@ -217,7 +217,7 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
     if margin["median"] is not None:
         by = "as on any ground, by slip and what was pulled"
         if margin["of_prior"]:
-            by = "any ground's: the drive has hardly told of this one"
+            by = "any ground's: this drive has shown little of its own"
         if strength["of_model_file"]:
             by = "by the strength of the model file"
         if sunk and strength["determined"]:
