@@ -36,10 +36,11 @@ from smallwheel_ros.pipeline.tables import (
 from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
+from smallwheel_ros.pipeline.warning.levels import WarningLevel
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
 
 from .answer import STALE
-from .status import MarginSource, WarningLevel
+from .status import MarginSource
 
 _SURE = 0.5  # of the information, over which a margin is no prior any more
 _PAUSE = 10 * SECOND  # ns: after so long without any message the drive goes on with the next one
