@@ -12,7 +12,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Flags, Integers, Readings, none_of
 from smallwheel_ros.pipeline.warning.hazard import APART
-from smallwheel_ros.pipeline.warning.levels import WarningLevel
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .statements import WARNINGS, statements
 

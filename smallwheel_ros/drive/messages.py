@@ -15,8 +15,8 @@ from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.pipeline.warning.levels import WarningLevel
 from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline

@@ -18,7 +18,7 @@ from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.drive.statements import WARNINGS
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.pipeline.refused import NO_ROW
-from smallwheel_ros.pipeline.warning.levels import WarningLevel
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.replay.tables import is_used
 from smallwheel_ros.views.blocks import (

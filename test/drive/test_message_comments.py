@@ -17,7 +17,7 @@ from smallwheel_ros.pipeline.mobility.status import MarginSource, SoilStatus, St
 from smallwheel_ros.pipeline.mobility.wheel import HARDLY_TRAVELS
 from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.warning.hazard import PERIOD, SLIP_S
-from smallwheel_ros.pipeline.warning.levels import WarningLevel
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 FOLDER = Path(__file__).resolve().parents[2] / "msg"
 MESSAGES = sorted(path.stem for path in FOLDER.glob("*.msg"))

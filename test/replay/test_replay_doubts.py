@@ -19,7 +19,12 @@ from smallwheel_ros.cli import main
 
 BEGIN = 1_800_000_000  # s
 RADIUS, HALF_TRACK, SLIP = 0.3, 0.54, 0.1
-WHEELS = {"front_left": (1, 1), "front_right": (1, -1), "rear_left": (-1, 1), "rear_right": (-1, -1)}
+WHEELS = {
+    "front_left": (1, 1),
+    "front_right": (1, -1),
+    "rear_left": (-1, 1),
+    "rear_right": (-1, -1),
+}
 JOINTS = [f"{name}_joint" for name in WHEELS]
 CONFIG = {
     "vehicle.mass": 280.0, "imu_topic": "/imu/data", "load.source": "static",
@@ -57,7 +62,9 @@ class Bag:
         )  # fmt: skip
         self.writer.write("/imu/data", "sensor_msgs/msg/Imu", stamp, message)
 
-    def odometry(self, stamp: int, pose: tuple[float, float, float], speeds: tuple[float, float]) -> None:
+    def odometry(
+        self, stamp: int, pose: tuple[float, float, float], speeds: tuple[float, float]
+    ) -> None:
         x, y, yaw = pose
         placed = Message(position=vector(x, y), orientation=turned(yaw))
         twist = Message(linear=vector(speeds[0]), angular=vector(z=speeds[1]))
@@ -87,7 +94,7 @@ def arcs(path: Path, sign: float) -> None:
                 for side in (-1, 1)
             ]
             bag.joints(stamp, *rims)
-            felt = rng.normal(0.0, 0.05, 3) + (0.0, speed * rate, 9.81)
+            felt = rng.normal((0.0, speed * rate, 9.81), 0.05)
             bag.imu(stamp, float(sign * rate + rng.normal(0.0, 0.003)), tuple(felt.tolist()))
             if k % 2 == 0:
                 noisy = float(speed + rng.normal(0.0, 0.01)), float(rate + rng.normal(0.0, 0.005))

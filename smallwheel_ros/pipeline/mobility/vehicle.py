@@ -36,8 +36,8 @@ from smallwheel_ros.pipeline.tables import (
 from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.levels import WarningLevel
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .answer import STALE
 from .status import MarginSource

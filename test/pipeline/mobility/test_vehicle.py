@@ -16,7 +16,7 @@ from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.tables import SECOND
-from smallwheel_ros.pipeline.warning.levels import WarningLevel
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 
 def turns_of(
