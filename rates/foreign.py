@@ -2,7 +2,8 @@
 """Subject `foreign`: drives of a rover that another author simulated (`foreign_rover`), soil sensors and all.
 
 Nothing gets stuck on most of these fields, so that each warning there is a false one, and each cell of 100
-good ground made lethal. All sensors are good: whatever is reported of them accuses one.
+good ground made lethal. On those that give way it does, in motion or as it starts again after a stop. All
+sensors are good: whatever is reported of them accuses one.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ PAUSE = 1.0  # s without a warning between two of them
 LEVELS = ("first level", "second level")
 _LEAST_SINKAGE = 0.01  # m, at which the reference pressure is
 
+# Nearly even ground that holds less and less, as snow does, until the rover is stuck in it.
+_GIVES_WAY: dict[str, Any] = {
+    "fades": 0.2, "waves": 0.2, "distance": 24.0, "soil_sensors": False
+}  # fmt: skip
 _ALL = (
     ForeignWorld("plain"),
     ForeignWorld("stiffer", border=2.2),
@@ -39,6 +44,8 @@ _ALL = (
     ForeignWorld("stiffer with speed", hidden="speed"),
     ForeignWorld("half is lost", distance=36.0, lost=0.5, zero=0.002),
     ForeignWorld("no soil sensors", soil_sensors=False),
+    ForeignWorld("gives way", **_GIVES_WAY),
+    ForeignWorld("gives way slowly", loose=3.0, **_GIVES_WAY),
 )
 WORLDS = {world.name: world for world in _ALL}
 

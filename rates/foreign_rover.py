@@ -59,6 +59,8 @@ class ForeignWorld:
 
     hidden: what the soil has beside k z^n D^m: wheels sink with slip, a stiff layer begins below, or it is
     stiffer the faster a wheel rolls. border: by how much the soil is stiffer from the middle of the way on.
+    fades: 1/m, by which its shear strength falls (exponentially) along the way, from a third of it on. loose,
+    waves: its shear displacement and the slopes of the ground, as multiples of the usual.
     lost: share of the messages. zero: deviation of the depth sensors' zeros, m. soil_sensors: whether load
     and sinkage are measured.
     """
@@ -70,6 +72,9 @@ class ForeignWorld:
     lost: float = 0.05
     zero: float = 0.001
     soil_sensors: bool = True
+    fades: float = 0.0
+    loose: float = 1.0
+    waves: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -191,7 +196,8 @@ def _soil(world: ForeignWorld, mass: float, rng: np.random.Generator) -> Foreign
     pressure = np.exp(rng.uniform(np.log(14e3), np.log(60e3)))  # at 10 mm under 0.25 m
     friction, cohesion = np.radians(rng.uniform(26.0, 36.0)), rng.uniform(100.0, 1200.0)
     soil = ForeignSoil(
-        float(pressure / (0.01**n * 0.25**m)), n, m, cohesion, float(friction), rng.uniform(0.008, 0.022),
+        float(pressure / (0.01**n * 0.25**m)), n, m, cohesion, float(friction),
+        world.loose * rng.uniform(0.008, 0.022),
         sinks_with_slip=float(world.hidden == "slip"),
         stiffens_with_speed=0.35 * (world.hidden == "speed"),
     )  # fmt: skip
@@ -208,7 +214,7 @@ def _driven(world: ForeignWorld, rng: np.random.Generator) -> ForeignTruth:
     soil = _soil(world, mass, rng)
     beyond = ForeignSoil(**(vars(soil) | {"k": soil.k * world.border}))
     under = [[_UnderWheel(one, wheel) for one in (soil, beyond)] for wheel in WHEELS]
-    steep = rng.uniform(0.03, 0.075, 2)
+    steep = world.waves * rng.uniform(0.03, 0.075, 2)
     length, phase = np.array([rng.uniform(9, 14), rng.uniform(4, 7)]), rng.uniform(0.0, 6.0, 2)
     ahead = np.array([wheel.x for wheel in WHEELS])
     aside = np.array([wheel.y for wheel in WHEELS])
@@ -236,6 +242,12 @@ def _driven(world: ForeignWorld, rng: np.random.Generator) -> ForeignTruth:
             under[j][int(on_second[j])].forces(float(load[j]), max(rim, 0.0) / usual)
             for j in range(len(WHEELS))
         ]
+        if world.fades:
+            faded = world.fades * np.maximum(s + ahead - world.distance / 3.0, 0.0)
+            forces = [
+                (z, one * thrust, resistance)
+                for one, (z, thrust, resistance) in zip(np.exp(-faded), forces, strict=True)
+            ]
         pull = sum(thrust - resistance for _, thrust, resistance in forces)
         demand = mass * GRAVITY * np.sin(climb) + mass * gain
         slip += (_slip_for(pull, demand, rim) - slip) * min(1.0, STEP / 0.15)

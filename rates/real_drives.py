@@ -73,6 +73,7 @@ _KIND = "nav_msgs/msg/Odometry"
 
 
 DRIVE, BAND_CELL, ACCUSED, SAID = "drive", "in its band (steady)", "good sensors accused", "said"
+STATED = "stated over median error"
 WARNINGS = "warnings of both levels; by slip alone"
 MAY, GETS = 2, 3  # levels of VehicleMobility.msg
 HEADER = [
@@ -80,6 +81,7 @@ HEADER = [
     "of",
     "slip known",
     BAND_CELL,
+    STATED,
     "margin",
     WARNINGS,
     ACCUSED,
@@ -212,7 +214,7 @@ def truth_of(bag: Path, raw: Raw) -> tuple[pd.DataFrame | None, int]:
 def near_truths(
     truth: pd.DataFrame, estimates: pd.DataFrame, speeds: dict[str, tuple[Array, Array]], left: set[str]
 ) -> pd.DataFrame:  # fmt: skip
-    """Of each true slip that an estimate of that side is near to: is it in the band; is it steady."""
+    """Of each true slip that an estimate of that side is near to: error, its deviation, is it steady."""
     parts = []
     time, _, rim, *_ = truth.columns
     for wheel, rows in estimates[estimates["slip"].notna()].groupby("wheel"):
@@ -221,10 +223,19 @@ def near_truths(
         rows = rows.assign(**{time: rows["stamp"] * 1e-9}).sort_values(time)
         near = pd.merge_asof(mine, rows, on=time, direction="nearest", tolerance=NEAR)
         near = near[near["slip"].notna()]
-        inside = (near["slip"] - near["true"]).abs() <= BAND * near["slip_standard_deviation"]
+        error = (near["slip"] - near["true"]).abs()
         steady = [is_steady(*speeds[str(wheel)], at) for at in near[time]]
-        parts.append(pd.DataFrame({"inside": inside, "steady": np.array(steady, dtype=bool)}))
+        columns = {"error": error, "stated": near["slip_standard_deviation"]}
+        parts.append(pd.DataFrame({**columns, "steady": np.array(steady, dtype=bool)}))
     return pd.concat(parts, ignore_index=True)
+
+
+def of_truths(found: pd.DataFrame) -> tuple[str, str]:
+    """Share of truths in their band; in steady driving, median stated deviation over median error."""
+    inside, steady = found["error"] <= BAND * found["stated"], found[found["steady"]]
+    ratio = steady["stated"].median() / steady["error"].median()
+    shares = f"{inside.mean():.2f} ({inside[found['steady']].mean():.2f}) of {len(found)}"
+    return shares, f"{ratio:.1f}"
 
 
 def sensors_said(summary: dict[str, Any]) -> list[str]:
@@ -256,11 +267,11 @@ def judged(bag: Path, config: Path, folder: Path) -> Judged:
     raw = raw_drive(bag, config, topic)
     speeds = rims(raw)
     truth, left_out = truth_of(bag, raw)
-    inside = "-"
+    inside = stated = "-"
     if truth is not None:
         found = near_truths(truth, estimates, speeds, left)
-        steady = found["inside"][found["steady"]].mean()
-        inside = f"{found['inside'].mean():.2f} ({steady:.2f}) of {len(found)}, {left_out} left out"
+        inside, stated = of_truths(found)
+        inside += f", {left_out} left out"
     margin = estimates["mobility_margin"].median()
     deviation = estimates["mobility_margin_standard_deviation"].median()
     vehicle = pd.read_csv(folder / FILES["vehicle_csv"])
@@ -272,6 +283,7 @@ def judged(bag: Path, config: Path, folder: Path) -> Judged:
         "of": f"{summary['duration']:.0f} s, {summary['travel']:.0f} m",
         "slip known": f"{known_share(estimates, speeds):.0%}",
         BAND_CELL: inside,
+        STATED: stated,
         "margin": f"{margin:.2f} ± {BAND * deviation:.2f}" if np.isfinite(margin) else "-",
         WARNINGS: f"{first}, {second}; {by_slip_alone(raw)}",
         ACCUSED: str(sum(n for text, n in said.items() if not any(w in text for w in true))),

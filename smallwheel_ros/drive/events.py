@@ -11,7 +11,8 @@ import numpy as np
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import SECOND, Estimates, Flags, Integers, Readings, none_of
-from smallwheel_ros.pipeline.warning.hazard import APART, WORDS
+from smallwheel_ros.pipeline.warning.hazard import APART
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .statements import WARNINGS, statements
 
@@ -125,7 +126,8 @@ class DriveEvents:
             self._raised[:level] = [time] * level
             if rises:
                 row = max(int(np.searchsorted(rows.stamp, warned.stamp[i], side="right")) - 1, 0)
-                text, way = WORDS[level].format(slip=warned.slip[i]), float(rows.distance[row])
+                text = WarningLevel.warned(level).said(warned.slip[i])
+                way = float(rows.distance[row])
                 self.events.append(Event(time, way, WARNINGS[level - 1], text, _place(rows, row)))
 
     def _look(self, turn: Turn) -> None:

@@ -18,7 +18,7 @@ from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.mobility.answer import STALE
 from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
-from smallwheel_ros.pipeline.tables import Array, Estimates, Flags
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW, unknown_ground
 
@@ -28,6 +28,8 @@ _SURELY = 2.0  # standard deviations
 # Margin of the snow in which places were found to differ by `AHEAD`. Ice holds 0.08 in all: with as much
 # scatter it would hold a vehicle back in one place of six, and a real one drove 215 m without being stuck.
 _AHEAD_OF = 0.2
+# Columns of a row of the vehicle that a terrain class gives.
+_OF_MARGIN = ("margin", "margin_std", "margin_source", "information")
 
 
 def cost_map_of(settings: NodeSettings) -> CostMap:
@@ -35,40 +37,6 @@ def cost_map_of(settings: NodeSettings) -> CostMap:
     onboard = settings.onboard
     prior, names = margin_before_driving(onboard), settings.terrain.names or ()
     return CostMap(settings.cost, onboard.wheels, prior, names, settings.reference_slip)
-
-
-def with_margin_of_class(
-    rows: VehicleEstimates, cost_map: CostMap, newest: Estimates
-) -> VehicleEstimates:
-    """Where nothing of this ground is known, the margin that its terrain class is expected to have.
-
-    Parameters
-    ----------
-    rows
-        Of the vehicle.
-    cost_map
-        With the grid of classes, and what they hold.
-    newest
-        Newest estimate of each wheel: where the vehicle is.
-    """
-    prior = rows.margin_source == MarginSource.ANY_GROUND
-    here = np.isfinite(newest.x + newest.y)
-    if cost_map.ahead.class_grid is None or not prior.any() or not here.any():
-        return rows
-    x, y = float(newest.x[here].mean()), float(newest.y[here].mean())
-    terrain = cost_map.ahead.class_at(cost_map.frame, x, y)
-    margin = cost_map.ahead.classes.margins().get(terrain)
-    if margin is None:
-        return rows
-    any_ground = unknown_ground(cost_map.reference_slip)[1]
-    information = np.clip(1.0 - (margin.standard_deviation / any_ground) ** 2, 0.0, 1.0)
-    return replace(
-        rows,
-        margin=np.where(prior, margin.value, rows.margin),
-        margin_std=np.where(prior, margin.standard_deviation, rows.margin_std),
-        margin_source=np.where(prior, MarginSource.CLASS, rows.margin_source),
-        information=np.where(prior, information, rows.information),
-    )
 
 
 class GroundMapper:
@@ -81,6 +49,7 @@ class GroundMapper:
     def __init__(self, cost_map: CostMap, wheels: tuple[Wheel, ...]) -> None:
         self.map, self._wheels = cost_map, wheels
         self._reference_slip = cost_map.reference_slip
+        self._any_ground = unknown_ground(cost_map.reference_slip)[1]
         self.clear()
 
     def clear(self) -> None:
@@ -93,6 +62,45 @@ class GroundMapper:
         self._newest: list[NDArray[Any]] = [
             np.full(count, NEVER), *np.full((4, count), np.nan), np.zeros(count, dtype=bool)
         ]  # fmt: skip
+        # Where the vehicle was of late: stamps of rows with a place, x and y (m).
+        self._places: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((2, 0))
+
+    def take(self, found: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
+        """Lay rows of estimates down, and give rows of the vehicle the margin of their terrain class.
+
+        Those of which nothing is known but what holds on any ground: each has the margin of the class where
+        the vehicle was just before its stamp, as it is expected after all wheels' rows up to there.
+        """
+        if self.map.ahead.class_grid is None:
+            self.add(found, frame)
+            return vehicle
+        asking = np.flatnonzero(vehicle.margin_source == MarginSource.ANY_GROUND)
+        ends = np.searchsorted(found.stamp, vehicle.stamp[asking], side="left")
+        columns = {name: np.array(getattr(vehicle, name)) for name in _OF_MARGIN}
+        begin = 0
+        for row, end in zip(asking.tolist(), ends.tolist(), strict=True):
+            if end > begin:
+                self.add(found.take(slice(begin, end)), frame)
+                begin = end
+            margin = self._of_class(int(vehicle.stamp[row]))
+            if margin is not None:
+                spread = margin.standard_deviation
+                information = max(1.0 - (spread / self._any_ground) ** 2, 0.0)
+                values = margin.value, spread, MarginSource.CLASS, information
+                for name, value in zip(_OF_MARGIN, values, strict=True):
+                    columns[name][row] = value
+        self.add(found.take(slice(begin, None)), frame)
+        return replace(vehicle, **columns)
+
+    def _of_class(self, stamp: int) -> Quantity | None:
+        """Margin expected of the terrain class where the vehicle was just before a stamp (ns)."""
+        stamps, places = self._places
+        k = int(np.searchsorted(stamps, stamp, side="left")) - 1
+        if k < 0 or stamps[k] < stamp - STALE:
+            return None
+        ahead = self.map.ahead
+        terrain = ahead.class_at(self.map.frame, float(places[0, k]), float(places[1, k]))
+        return ahead.classes.margins().get(terrain)
 
     def add(self, found: Estimates, frame: str) -> None:
         """Take rows of estimates; frame is that of the odometry, empty where it is not known.
@@ -103,6 +111,7 @@ class GroundMapper:
         that was measured to be as deep as its axle; one that the soil's law says is so deep is expected to
         get stuck.
         """
+        self._keep_places(found)
         stuck = found.spins | self._seen_sunk(found)
         level = np.where(
             found.digging_in, 2, ((found.conditions & Condition.WARNED) > 0).astype(int)
@@ -155,6 +164,18 @@ class GroundMapper:
             scatter = AHEAD * min(max(newest.value, 0.0) / _AHEAD_OF, 1.0)
             spread = math.hypot(newest.standard_deviation, scatter)
             self.map.expect(Quantity(newest.value + more, spread))
+
+    def _keep_places(self, found: Estimates) -> None:
+        known = np.flatnonzero(np.isfinite(found.x + found.y))
+        if not known.size:
+            return
+        first, newest = found.stamp[known[[0, -1]]].tolist()
+        stamps, places = self._places
+        # Later ones are there where time has gone back.
+        kept = (stamps > newest - 2 * STALE) & (stamps <= first)
+        stamps = np.concatenate([stamps[kept], found.stamp[known]])
+        places = np.hstack([places[:, kept], np.stack([found.x, found.y])[:, known]])
+        self._places = stamps, places
 
     def _seen_sunk(self, found: Estimates) -> Flags:
         """Whether a wheel was measured, surely, to be as deep as its axle."""

@@ -11,12 +11,12 @@ import numpy as np
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus, WarningLevel
+from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.pipeline.warning.hazard import WORDS
 from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -189,11 +189,6 @@ VEHICLE_VALID = {
     "energy_valid": ("energy_per_metre",),
 }
 _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepest_slope")
-LEVEL_WORDS = {
-    int(WarningLevel.UNKNOWN): WarningLevel.UNKNOWN.meaning,
-    int(WarningLevel.OK): WarningLevel.OK.meaning,
-    int(WarningLevel.STUCK): "the rims run, and the vehicle does not move: it is stuck",
-}
 
 
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
@@ -209,7 +204,11 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
         "energy_per_metre": rows.energy,
     }
     spreads = {name: getattr(rows, f"{name}_std", slope[1]) for name in _VEHICLE_SPREAD}
-    found: dict[str, Any] = {"level": rows.level, "text": _level_texts(rows)}
+    texts = [
+        WarningLevel(level).said(slip)
+        for level, slip in zip(rows.level.tolist(), rows.slip_warned.tolist(), strict=True)
+    ]
+    found: dict[str, Any] = {"level": rows.level, "text": texts}
     for flag, names in VEHICLE_VALID.items():
         known = np.isfinite(np.stack([values[name] for name in names])).all(axis=0)
         found[flag] = known
@@ -222,14 +221,6 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
     found["margin_source"] = np.where(known, rows.margin_source, 0)
     found["margin_information"] = np.where(known, np.nan_to_num(rows.information), 0.0)
     return found | {"soil": rows.soil, "at_border": rows.at_border}
-
-
-def _level_texts(rows: VehicleEstimates) -> list[str]:
-    words = LEVEL_WORDS | {WarningLevel.OK + level: text for level, text in WORDS.items()}
-    return [
-        words[level].format(slip=slip)
-        for level, slip in zip(rows.level.tolist(), rows.slip_warned.tolist(), strict=True)
-    ]
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:

@@ -29,7 +29,7 @@ class Statement(NamedTuple):
         return _NUMBER.sub("", self.text)
 
 
-# By level of the warning, whose words are `hazard.WORDS` wherever it is reported.
+# By level of the warning, whose words are those of `WarningLevel` wherever it is reported.
 WARNINGS: tuple[Kind, ...] = ("stuck", "digging_in")
 
 

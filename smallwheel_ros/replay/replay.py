@@ -21,9 +21,10 @@ from smallwheel_ros.drive.messages import mobility_columns, soil_fields, vehicle
 from smallwheel_ros.drive.soil_file import SoilFile
 from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.pipeline.intake.inputs import topics_of
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
+from smallwheel_ros.pipeline.tables import SECOND, Estimates
 from smallwheel_ros.replay.diagnosis import diagnosed
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.recorded_ahead import RecordedAhead
@@ -232,11 +233,12 @@ class _Drive:
         if turn.twists is not None and len(turn.twists):
             self.twists.add(turn.twists)
             self._bag.write_twists(turn.twists, self._settings.twist, log_times(turn.twists.stamp))
-        if len(turn.vehicle):
-            of_vehicle, stamps = vehicle_columns(turn.vehicle), turn.vehicle.stamp
+        rows = turn.estimates
+        vehicle = self._lay(rows, turn.vehicle)
+        if len(vehicle):
+            of_vehicle, stamps = vehicle_columns(vehicle), vehicle.stamp
             self.vehicle.add(stamps, of_vehicle)
             self._bag.write_vehicle(stamps, of_vehicle, log_times(stamps))
-        rows = turn.estimates
         if not len(rows):
             return
         due = turn.readings.due
@@ -252,18 +254,31 @@ class _Drive:
         ]
         recorded = log_times(rows.stamp)
         self._bag.write_estimates(rows, columns, of_rows, recorded, self._recording.frame)
-        self._lay(rows, recorded)
 
-    def _lay(self, rows: Estimates, recorded: Integers) -> None:
-        """Lay rows down on the map, and write it as often as the node would have published it."""
-        period = round(COST_PERIOD * SECOND)
-        for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(recorded // period)) + 1):
-            time = int(recorded[part[-1]])
-            self._ahead.take_until(time)
-            self._ground.add(rows.take(part), self._recording.frame)
-            self._last_stamp = int(rows.stamp[part[-1]])
+    def _lay(self, rows: Estimates, vehicle: VehicleEstimates) -> VehicleEstimates:
+        """Lay rows down on the map, and write it as often as the node would have published it.
+
+        Returns the vehicle's rows with the margins of terrain classes where nothing else is known.
+        """
+        period, recorded = round(COST_PERIOD * SECOND), self._recording.log_times(rows.stamp)
+        cuts = np.flatnonzero(np.diff(recorded // period)) + 1
+        before = np.searchsorted(vehicle.stamp, rows.stamp[cuts], side="right")
+        with_classes = []
+        for part, of_vehicle in zip(
+            np.split(np.arange(len(rows)), cuts),
+            np.split(np.arange(len(vehicle)), before),
+            strict=True,
+        ):
+            if len(part):
+                self._ahead.take_until(int(recorded[part[-1]]))
+            laid = rows.take(part), vehicle.take(of_vehicle)
+            with_classes.append(self._ground.take(*laid, self._recording.frame))
+            if not len(part):
+                continue
+            time, self._last_stamp = int(recorded[part[-1]]), int(rows.stamp[part[-1]])
             if self._ground.map.changed and self._bag.is_due("cost", time, period):
                 self._write_grids(self._last_stamp, time)
+        return VehicleEstimates.joined(with_classes)
 
     def _told(self) -> list[dict[str, Any]]:
         """What is told of the soils of the newest turn."""

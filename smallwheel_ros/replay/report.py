@@ -18,7 +18,7 @@ from smallwheel_ros.costmap.grid import Grid, read_map
 from smallwheel_ros.drive.statements import WARNINGS
 from smallwheel_ros.measurements.display import number
 from smallwheel_ros.pipeline.refused import NO_ROW
-from smallwheel_ros.pipeline.warning.hazard import LEVELS
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 from smallwheel_ros.replay.result import FILES, Replayed
 from smallwheel_ros.replay.tables import is_used
 from smallwheel_ros.views.blocks import (
@@ -197,7 +197,10 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
 def _warnings(events: list[dict[str, Any]]) -> str:
     """How often each level of the warning began."""
     kinds = [event["kind"] for event in events]
-    counts = {LEVELS[level]: kinds.count(kind) for level, kind in enumerate(WARNINGS, 1)}
+    counts = {
+        WarningLevel.warned(level).short: kinds.count(kind)
+        for level, kind in enumerate(WARNINGS, 1)
+    }
     parts = [f"{_times(count)} that it {words}" for words, count in counts.items() if count]
     return (
         f"Warnings of the vehicle: {', '.join(parts)}." if parts else "No warning of getting stuck."

@@ -18,6 +18,7 @@ from smallwheel_ros.costmap.grid import UNKNOWN, Pose
 from smallwheel_ros.drive.ground_ahead import AheadInputs, Report
 from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
 from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.ros.conversions import grid_message, nanoseconds_of, pose_of
 
@@ -64,12 +65,16 @@ class CostPublisher:
         self.ahead = AheadInputs(settings, self.map, report)
         self._ground = GroundMapper(self.map, settings.onboard.wheels)
 
-    def add(self, estimates: Estimates, frame: str) -> None:
-        """Take rows of estimates; frame is that of the odometry."""
-        self._stamp = max(self._stamp, int(estimates.stamp[-1]))
-        self._ground.add(estimates, frame)
+    def take(self, estimates: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
+        """Take rows of estimates; return those of the vehicle, with margins of terrain classes.
+
+        frame: that of the odometry.
+        """
+        self._stamp = max(self._stamp, int(estimates.stamp.max(initial=0)))
+        vehicle = self._ground.take(estimates, vehicle, frame)
         if self.map.frame in self._static:
             self.map.place_frame(*self._static.pop(self.map.frame))
+        return vehicle
 
     def on_classes(self, message: Any) -> None:
         """Take a grid of terrain classes; one that comes by two subscriptions counts once."""

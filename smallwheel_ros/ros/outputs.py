@@ -19,7 +19,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.drive.ground_ahead import Report
-from smallwheel_ros.drive.ground_map import with_margin_of_class
 from smallwheel_ros.drive.messages import (
     mobility_columns,
     soil_fields,
@@ -181,8 +180,8 @@ class Outputs:
             self.start_over()
         if turn.twists is not None:
             self._publish_twists(turn.twists, self._settings.twist)
-        self._publish_vehicle(with_margin_of_class(turn.vehicle, self.cost.map, self.newest))
         found = turn.estimates
+        self._publish_vehicle(self.cost.take(found, turn.vehicle, frame))
         if not len(found):
             return
         self._publish_estimates(found)
@@ -195,7 +194,6 @@ class Outputs:
             if sent is None or not sent <= stamp < sent + _SOIL_PERIOD:
                 self.publish_waiting_soil(frame)
         self.newest = newest_of(self.newest, found)
-        self.cost.add(found, frame)
         if self._limit.take(found):
             self.publish_speed_limit()
 

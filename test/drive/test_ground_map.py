@@ -10,14 +10,15 @@ import pytest
 from rows_of_drives import drive, give, static_rover
 
 from smallwheel_ros.costmap.grid import Grid
-from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of, with_margin_of_class
+from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
 from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Status
 from smallwheel_ros.pipeline.mobility.vehicle import (
     VehicleEstimates,
 )
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import Estimates
+from smallwheel_ros.pipeline.tables import SECOND, Estimates
+from smallwheel_ros.pipeline.warning.hazard import PERIOD
 
 VEHICLE = static_rover()
 
@@ -31,35 +32,90 @@ def crossed() -> Estimates:
     return Estimates.joined([turn.estimates for turn in pipeline.turns(last=True)])
 
 
-def test_where_nothing_is_known_the_margin_is_that_of_the_terrain_class() -> None:
-    """Ice holds a tenth, grass a half; what was measured stands."""
-    settings = static_rover(**{"terrain.names": ["grass", "ice"]})
-    ground = cost_map_of(settings)
-    ground.frame = "odom"
-    pipeline = Pipeline(settings.onboard)
-    known = set(widths_of(settings.onboard))
+ICE_AHEAD = 1.5  # m along the way: grass up to there, ice from there on
+
+
+def classes(frame: str = "odom") -> Grid:
+    """Grass, number 0, and ice, number 1."""
+    cells = np.zeros((400, 400), dtype=np.int8)
+    cells[:, 200 + round(10.0 * ICE_AHEAD) :] = 1
+    return Grid(frame, 0.1, (-20.0, -20.0), cells)
+
+
+@pytest.fixture(scope="module")
+def turns() -> list[tuple[Estimates, VehicleEstimates]]:
+    """Turns of a second each; every second row of the vehicle has a margin that was measured."""
+    pipeline = Pipeline(VEHICLE.onboard)
+    known = set(widths_of(VEHICLE.onboard))
     give(pipeline.streams, [row for row in drive(soil=False) if row[0] in known])
-    turns = list(pipeline.turns(last=True))
-    newest = Estimates.joined([turn.estimates for turn in turns])
-    rows = VehicleEstimates.joined([turn.vehicle for turn in turns])
-    rows = replace(
-        rows,
-        margin_source=np.where(rows.stamp % 2 == 0, MarginSource.ANY_GROUND, MarginSource.MEASURED),
+    made = []
+    for turn in pipeline.turns(last=True, span=SECOND):
+        rows = turn.vehicle
+        prior = rows.stamp // PERIOD % 2 == 0
+        source = np.where(prior, MarginSource.ANY_GROUND, MarginSource.MEASURED)
+        made.append((turn.estimates, replace(rows, margin_source=source)))
+    return made
+
+
+def with_classes(
+    turns: list[tuple[Estimates, VehicleEstimates]], grid: Grid | None
+) -> VehicleEstimates:
+    settings = static_rover(**{"terrain.names": ["grass", "ice"]})
+    mapper = GroundMapper(cost_map_of(settings), settings.onboard.wheels)
+    if grid is not None:
+        mapper.map.take_classes(grid)
+    return VehicleEstimates.joined([mapper.take(*turn, "odom") for turn in turns])
+
+
+def test_where_nothing_is_known_the_margin_is_that_of_the_terrain_class_there(
+    turns: list[tuple[Estimates, VehicleEstimates]],
+) -> None:
+    """Ice holds a tenth, grass a half, each row's own place counts; what was measured stands."""
+    before = VehicleEstimates.joined([rows for _, rows in turns])
+    estimates = Estimates.joined([rows for rows, _ in turns])
+    found = with_classes(turns, classes())
+    prior = before.margin_source == MarginSource.ANY_GROUND
+    newest = np.searchsorted(estimates.stamp, before.stamp, side="left") - 1
+    placed = prior & (newest >= 0)
+    on_ice = estimates.x[newest] >= ICE_AHEAD
+    for there, holds in ((placed & ~on_ice, 0.5), (placed & on_ice, 0.1)):
+        assert there.any()
+        assert set(found.margin_source[there].tolist()) == {MarginSource.CLASS}
+        assert abs(found.margin[there] - holds).max() < 0.2
+        assert (found.information[there] > 0.5).all()  # a class tells more than any ground
+    for name in ("margin", "margin_std", "margin_source", "information"):
+        kept = getattr(found, name)[~prior], getattr(before, name)[~prior]
+        np.testing.assert_array_equal(*kept)
+    assert set(found.margin_source[placed].tolist()) == {MarginSource.CLASS}
+
+
+def test_cuts_do_not_matter_for_the_margin_of_a_class(
+    turns: list[tuple[Estimates, VehicleEstimates]],
+) -> None:
+    parts = (
+        Estimates.joined([one for one, _ in turns]),
+        VehicleEstimates.joined([v for _, v in turns]),
     )
-    assert with_margin_of_class(rows, ground, newest) is rows  # no grid of classes
-    for number, holds in ((0, 0.5), (1, 0.1)):
-        cells = np.full((400, 400), number, dtype=np.int8)
-        ground.ahead.take_classes(Grid("odom", 0.1, (-20.0, -20.0), cells))
-        found = with_margin_of_class(rows, ground, newest)
-        prior = rows.margin_source == MarginSource.ANY_GROUND
-        assert prior.any()
-        assert set(found.margin_source[prior].tolist()) == {MarginSource.CLASS}
-        assert abs(found.margin[prior] - holds).max() < 0.2
-        assert (found.information[prior] > 0.5).all()  # a class tells more than any ground
-        np.testing.assert_array_equal(found.margin[~prior], rows.margin[~prior])
-        np.testing.assert_array_equal(found.information[~prior], rows.information[~prior])
-    ground.ahead.take_classes(Grid("map", 0.1, (-20.0, -20.0), cells))
-    assert with_margin_of_class(rows, ground, newest) is rows  # nobody knows where that is
+    whole, cut = with_classes([parts], classes()), with_classes(turns, classes())
+    for name in vars(whole):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(cut, name), err_msg=name)
+
+
+def test_without_a_class_the_margin_stays_that_of_any_ground(
+    turns: list[tuple[Estimates, VehicleEstimates]],
+) -> None:
+    """No grid; one in a frame that nobody knows; no place; a place that is old."""
+    before = VehicleEstimates.joined([rows for _, rows in turns])
+    lost = [(replace(one, x=one.x + np.nan), rows) for one, rows in turns]
+    later = replace(before, stamp=before.stamp + 10 * SECOND)
+    old = [(Estimates.joined([one for one, _ in turns]), later.take(slice(-5, None)))]
+    for given, grid, same in (
+        (turns, None, before), (turns, classes("map"), before), (lost, classes(), before),
+        (old, classes(), old[0][1]),
+    ):  # fmt: skip
+        found = with_classes(given, grid)
+        np.testing.assert_array_equal(found.margin_source, same.margin_source)
+        np.testing.assert_array_equal(found.margin, same.margin)
 
 
 def bare(rows: Estimates, **columns: np.ndarray) -> Grid:

@@ -24,6 +24,7 @@ from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
 from smallwheel_ros.pipeline.intake.buffer import Samples
 from smallwheel_ros.pipeline.intake.layout import width_of
 from smallwheel_ros.pipeline.mobility.answer import AnswerState, KnownGround, OnGround, answer
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleState
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.rows.align import Align
 from smallwheel_ros.pipeline.rows.motion import MotionState, motion
@@ -34,11 +35,13 @@ from smallwheel_ros.pipeline.tables import (
     Aligned,
     Array,
     Columns,
+    Estimates,
     Flags,
     Integers,
     Readings,
 )
 from smallwheel_ros.pipeline.twist.twist import TwistState, twist
+from smallwheel_ros.pipeline.warning.hazard import PERIOD
 from smallwheel_ros.pipeline.warning.judgement import Judged, Judgement
 
 Table = Columns
@@ -239,11 +242,7 @@ def _soils(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
         rows = _between(chain.rows, window)
         if not len(rows):
             continue
-        closed = chain.closed
-        if closed is not None:
-            part = closed.take((closed.end > window.since) & (closed.end <= window.done))
-            closed = part if len(part) else None
-        version, _ = stage.take(closed, rows, believed.anew)  # type: ignore[arg-type]
+        version, _ = stage.take(_closed_in(chain, window), rows, believed.anew)  # type: ignore[arg-type]
         of = [stage.versions[number] for number in version.tolist()]
         found.append(
             BelievedAt(
@@ -306,6 +305,71 @@ def _answers(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
     return found
 
 
+def _steps(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    """With the soils' filter before it, whose versions it lets go that no open step needs."""
+    chain, settings = _chain(believed), believed.settings
+    if chain is None:
+        return []
+    of, found = Pipeline(settings), list[Table | None]()
+    stamp, ground = chain.rows.stamp, chain.ground
+    for window in windows(believed, ends):
+        now = (stamp > window.since) & (stamp <= window.done)
+        if not now.any():
+            continue
+        rows, loads = chain.rows.take(now), (ground.load[now], ground.load_std[now])
+        version, _ = of.soils.take(_closed_in(chain, window), rows, believed.anew)
+        made = steps(of.steps, rows, *loads, version, of.soils, settings)
+        if made is not None:
+            mean = np.stack([made.length, made.force], axis=1)
+            found.append(BelievedAt(made.end, mean, made.force_std[:, None] ** 2, made.soil))
+    return found
+
+
+def _closed_in(chain: _Chain, window: BelievedRows) -> Stretches | None:
+    """Stretches that end in a window."""
+    if chain.closed is None:
+        return None
+    ends = chain.closed.end
+    part = chain.closed.take((ends > window.since) & (ends <= window.done))
+    return part if len(part) else None
+
+
+def _vehicle(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
+    chain, settings = _chain(believed), believed.settings
+    if chain is None:
+        return []
+    judgement = Judgement(settings)
+    judgement.take(chain.rows, believed)
+    instants, warned = judgement.instants, judgement.warned
+    assert instants is not None
+    assert warned is not None
+    estimates = joined(_answers(believed, [believed.done]))
+    assert isinstance(estimates, Estimates)
+    tenths = np.concatenate([one.stamps // PERIOD for one in believed.streams.values()])
+    heard = (np.unique(tenths) + 1) * PERIOD
+    stage, found = VehicleState(settings), list[Table | None]()
+    for window in windows(believed, ends):
+        inside = [
+            (stamps > window.since) & (stamps <= window.done)
+            for stamps in (heard, instants.stamp, chain.rows.stamp, estimates.stamp)
+        ]
+        of_instants, of_rows, of_answers = inside[1:]
+        some = of_instants.any()
+        found.append(
+            stage.take(
+                heard[inside[0]],
+                instants.take(of_instants) if some else None,
+                warned.take(of_instants) if some else None,
+                judgement.stuck[of_instants],
+                chain.rows.take(of_rows),
+                chain.judged.take(of_rows),
+                estimates.take(of_answers),
+                chain.pipeline.soils.versions,
+            )
+        )
+    return found
+
+
 STAGES = {
     stage.name: stage
     for stage in (
@@ -317,8 +381,10 @@ STAGES = {
         Stage("warned", _warned),
         Stage("twist", _twists),
         Stage("soils", _soils),
+        Stage("steps", _steps),
         Stage("strengths", _strengths),
         Stage("answer", _answers),
+        Stage("vehicle", _vehicle),
     )
 }
 
@@ -389,9 +455,15 @@ def one_wheel() -> OnboardSettings:
     ).onboard
 
 
-def halves(table: Table, stamp: int) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Columns up to a stamp, and after it."""
-    stamps = vars(table)["stamp"]
+def halves(
+    table: Table, stamp: int, believed: BelievedRows
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Columns up to a stamp, and after it; a stretch is at its end."""
+    stamps = vars(table).get("stamp", vars(table).get("end"))
+    if stamps is None:  # a row for each of the readings
+        readings = _all_readings(believed)
+        assert readings is not None
+        stamps = readings.stamp
     early = stamps <= stamp
     return tuple(  # type: ignore[return-value]
         {name: column[which] for name, column in vars(table).items()} for which in (early, ~early)

@@ -67,16 +67,6 @@ class SoilStatus(_Explained):
     PRIOR_ONLY = 1, "no measurement yet: the configured soil and its uncertainty"
 
 
-class WarningLevel(_Explained):
-    """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg."""
-
-    UNKNOWN = 0, "slip is not known: no speed of wheels or over ground"
-    OK = 1, "no sign of getting stuck"
-    MAY_GET_STUCK = 2, "slow down, or go another way"
-    GETS_STUCK = 3, "stop: it slips, and more is asked for than the ground gives"
-    STUCK = 4, "rims run, the vehicle does not"
-
-
 class MarginSource(_Explained):
     """What the vehicle's margin rests on; numbers of VehicleMobility.msg."""
 

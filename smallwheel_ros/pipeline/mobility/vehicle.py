@@ -37,9 +37,10 @@ from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
+from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .answer import STALE
-from .status import MarginSource, WarningLevel
+from .status import MarginSource
 
 _SURE = 0.5  # of the information, over which a margin is no prior any more
 _PAUSE = 10 * SECOND  # ns: after so long without any message the drive goes on with the next one
@@ -216,21 +217,22 @@ class VehicleState:
         sides = [one if one.any() else np.ones(side.size, dtype=bool) for one in sides]
         old = self._instants
         whole = instants if old is None else Instants.joined([old, instants])
-        first = len(whole) - len(instants)
-        found = np.full((6, len(instants)), np.nan)
-        for k in range(len(instants) if side.size else 0):
-            now = whole.stamp[first + k]
-            begin = int(np.searchsorted(whole.stamp, now - round(SLIP_S * SECOND), side="right"))
-            part = slice(begin, first + k + 1)
-            rim, ground = whole.rim[part].mean(axis=0), whole.ground[part].mean(axis=0)
-            known = np.isfinite(rim) & np.isfinite(ground)
-            if 2 * known.sum() <= known.size:
-                continue
-            slip, spread = _slip(rim, ground, np.nan_to_num(whole.ground_std[part]).mean(axis=0))
-            for j, of in enumerate([known, *(known & one for one in sides)]):
-                of = of & np.isfinite(slip)
-                if of.any():
-                    found[2 * j : 2 * j + 2, k] = np.median(slip[of]), np.median(spread[of])
+        count, first = len(instants), len(whole) - len(instants)
+        begins = np.searchsorted(
+            whole.stamp, instants.stamp - round(SLIP_S * SECOND), side="right"
+        ).tolist()
+        parts = [slice(begin, first + k + 1) for k, begin in enumerate(begins)]
+        rim, ground, ground_std = (
+            np.array([column[part].mean(axis=0) for part in parts]).reshape(count, side.size)
+            for column in (whole.rim, whole.ground, np.nan_to_num(whole.ground_std))
+        )
+        known = np.isfinite(rim) & np.isfinite(ground)
+        known &= 2 * known.sum(axis=1, keepdims=True) > side.size
+        slip, spread = _slip(rim, ground, ground_std)
+        found = np.full((6, count), np.nan)
+        for j, of in enumerate([np.ones(side.size, dtype=bool), *sides]):
+            for i, column in enumerate((slip, spread)):
+                found[2 * j + i] = _median(np.where(known & of, column, np.nan))
         self._instants = whole.take(slice(-5, None))
         return found
 

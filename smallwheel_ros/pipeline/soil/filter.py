@@ -174,7 +174,7 @@ class SoilFilter:
 
     def _update(self, rows: Stretches) -> Array:
         """Iterated update of the filters; their first innovations: miss, variances, slopes, (2, 5, rows)."""
-        count, z = len(rows), rows.sinkage
+        count, z = rows.sinkage.size, rows.sinkage
         both = Stretches.joined([rows] * len(self.bank))
         before = [(member.kalman.x, member.kalman.P) for member in self.bank]
         about, close = [member.x for member in self.bank], [False] * len(self.bank)

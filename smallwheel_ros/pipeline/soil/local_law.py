@@ -92,7 +92,7 @@ class LocalLaws(Columns):
 
     def with_load(self, shown: Array) -> Array:
         """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
-        turn = np.zeros((len(self), 4, 5))
+        turn = np.zeros((self.zero.size, 4, 5))
         turn[:, range(4), range(4)] = 1.0
         turn[:, 3, 4] = 1.0 / self.net(shown)
         whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
@@ -103,7 +103,7 @@ def local_laws(
     versions: Versions[Version], wheels: Sequence[Wheel], rows: Readings, version: Integers
 ) -> LocalLaws:
     """The laws under wheels, of these versions."""
-    count = len(rows)
+    count = version.size
     law, scale, zero = np.empty((count, 3)), np.zeros(count), np.zeros(count)
     covariance = np.zeros((count, 5, 5))
     side = np.sign([w.lateral_position for w in wheels])[rows.wheel]
@@ -136,7 +136,7 @@ def sinkages(
     versions: Versions[Version], rows: WheelsUnderLoad, version: Integers
 ) -> tuple[Array, Array]:
     """Sinkage of wheels (m) and its variance by law, place and load; NaN before any stretch."""
-    value, variance = np.full((2, len(rows)), np.nan)
+    value, variance = np.full((2, version.size), np.nan)
     of = [versions[number] for number in version.tolist()]
     for model in {id(one.model): one.model for one in of if one.model is not None}.values():
         mine = np.flatnonzero([one.model is model for one in of])

@@ -29,8 +29,6 @@ from smallwheel_ros.pipeline.tables import (
     Flags,
     Integers,
     Readings,
-    mean,
-    median,
 )
 
 _SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
@@ -236,22 +234,22 @@ def _close(
     state: _Wheel, number: int, rows: _StretchRows, log_load: Array, end: int, ahead: float
 ) -> Stretches:
     """One stretch; what it tells of the wheel's noise and loads is learnt before."""
-    sinkage, count = rows.sinkage, len(rows)
+    sinkage, count = rows.sinkage, rows.sinkage.size
     _learn_noise(state, sinkage, log_load)
-    middle = median(sinkage)
+    middle = _median(sinkage)
     off = np.abs(sinkage - middle)
-    kept = off <= _KEPT * (math.sqrt(state.reading_variance) + median(off))
+    kept = off <= _KEPT * (math.sqrt(state.reading_variance) + _median(off))
     in_mean = int(kept.sum())
-    mean_log_load = mean(log_load)
+    mean_log_load = _mean(log_load)
     _learn_loads(state, mean_log_load, count)
     load, load_variance = state.calibrated(np.array([mean_log_load]), np.array([float(count)]))
     onward = bool(rows.onward[-1])
-    place = mean(rows.distance) + (ahead if onward else -ahead)
+    place = _mean(rows.distance) + (ahead if onward else -ahead)
     numbers = {
-        "end": end, "wheel": number, "sinkage": mean(sinkage[kept]),
+        "end": end, "wheel": number, "sinkage": _mean(sinkage[kept]),
         "variance": state.reading_variance / in_mean, "load": load[0],
         "load_variance": load_variance[0], "load_rate": _slope(rows.stamp, log_load),
-        "slip": _known_mean(rows.slip), "speed": _known_mean(rows.speed), "pitch": mean(rows.pitch),
+        "slip": _known_mean(rows.slip), "speed": _known_mean(rows.speed), "pitch": _mean(rows.pitch),
         "distance": rows.distance[-1], "place": place, "passes": _known_mean(rows.passes),
         "pass_doubt": _known_mean(rows.pass_doubt), "onward": onward, "count": in_mean,
         "dropped": count - in_mean, "low": sinkage.min(), "high": sinkage.max(), "step": state.step,
@@ -288,17 +286,28 @@ def _learn_loads(state: _Wheel, mean: float, count: int) -> None:
 def _noise(values: Array, believed: float) -> float:
     """Variance of one reading from second differences, a few wild ones cut."""
     squares = np.diff(values, 2) ** 2 / _SECOND_DIFFERENCE
-    return mean(np.minimum(squares, _WORST_NOISE * believed)) / _CUT_MEAN
+    return _mean(np.minimum(squares, _WORST_NOISE * believed)) / _CUT_MEAN
 
 
 def _slope(stamp: Integers, values: Array) -> float:
     """Slope of values over time, 1/s; 0 for too few."""
     time = (stamp - stamp[0]) / SECOND
-    centred = time - mean(time)
+    centred = time - _mean(time)
     square = float(centred @ centred)
     return float(centred @ values) / square if time.size >= 3 and square > 0.0 else 0.0
 
 
+def _mean(values: Array) -> float:
+    """Mean of a short column, to the bit as NumPy's, without what that asks about its kind."""
+    return float(np.add.reduce(values)) / values.size
+
+
+def _median(values: Array) -> float:
+    """Median of a short column without NaN, likewise."""
+    ordered = np.sort(values)
+    return 0.5 * float(ordered[(ordered.size - 1) // 2] + ordered[ordered.size // 2])
+
+
 def _known_mean(values: Array) -> float:
     known = values[np.isfinite(values)]
-    return mean(known) if known.size else math.nan
+    return _mean(known) if known.size else math.nan

@@ -3,14 +3,18 @@
 
     hazard = slip + 2 (max(sin slope, 0)/2 + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
 
-slip: of the middle wheel, what is in use of the grip; loss of speed: pull that is missing already; slope:
-half of the pull that goes on being asked for, since slip answers to a slope within a second. All along the
-way that the rims go. Two levels: over 0.38 it is on the way to get stuck, over 0.48 it gets stuck. Either
-begins where slip grows, or speed is lost: whoever climbs at a steady slip, as near to the limit as it may
-be, gets on. The second begins over a slip of 0.5, too. A level goes on until the hazard is 0.1 under it.
+slip: of the middle wheel, what is in use of the grip: a mean of half a second, carried on to its end where
+slip grows; loss of speed: pull that is missing already; slope: half of the pull that goes on being asked for,
+since slip answers to a slope within a second. All along the way that the rims go. Two levels: over 0.4 it is
+on the way to get stuck, over 0.5 it gets stuck. Either begins where slip grows, speed is lost, or slip alone
+is over that limit: whoever climbs at a steady slip under it gets on, and slip that grows slowly is warned of.
+A level goes on until the hazard is 0.1 under it.
 
 On the way it is as well where slip is over 0.3 by two deviations, after the same gates: ground that gives way
 at once takes away no speed before (docs/without_soil_sensors.md).
+
+A start is not judged: an odometry that is late shows slip there. It is over where slip is under 0.3, or after
+3 s: who starts in ground that does not carry it may never slip by less.
 
 Nothing is said where slip may be none: it has to be over 0 by three deviations, as they are stated of it (the
 speed over ground late, scattered, or hardly known).
@@ -37,26 +41,24 @@ SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a
 # Of a slope. By the law of slip alone it counts nothing once slip has answered; of 17 immobilisations in snow
 # the whole slope brought a little more in time (12.3 for 11.6), and on climbs half of all false warnings.
 OF_SLOPE = 0.5
-# Of the hazard. By the 17 in snow 0.4 and 0.5, with the whole slope: 0.02 less stand for the half left out.
-FIRST, SECOND_LEVEL = 0.38, 0.48
+FIRST, SECOND_LEVEL = (
+    0.4,
+    0.5,
+)  # of the hazard, and of slip alone: by the 17 in snow, on even ground
 HOLDS = 0.1  # of the hazard under its level, down to which a level goes on: noise of slip made several of one
 SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
-# With which the second level begins though slip does not grow: half of the way of the wheels is lost.
-SLIP_OF_SECOND = 0.5
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
 # have heavy tails: by two, 7 warnings on 190 m of wet grass were false, by 2.5 three.
 MAY_BE_NONE = 3.0
-LEVELS = {1: "may get stuck", 2: "gets stuck"}  # in short, of the vehicle
-WORDS = {
-    1: f"the wheels slip by {{slip:.2f}}: the vehicle {LEVELS[1]}",
-    2: f"the wheels slip by {{slip:.2f}}: the vehicle {LEVELS[2]}, its wheels dig in: stop",
-}
 # 1/s of slip, over `GROWTH_S`, and of the rims' speed: less is a steady climb. In snow slip grew from 0.2 to
 # 0.3 in 2.1 s and to 0.4 in 1.2 s more; with 0.06 a tenth of the warnings in time is lost in own worlds.
 GROWS, LOSES, GROWTH_S = 0.05, 0.10, 2.0
 DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
 DEVIATIONS = 1.0  # of the hazard, that are taken off
-ROLLED = 0.30  # slip under which a start is over
+ROLLED, START_S = (
+    0.30,
+    3.0,
+)  # slip under which a start is over; s, after which it is: rims run up within two
 BRAKES = 0.30  # of g: wheels that pull cannot brake so
 GAINS = 0.10  # m/s^2: what gains speed so fast is not getting stuck
 LOSS_S, UNFELT, SEEN = (
@@ -145,7 +147,7 @@ class Warnings:
         self._newest = np.full((self.rolling.size, 5), np.nan)
         self._done: Instants | None = None
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
-        self._rolled, self._level = False, 0
+        self._rolled, self._level, self._began = False, 0, np.inf  # s, since when the rims run
         self._last, self._said = np.full(2, -np.inf), np.full(2, -np.inf)
 
     def take(
@@ -276,7 +278,7 @@ class Warnings:
         )
         known = np.isfinite(rim) & np.isfinite(ground)
         if not known.sum() * 2 > known.size:
-            self._rolled = False
+            self._rolled, self._began = False, np.inf
             return _Hazard()
         rim, ground, spread = rim[known], ground[known], np.nan_to_num(spread[known])
         along = -1.0 if np.mean(rim) < 0.0 else 1.0
@@ -298,14 +300,17 @@ class Warnings:
         deviation = float(np.hypot(of_slip, of_loss))
         less = DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
         runs = bool(rolls > DRIVES and rim.min() > -0.05)
-        self._rolled = runs and (self._rolled or slip < ROLLED)
+        self._began = min(self._began, float(done.time[i])) if runs else np.inf
+        started = slip < ROLLED or done.time[i] - self._began >= START_S - 1e-6
+        self._rolled = bool(runs and (self._rolled or started))
         judged = self._rolled and -BRAKES * self._gravity < gain < GAINS
         if not (judged and slip > MAY_BE_NONE * unsure) or _unfelt(
             time, done, along, self._gravity
         ):
             return _Hazard()
         grows = growth > GROWS or gain < -LOSES * max(rolls, DRIVES)
-        value = float(slip + SLIP_PER_PULL * missing - less)
+        now = slip + max(growth, 0.0) * 0.5 * slip_s  # the mean is that of half of its span ago
+        value = float(now + SLIP_PER_PULL * missing - less)
         return _Hazard(value, slip, slip - SURELY * deviation, bool(grows))
 
     def _rate(self, stamp: int) -> float:
@@ -321,9 +326,9 @@ def _level_of(one: _Hazard, before: int) -> int:
     """Level of an instant: what begins now, or goes on. before: level of the last instant."""
     value = one.value
     begins = 0
-    if value > SECOND_LEVEL and (one.grows or one.slip > SLIP_OF_SECOND):
+    if value > SECOND_LEVEL and (one.grows or one.slip > SECOND_LEVEL):
         begins = 2
-    elif one.grows and (value > FIRST or one.surely > SLIPS):
+    elif (value > FIRST and (one.grows or one.slip > FIRST)) or (one.grows and one.surely > SLIPS):
         begins = 1
     goes_on = int(value > FIRST - HOLDS) + int(value > SECOND_LEVEL - HOLDS)
     return max(begins, min(before, goes_on))

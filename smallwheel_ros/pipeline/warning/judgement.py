@@ -158,7 +158,7 @@ class Judgement:
         self._instants = whole.take(slice(-10, None))
 
     def _at(self, rows: Readings) -> Judged:
-        count = len(rows)
+        count = rows.stamp.size
         level = level_at(*self._levels, rows.stamp)
         spins = np.zeros(count, dtype=bool)
         stamps, flags = self._spinning

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Levels of the warning: their numbers in messages, and what is said at each.
+
+The only place of both: messages, log, diagnostics, replay's list and pages read them here.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+
+class WarningLevel(IntEnum):
+    """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg.
+
+    meaning: in the words of the message's comment and of docs/node.md. sentence: what is said at that level.
+    """
+
+    meaning: str
+    sentence: str
+
+    def __new__(cls, number: int, meaning: str = "", sentence: str = "") -> Self:
+        """A level with its words; where no sentence is given, what it means is said."""
+        one = int.__new__(cls, number)
+        one._value_, one.meaning, one.sentence = number, meaning, sentence or meaning
+        return one
+
+    UNKNOWN = 0, "slip is not known: no speed of wheels or over ground"
+    OK = 1, "no sign of getting stuck"
+    MAY_GET_STUCK = (
+        2,
+        "slow down, or go another way",
+        "the wheels slip by {slip:.2f}: the vehicle may get stuck",
+    )
+    GETS_STUCK = (
+        3,
+        "stop: it slips, and more is asked for than the ground gives",
+        "the wheels slip by {slip:.2f}: the vehicle gets stuck, its wheels dig in: stop",
+    )
+    STUCK = (
+        4,
+        "rims run, the vehicle does not",
+        "the rims run, and the vehicle does not move: it is stuck",
+    )
+
+    @classmethod
+    def warned(cls, level: int) -> WarningLevel:
+        """The level of an instant that `Warned` calls 0, 1 or 2."""
+        return cls(cls.OK + level)
+
+    def said(self, slip: float) -> str:
+        """The sentence, with the slip of the middle wheel."""
+        return self.sentence.format(slip=slip)
+
+    @property
+    def short(self) -> str:
+        """Of the vehicle, in two or three words: "may get stuck"."""
+        return self.name.lower().replace("_", " ")
