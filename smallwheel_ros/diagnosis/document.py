@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import math
-import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.posterior import posterior_covariance
 from smallwheel_ros.fitting.result import expected_error, off_by
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
-from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import repeatability
 
 Entry = dict[str, Any]
@@ -95,13 +93,8 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
     return dict(plain(document))
 
 
-def document_of(
-    evidence: Evidence, verdict: Verdict, *, seed: int, without: Collection[str] = ()
-) -> Entry:
-    """The document, but for what to measure next.
-
-    seed: of the test of where the base fails. without: families that were taken out of the competition.
-    """
+def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
+    """The document, but for what to measure next. seed: of the test of where the base fails."""
     problem, found, told = evidence.problem, evidence.found, evidence.told
     judged, measurements = problem.judged, problem.points.measurements
     points, fitter = judged.points, judged.fitter
@@ -149,7 +142,6 @@ def document_of(
             for one in evidence.bad
         ],
         "notes": [
-            *_may_learn(verdict, measurements, without),
             *problem.result(verdict.steps[-1].model).notes,
             *measurements.notes,
             *(
@@ -185,20 +177,6 @@ def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> 
         far = at_an_end(points, last_errors, name) if name in points.channels else ""
         said[name] += f"; {far}" if far else ""
     return said
-
-
-def _may_learn(
-    verdict: Verdict, measurements: Measurements, without: Collection[str]
-) -> Iterator[str]:
-    """What to run where no known effect explains what is missing."""
-    if verdict.word != "unknown_effect" or verdict.rivals:
-        return
-    taken_out = f" --without {','.join(without)}" if without else ""
-    table = shlex.quote(measurements.source or "TABLE")
-    yield (
-        f"to look for a law that explains it: `smallwheel learn {table}{taken_out} -o "
-        "law.py`, with the same --model if one was given"
-    )
 
 
 def _channels(

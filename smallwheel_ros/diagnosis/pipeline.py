@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -78,13 +78,15 @@ def start_of(
 class Diagnosis(Result, shown="views.diagnosis"):
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
-    evidence, search and decision are None, and steps empty, where the data is insufficient.
+    evidence, search and decision are None, and steps empty, where the data is insufficient. following:
+    commands that go on from it, as `diagnosis.text` has them; None where no command made it.
     """
 
     document: dict[str, Any]
     problem: Problem
     evidence: Evidence | None = None
     decision: Verdict | None = None
+    following: Mapping[str, str] | None = None
 
     @property
     def search(self) -> Search | None:
@@ -224,7 +226,7 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
     if evidence is None or verdict is None:
         return _too_little(found.problem, found.reason, start.registry, without)
     progress("ranking")
-    document = written.document_of(evidence, verdict, seed=start.seed, without=without)
+    document = written.document_of(evidence, verdict, seed=start.seed)
     progress("what to measure next")
     proposed = proposals(evidence.found, verdict, start.limits)
     document["next_measurements"] = [asdict(p) for p in proposed]
