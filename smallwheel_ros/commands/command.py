@@ -164,7 +164,7 @@ def command(
 
 
 def with_what_was_typed(function: Function, *more: str) -> str:
-    """The command of a function, with table and options of the one that runs. more: words of further options."""
+    """The command of a function, with table and options of the one that runs. more: further words."""
     names = {*kinds_of(function), *_OF_TABLE}
     return f"smallwheel {function.__name__} {typed_again(names, *more)}"
 
