@@ -35,11 +35,12 @@ def typed_again(names: Collection[str], *more: str) -> str:
         value = values.get(parameter.name or "")
         if parameter.name not in names or value is None or value == ():
             continue
-        each = [value] if isinstance(value, (str, bool)) else list(value)
+        if isinstance(parameter, click.Option) and parameter.is_flag:
+            options.append(parameter.opts[0] if value else parameter.secondary_opts[0])
+            continue
+        each = [value] if isinstance(value, str) else [str(one) for one in value]
         if isinstance(parameter, click.Argument):
             unnamed += each
-        elif isinstance(parameter, click.Option) and parameter.is_flag:
-            options += [parameter.opts[0] if value else parameter.secondary_opts[0]]
         else:
             options += [word for one in each for word in (parameter.opts[-1], one)]
     if any(word.startswith("-") for word in unnamed):
