@@ -264,7 +264,7 @@ def _row(
         covariance = posterior_covariance(found.fitter, model, model.scatter)
         parameters = _parameters(model, covariance, competitor.part.id, law)
     probability = verdict.probabilities.get(name, 0.0)
-    return _entry(law, parameters, base, errors) | {
+    return _entry(law, parameters, base, errors, found.fitter.points.channels) | {
         "effect": name,
         "kind": found.field.kinds[name],
         "status": status,
@@ -281,7 +281,8 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
     name, fit = told.part.id, problem.refitted(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
     parameters = _parameters(fit, fit.covariance, name, None)
-    return _entry(law, parameters, steps[0].errors, steps[1].errors) | {
+    before, after = steps[0].errors, steps[1].errors
+    return _entry(law, parameters, before, after, problem.points.channels) | {
         "effect": name,
         "kind": "instrument",
         "status": "significant",
@@ -295,14 +296,19 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
 
 
 def _entry(
-    law: Effect | None, parameters: Entry, before: CvErrors, after: CvErrors | None
+    law: Effect | None,
+    parameters: Entry,
+    before: CvErrors,
+    after: CvErrors | None,
+    channels: Sequence[str],
 ) -> Entry:
     """What a row says of the law and of the held-out error: of the base, and with the effect.
 
-    reduction: relative fall of the error, root mean square over the channels of each one's ratio.
+    channels: that decide. reduction: relative fall of the error, root mean square over these of each
+    one's ratio.
     """
     first, second = before.rmse(), {} if after is None else after.rmse()
-    ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]
+    ratios = [second[c] / first[c] for c in channels if first.get(c, 0.0) > 0 and c in second]
     fall = 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
     return {
         "held_out_rmse": second,
@@ -339,7 +345,7 @@ def _reason(
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
     if status == "not_significant" and probability >= NAMED:
-        said += ": probable, but no error on held-out runs falls with it"
+        said += ": probable, but no error on held-out runs falls with it by more than chance"
     elif status == "not_significant" and probability > 0.5:
         said += ": probable, but below the 95 % needed to name it"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]
