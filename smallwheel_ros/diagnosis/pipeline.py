@@ -135,12 +135,11 @@ class Diagnosis(Result, shown="views.diagnosis"):
         unknown = decision.word == "unknown_effect" and not decision.rivals
         if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
             return self.fit.model
-        found, left = evidence.found, evidence.misfit
+        found = evidence.found
         models = found.mixture(decision.named, decision.rivals, tied)
-        # A curve without a name that does better, several soils or wild scatter: no law describes the data.
+        # Where rivals are left, or a curve without a name does better, the data confirms no law.
         best = max((m.weight for _, m in models), default=-np.inf)
-        unknown |= best < found.ordered[0].weight - TIE
-        unknown |= bool(decision.rivals) and bool(left.mixed or left.scatter)
+        unknown |= bool(decision.rivals) or best < found.ordered[0].weight - TIE
 
         def written(fit: FitResult) -> CalibratedModel:
             return replace(fit, measured=replace(fit.measured, unexplained=unknown)).model
