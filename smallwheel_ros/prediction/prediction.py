@@ -193,7 +193,9 @@ def _without_number(
     return np.asarray(~finite.all(axis=0))
 
 
-_UNEXPLAINED = "the data that this was fitted to confirms no law: what its runs differ by is part of the deviation"
+_UNEXPLAINED = (
+    "the data of this fit confirms no law: what its runs differ by is part of the deviation"
+)
 
 
 def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
