@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,7 +13,14 @@ from smallwheel_ros.api.compare import compare as compare_models
 from smallwheel_ros.api.diagnose import diagnose as diagnose_data
 from smallwheel_ros.api.fit import fit as fit_tests
 from smallwheel_ros.api.learn import learn as learn_law
-from smallwheel_ros.commands.command import CommandError, command, options_of, taken, with_table
+from smallwheel_ros.commands.command import (
+    CommandError,
+    command,
+    options_of,
+    taken,
+    with_table,
+    with_what_was_typed,
+)
 from smallwheel_ros.commands.outputs import (
     HTML,
     JSON,
@@ -23,7 +31,11 @@ from smallwheel_ros.commands.outputs import (
     output,
     progress_bar,
 )
+from smallwheel_ros.commands.typed import RememberedCommand
 from smallwheel_ros.common.console import tell
+
+if TYPE_CHECKING:
+    from smallwheel_ros.diagnosis.pipeline import Diagnosis
 
 _FITTING: Options = {"what": "fitting", "unit": "fit"}
 _DIAGNOSING: Options = {"what": "diagnosing", "total": 5}  # steps that a diagnosis tells of
@@ -77,7 +89,16 @@ def _check_apply(asked: Options) -> None:
         raise CommandError("--apply and -o FILE go together: one without the other does nothing")
 
 
-def _diagnosed(result: Any, asked: Options) -> None:
+def _going_on(result: Diagnosis, applied: bool = False) -> Diagnosis:
+    """The diagnosis with the commands that go on from it. applied: a model file has what is named."""
+    following = {"learn": with_what_was_typed(learn_law, "-o", "law.py")}
+    if not applied:
+        following["apply"] = with_what_was_typed(diagnose_data, "--apply", "-o", "MODEL.yaml")
+    return replace(result, following=following)
+
+
+def _diagnosed(result: Diagnosis, asked: Options) -> None:
+    result = _going_on(result, applied=asked["model_file"] is not None)
     if asked["model_file"] is not None and len(result.steps) < 2:
         gone = "" if result.steps else f"; {asked['model_file']} was not written"
         said = f"nothing was named, so nothing was added{gone}"
@@ -145,7 +166,7 @@ add = command(
 )
 
 
-@click.command()
+@click.command(cls=RememberedCommand)
 @options_of(diagnose_data, "data", "model", "effects")
 @output("HTML file to write.", required=True)
 @JSON
@@ -166,7 +187,7 @@ def report(**options: Any) -> None:
     with progress_bar(**_FITTING) as progress:
         comparison = compare_models(given["data"], models, **own, progress=progress)
     with progress_bar(**_DIAGNOSING) as progress:
-        diagnosis = diagnose_data(**given, progress=progress)
+        diagnosis = _going_on(diagnose_data(**given, progress=progress))
     with progress_bar(**_FITTING) as progress:
         choices = models_block(diagnosis, every=True, progress=progress)
     page(diagnosis, comparison, choices).write(options["output"])

@@ -19,6 +19,7 @@ import click
 from smallwheel_ros.api.read import read, read_test
 from smallwheel_ros.arguments import Kind, understand
 from smallwheel_ros.commands.outputs import PATH, Finish, check_outputs, finish, progress_bar
+from smallwheel_ros.commands.typed import RememberedCommand, typed_again
 from smallwheel_ros.common.errors import ArgumentError, SmallwheelError
 from smallwheel_ros.measurements.typed import limits_of
 
@@ -158,7 +159,14 @@ def command(
     said, texts = described(function)
     unnamed = [n for n, (kind, _) in kinds.items() if _is_unnamed(function, n, kind)]
     arguments = [f"{name.upper()}: {texts[name]}" for name in unnamed]
-    return click.command(function.__name__, help="\n\n".join([said, *arguments, words]))(made)
+    help = "\n\n".join([said, *arguments, words])
+    return click.command(function.__name__, help=help, cls=RememberedCommand)(made)
+
+
+def with_what_was_typed(function: Function, *more: str) -> str:
+    """The command of a function, with table and options of the one that runs. more: further words."""
+    names = {*kinds_of(function), *_OF_TABLE}
+    return f"smallwheel {function.__name__} {typed_again(names, *more)}"
 
 
 def _is_unnamed(function: Function, name: str, kind: Kind) -> bool:

@@ -136,7 +136,9 @@ def _stuck_runs(points: Points) -> list[BadRun]:
     for run, (times, power) in _rises(points):
         if power < _RISES:
             mine = np.flatnonzero((points.run == run) & points.of_channel("sinkage"))
-            against = f"times as deep at {number(times, 2)} times the load: is its gauge stuck?"
+            against = (
+                f"times as deep at {number(times, 2)} times the load, as if its gauge were stuck"
+            )
             found.append(_run(points, int(mine[0]), times**power, against))
     return found if len(found) <= most_bad(points.run_count) else []
 

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import math
-import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.posterior import posterior_covariance
 from smallwheel_ros.fitting.result import expected_error, off_by
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
-from smallwheel_ros.measurements.measurements import Measurements
 from smallwheel_ros.measurements.settings import repeatability
 
 Entry = dict[str, Any]
@@ -95,13 +93,8 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
     return dict(plain(document))
 
 
-def document_of(
-    evidence: Evidence, verdict: Verdict, *, seed: int, without: Collection[str] = ()
-) -> Entry:
-    """The document, but for what to measure next.
-
-    seed: of the test of where the base fails. without: families that were taken out of the competition.
-    """
+def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
+    """The document, but for what to measure next. seed: of the test of where the base fails."""
     problem, found, told = evidence.problem, evidence.found, evidence.told
     judged, measurements = problem.judged, problem.points.measurements
     points, fitter = judged.points, judged.fitter
@@ -149,7 +142,6 @@ def document_of(
             for one in evidence.bad
         ],
         "notes": [
-            *_may_learn(verdict, measurements, without),
             *problem.result(verdict.steps[-1].model).notes,
             *measurements.notes,
             *(
@@ -185,20 +177,6 @@ def _findings(verdict: Verdict, points: Points, floors: Mapping[str, float]) -> 
         far = at_an_end(points, last_errors, name) if name in points.channels else ""
         said[name] += f"; {far}" if far else ""
     return said
-
-
-def _may_learn(
-    verdict: Verdict, measurements: Measurements, without: Collection[str]
-) -> Iterator[str]:
-    """What to run where no known effect explains what is missing."""
-    if verdict.word != "unknown_effect" or verdict.rivals:
-        return
-    taken_out = f" --without {','.join(without)}" if without else ""
-    table = shlex.quote(measurements.source or "TABLE")
-    yield (
-        f"to look for a law that explains it: `smallwheel learn {table}{taken_out} -o "
-        "law.py`, with the same --model if one was given"
-    )
 
 
 def _channels(
@@ -286,7 +264,7 @@ def _row(
         covariance = posterior_covariance(found.fitter, model, model.scatter)
         parameters = _parameters(model, covariance, competitor.part.id, law)
     probability = verdict.probabilities.get(name, 0.0)
-    return _entry(law, parameters, base, errors) | {
+    return _entry(law, parameters, base, errors, found.fitter.points.channels) | {
         "effect": name,
         "kind": found.field.kinds[name],
         "status": status,
@@ -303,7 +281,8 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
     name, fit = told.part.id, problem.refitted(steps[-1].model)
     law = next(e for e in fit.model.effects if e.id == name)
     parameters = _parameters(fit, fit.covariance, name, None)
-    return _entry(law, parameters, steps[0].errors, steps[1].errors) | {
+    before, after = steps[0].errors, steps[1].errors
+    return _entry(law, parameters, before, after, problem.points.channels) | {
         "effect": name,
         "kind": "instrument",
         "status": "significant",
@@ -317,14 +296,19 @@ def _told_row(problem: Problem, steps: Sequence[Step], told: Witness) -> Entry:
 
 
 def _entry(
-    law: Effect | None, parameters: Entry, before: CvErrors, after: CvErrors | None
+    law: Effect | None,
+    parameters: Entry,
+    before: CvErrors,
+    after: CvErrors | None,
+    channels: Sequence[str],
 ) -> Entry:
     """What a row says of the law and of the held-out error: of the base, and with the effect.
 
-    reduction: relative fall of the error, root mean square over the channels of each one's ratio.
+    channels: that decide. reduction: relative fall of the error, root mean square over these of each
+    one's ratio.
     """
     first, second = before.rmse(), {} if after is None else after.rmse()
-    ratios = [second[c] / first[c] for c in first if first[c] > 0 and c in second]
+    ratios = [second[c] / first[c] for c in channels if first.get(c, 0.0) > 0 and c in second]
     fall = 1.0 - float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
     return {
         "held_out_rmse": second,
@@ -361,7 +345,7 @@ def _reason(
     if competitor is not None and competitor.replaces and status != "not_significant":
         said += "; the model has it, with another strength or law"
     if status == "not_significant" and probability >= NAMED:
-        said += ": probable, but no error on held-out runs falls with it"
+        said += ": probable, but no error on held-out runs falls with it by more than chance"
     elif status == "not_significant" and probability > 0.5:
         said += ": probable, but below the 95 % needed to name it"
     outside = [name for name, p in parameters.items() if p["plausible"] is False]

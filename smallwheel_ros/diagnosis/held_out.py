@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from smallwheel_ros.diagnosis.competitors import Competitor
 from smallwheel_ros.diagnosis.posterior import Posterior, by_library
@@ -21,10 +22,12 @@ from smallwheel_ros.fitting.held_out import (
     cross_validate,
     folds_of,
     leave_out,
+    sizes_of,
 )
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.model.model import Model
 
+Array = NDArray[np.float64]
 Choose = Callable[[Points], Sequence[Fit]]  # of training runs, the models of a fold
 
 _SHORTLIST = 4  # models of the whole search that a fold chooses from
@@ -58,6 +61,7 @@ class HeldOut:
     named: tuple[str, ...]
     best: Candidate
     useless: tuple[tuple[str, ...], ...]
+    falls: Mapping[str, Mapping[str, float]]
     blind: tuple[Competitor, ...]
     worse: tuple[str, ...]
     forces: tuple[str, ...]
@@ -72,19 +76,25 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     """
     judged, best, names = problem.judged, posterior.best, posterior.named
     useless: list[tuple[str, ...]] = []
+    falls: dict[str, Mapping[str, float]] = {}
+    sizes = sizes_of(problem.deciding.points)
     while True:
         models = _staircase(found, best, names)
         choose = _chosen_anew(judged, found, [m.families for m in models])
         errors = errors_of(problem.deciding, choose, len(models))
         added = [next(iter(b.families - a.families)) for a, b in itertools.pairwise(models)]
-        changes = [compare_cv(a, b) for a, b in itertools.pairwise(errors)]
         blind, no_help = [], [name for name in names if name not in added]
-        for i, (name, change) in enumerate(zip(added, changes, strict=True)):
-            law = next(c for c in models[i + 1].competitors if c.family == name)
-            if not change.helps and _evidence_alone(judged.points, law, errors[i], errors[i + 1]):
+        for name, model, (before, after) in zip(
+            added, models[1:], itertools.pairwise(errors), strict=True
+        ):
+            law = next(c for c in model.competitors if c.family == name)
+            if _helps(before, after, sizes):
+                continue
+            if _evidence_alone(judged.points, law, before, after):
                 blind.append(law)
-            elif not change.helps:
+            else:
                 no_help.append(name)
+                falls[name] = compare_cv(before, after).reduction
         if not no_help:
             break
         names = tuple(name for name in names if name not in no_help)
@@ -103,7 +113,21 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     besides = (
         () if names or len(rivals) < 2 else _besides(problem.deciding, found, posterior, rivals)
     )
-    return HeldOut(steps, named, best, left_out, tuple(blind), worse, forces, bool(helps), besides)
+    return HeldOut(
+        steps, named, best, left_out, falls, tuple(blind), worse, forces, bool(helps), besides
+    )
+
+
+def _helps(before: CvErrors, after: CvErrors, sizes: Mapping[str, Array]) -> bool:
+    """Whether the error of a channel falls, and by more than its standard error.
+
+    That of the errors as they are is one of the few largest values, since errors grow with them: a single run
+    under the largest load outweighs all others. So a fall by more than that of errors in shares of the
+    size of each value counts as well.
+    """
+    change = compare_cv(before, after)
+    in_shares = compare_cv(before.over(sizes), after.over(sizes)).better
+    return change.helps or any(change.reduction[name] >= USEFUL for name in in_shares)
 
 
 def _evidence_alone(points: Points, law: Competitor, before: CvErrors, after: CvErrors) -> bool:

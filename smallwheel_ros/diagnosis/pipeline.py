@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -78,13 +78,15 @@ def start_of(
 class Diagnosis(Result, shown="views.diagnosis"):
     """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
 
-    evidence, search and decision are None, and steps empty, where the data is insufficient.
+    evidence, search and decision are None, and steps empty, where the data is insufficient. following:
+    commands that go on from it, as `diagnosis.text` has them; None where no command made it.
     """
 
     document: dict[str, Any]
     problem: Problem
     evidence: Evidence | None = None
     decision: Verdict | None = None
+    following: Mapping[str, str] | None = None
 
     @property
     def search(self) -> Search | None:
@@ -133,12 +135,11 @@ class Diagnosis(Result, shown="views.diagnosis"):
         unknown = decision.word == "unknown_effect" and not decision.rivals
         if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
             return self.fit.model
-        found, left = evidence.found, evidence.misfit
+        found = evidence.found
         models = found.mixture(decision.named, decision.rivals, tied)
-        # A curve without a name that does better, several soils or wild scatter: no law describes the data.
+        # Where rivals are left, or a curve without a name does better, the data confirms no law.
         best = max((m.weight for _, m in models), default=-np.inf)
-        unknown |= best < found.ordered[0].weight - TIE
-        unknown |= bool(decision.rivals) and bool(left.mixed or left.scatter)
+        unknown |= bool(decision.rivals) or best < found.ordered[0].weight - TIE
 
         def written(fit: FitResult) -> CalibratedModel:
             return replace(fit, measured=replace(fit.measured, unexplained=unknown)).model
@@ -224,7 +225,7 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
     if evidence is None or verdict is None:
         return _too_little(found.problem, found.reason, start.registry, without)
     progress("ranking")
-    document = written.document_of(evidence, verdict, seed=start.seed, without=without)
+    document = written.document_of(evidence, verdict, seed=start.seed)
     progress("what to measure next")
     proposed = proposals(evidence.found, verdict, start.limits)
     document["next_measurements"] = [asdict(p) for p in proposed]

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict of a diagnosis in words, made from its document."""
+"""The verdict of a diagnosis in words, made from its document.
+
+What to do next may be a command: the one that was typed goes on with its own options, so a result that a
+command made carries the commands that follow (`apply` adds what is named, `learn` looks for a law). In Python
+what is named is saved from the result itself.
+"""
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,24 +26,25 @@ SAID = {
     "insufficient_data": "Too little data for a verdict.",
 }
 
-
 _NEXT = {
-    "missing_effect": "Next: add it with `smallwheel diagnose {table} --apply -o MODEL.yaml`, and confirm it "
-    "with the measurements proposed.",
-    "adequate": "Next: use the model within the settings measured; what this data could not show may still "
-    "be there.",
-    "unknown_effect": "Next: record what else differs between the runs, or let `smallwheel learn` look for a "
-    "law.",
-    "unconfirmed": "Next: make the measurements proposed, which would confirm it or rule it out.",
-    "indistinguishable": "Next: make the measurements proposed, which tell them apart.",
-    "none proposed": "Next: measure at settings beyond these: within them no {runs} runs would settle it.",
-    "tied": "Next: make the measurements proposed, or others off that line.",
-    "insufficient_data": "Next: measure more runs, at several loads.",
+    "adequate": "use the model within the settings measured; what this data could not show may still be "
+    "there",
+    "unconfirmed": "make the measurements proposed, which would confirm it or rule it out",
+    "indistinguishable": "make the measurements proposed, which tell them apart",
+    "none proposed": "measure at settings beyond these: within them no {runs} runs would settle it",
+    "tied": "make the measurements proposed, or others off that line",
+    "insufficient_data": "measure more runs, at several loads",
 }
 
 
-def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
-    """The verdict, what speaks for it, and how sure it is."""
+def verdict_sentences(
+    document: Mapping[str, Any], following: Mapping[str, str] | None = None
+) -> list[str]:
+    """The verdict, what speaks for it, how sure it is, and what to do next.
+
+    following: commands that go on from here, `apply` if what is named is in no model file yet, and `learn`;
+    None where there are none.
+    """
     verdict = document["verdict"]
     if verdict == "unknown_effect" and document["candidates"]:
         verdict = "unconfirmed"
@@ -74,12 +79,39 @@ def verdict_sentences(document: Mapping[str, Any]) -> list[str]:
     if p is not None:
         chance = f"= {p_text(p)}" if p > _LEAST_P else f"at most {p_text(_LEAST_P)}"
         lines.append(f"Chance of such errors if nothing were missing: p {chance}.")
-    table = shlex.quote(document.get("table") or "TABLE")
-    following = "tied" if tied and verdict == "adequate" else verdict
-    if verdict in ("unconfirmed", "indistinguishable") and not document["next_measurements"]:
-        following = "none proposed"
-    lines.append(_NEXT[following].format(table=table, runs=RUNS))
+    lines.append(f"Next: {_next(document, verdict, bool(tied), following)}.")
     return lines
+
+
+def _next(
+    document: Mapping[str, Any], verdict: str, tied: bool, following: Mapping[str, str] | None
+) -> str:
+    """What to do next, in half a sentence."""
+    proposed = bool(document["next_measurements"])
+    if verdict == "missing_effect":
+        steps = _adding(len(document["missing_effects"]), following)
+        if proposed or not steps:
+            with_what = "the measurements proposed" if proposed else "runs at further settings"
+            steps.append(f"confirm it with {with_what}")
+        return ", and ".join(steps)
+    if verdict == "unknown_effect":
+        law = "let `sw.learn` look for a law"
+        if following is not None:
+            law = f"look for a law: `{following['learn']}`"
+        return f"record what else differs between the runs, or {law}"
+    if verdict in ("unconfirmed", "indistinguishable") and not proposed:
+        return _NEXT["none proposed"].format(runs=RUNS)
+    if tied and verdict == "adequate":
+        return _NEXT["tied"] if proposed else "measure off that line"
+    return _NEXT[verdict]
+
+
+def _adding(count: int, following: Mapping[str, str] | None) -> list[str]:
+    """How what is named gets into a model; nothing where it is in one."""
+    named = "it" if count == 1 else "them"
+    if following is None:
+        return [f"write the model with {named}, `.save('MODEL.yaml')` of this result"]
+    return [f"add {named} with `{following['apply']}`"] if "apply" in following else []
 
 
 def _tied_words(one: str, other: str) -> str:

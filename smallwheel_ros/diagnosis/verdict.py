@@ -179,8 +179,8 @@ def _of_bad_runs(evidence: Evidence) -> Iterator[str]:
 
 def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
     """Which names help on no run that the choice never saw, and where such runs cannot say."""
-    no_help = "with {} no error on held-out runs falls by " + percent(USEFUL)
-    yield from (no_help.format(listed(names, "or")) for names in reversed(held.useless))
+    for names in reversed(held.useless):
+        yield _no_help(names, held.falls)
     for law in held.blind:
         driver = words(law.drivers[0])
         yield (
@@ -189,7 +189,7 @@ def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
             f"values of {driver} between these, or repeat them"
         )
     if not held.rivals_help:
-        yield no_help.format(listed(rivals, "or"))
+        yield _no_help(rivals, {})
     if held.worse:
         yield (
             f"on runs that the choice never saw, the error of {listed(held.worse)} rises with what is named: "
@@ -198,6 +198,16 @@ def _of_held_out(held: HeldOut, rivals: Sequence[str]) -> Iterator[str]:
     if held.forces:
         forces = listed([words(name) for name in held.forces])
         yield f"the held-out error of {forces} rises with what is named"
+
+
+def _no_help(names: Sequence[str], falls: Mapping[str, Mapping[str, float]]) -> str:
+    """That a name helps on no run that the choice never saw: nothing falls, or within what chance does."""
+    within = {c: fall for n in names for c, fall in falls.get(n, {}).items() if fall >= USEFUL}
+    said = f"with {listed(names, 'or')} "
+    if not within:
+        return f"{said}no error on held-out runs falls by {percent(USEFUL)}"
+    each = listed([f"that of {words(c)} by {percent(fall)}" for c, fall in within.items()], "and")
+    return f"{said}the error on held-out runs falls ({each}), but by less than its standard error"
 
 
 def _of_misfit(misfit: Misfit) -> tuple[list[str], list[str], list[str], dict[str, bool]]:

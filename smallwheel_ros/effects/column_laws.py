@@ -46,6 +46,14 @@ class _Covariate(ColumnLaw):
     next_step = "Vary '{}' alone, at one load and one slip, in eight runs or more."
 
 
+def _span(values: Array) -> dict[str, float]:
+    """Reference and scale of a column: the middle and half the range of its values."""
+    low, high = float(values.min()), float(values.max())
+    # A column that never varies says nothing; any scale will do.
+    scale = 0.5 * (high - low) if high > low else max(abs(high), 1.0)
+    return {"reference": 0.5 * (low + high), "scale": scale}
+
+
 @dataclass(frozen=True)
 class ExponentialLaw(_Covariate):
     """k = k0 exp(a (w - w0) / scale)."""
@@ -61,12 +69,7 @@ class ExponentialLaw(_Covariate):
     def suited_to(cls, conditions: Conditions) -> Effect:
         """Reference and scale are the middle and half the range of the column."""
         values = cls.known(conditions)
-        if values.size == 0:
-            return cls()
-        low, high = float(values.min()), float(values.max())
-        # A column that never varies says nothing; any scale will do.
-        scale = 0.5 * (high - low) if high > low else max(abs(high), 1.0)
-        return cls(reference=0.5 * (low + high), scale=scale)
+        return cls(**_span(values)) if values.size else cls()
 
     def modulus_factor(self, conditions: Conditions) -> Array:
         return np.exp(self.a * (self.column(conditions) - self.reference) / self.scale)
@@ -125,6 +128,34 @@ class Exponential(_Moisture, ExponentialLaw):
 class Power(_Moisture, PowerLaw):
     p: float = parameter(0.2, (-30.0, 30.0), "growth of ln k with ln moisture")
     reference: float = constant(0.10, (1e-12, 1e6), "moisture at which k is k0")
+
+
+@dataclass(frozen=True)
+class Optimum(_Moisture):
+    """k is largest at a water content: menisci bind grains, and water that fills the pores does not."""
+
+    form = "optimum"
+    formula = "k = k0 exp(-fall (x - optimum)^2), x = (w - reference) / scale"
+    source = (
+        "Wu, Gray and Richart (1984), J. Geotech. Eng. 110(9): stiffest at 5 to 20 % of saturation"
+    )
+
+    fall: float = parameter(0.3, (0.0, 6.0), "fall of ln k one scale away from the optimum")
+    optimum: float = parameter(
+        0.0, (-1.0, 1.0), "where k is largest, in scales from the reference", neutral=None
+    )
+    reference: float = constant(0.10, (-1e6, 1e6), "moisture from which the optimum is counted")
+    scale: float = constant(0.05, (1e-12, 1e6), "difference in moisture that it is counted in")
+
+    @classmethod
+    def suited_to(cls, conditions: Conditions) -> Effect:
+        """Reference and scale are the middle and half the range of the column."""
+        values = cls.known(conditions)
+        return cls(**_span(values)) if values.size else cls()
+
+    def modulus_factor(self, conditions: Conditions) -> Array:
+        at = (self.column(conditions) - self.reference) / self.scale
+        return np.exp(-self.fall * (at - self.optimum) ** 2)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.fitting.constants import FOLDS, USEFUL
+from smallwheel_ros.fitting.noise import levels_of
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, soil_from, soil_numbers
 from smallwheel_ros.fitting.points import Index, Mask, Points, filled, runs_of
 from smallwheel_ros.measurements.columns import FORCES
@@ -74,6 +75,10 @@ class CvErrors:
         for known in error.values():
             known[rows] = np.nan
         return CvErrors(error, self.run)
+
+    def over(self, size: Mapping[str, Array]) -> CvErrors:
+        """The same in shares of the size of each row's value, by channel, shape (rows,)."""
+        return CvErrors({name: known / size[name] for name, known in self.error.items()}, self.run)
 
     def rmse(self) -> dict[str, float]:
         """By channel, m or N."""
@@ -143,6 +148,16 @@ def folds_of(points: Points) -> Index:
     folds = runs.size if runs.size <= 2 * FOLDS else FOLDS
     found = np.zeros(len(points.runs), dtype=np.intp)
     found[runs] = np.random.default_rng(5).permutation(np.arange(runs.size) % folds)
+    return found
+
+
+def sizes_of(points: Points) -> dict[str, Array]:
+    """By channel, the size of each row's value (`levels_of`), shape (rows of the table,), else NaN."""
+    level, found = levels_of(points), dict[str, Array]()
+    for name in points.channels:
+        found[name] = np.full(len(points.measurements), np.nan)
+        for i in np.flatnonzero(points.of_channel(name)):
+            found[name][points.rows[i]] = level[i]
     return found
 
 

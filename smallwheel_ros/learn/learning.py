@@ -209,6 +209,6 @@ def _published(
             if yardstick.score(observed - fit.predicted) + cost < ours + TIE:
                 as_good.append(form.id)
     return [
-        f"the library's {id} fits as well, and is published: `smallwheel add {id}` before this law"
+        f"the library's {id} fits as well, and is published: add it (`smallwheel add`) before this law"
         for id in dict.fromkeys(as_good)
     ]

@@ -90,7 +90,7 @@ class Measured:
     """What was measured. ranges: of each setting that was recorded. wheels: diameter, width and lugs (m).
 
     stiffness: what ln k differs by from run to run. runs: by channel. forces: by channel, where measured.
-    unexplained: no law describes the data, so what runs differ by may be an error of the law.
+    unexplained: the data confirms no law, so what runs differ by may be an error of the law.
     """
 
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -26,8 +26,7 @@ def mixed(calibrated: CalibratedModel) -> Model:
     """The one model that stands for a model's rivals; the model itself where it has none."""
     if not calibrated.rivals:
         return calibrated.model
-    total = sum(share for share, _ in calibrated.rivals)
-    parts = [(share / total, rival.model) for share, rival in calibrated.rivals]
+    parts = [(share, rival.model) for share, rival in calibrated.rivals]
     soils = [
         _mean_soil(soil, [(share, one.soils[i]) for share, one in parts])
         for i, soil in enumerate(calibrated.soils)

@@ -46,6 +46,7 @@ _DEEPEST_PLATE = 3.0  # of its diameter: no plate is pressed deeper
 # Place of the largest pressure, of the entry angle: c1 + c2 i, as quoted for sands (Wong and Reece 1967;
 # 0.2 to 0.4 and 0.2 to 0.4, not read in the original).
 _PEAK, _PEAK_BY_SLIP = 0.4, 0.3
+_ROUNDED = 0.005 + 1e-9  # what rounding to two digits may do to a probability
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
 
 
@@ -149,7 +150,9 @@ class CalibratedModel(Model):
     `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
     provenance: data, sha256, date, held_out_rmse and the like: plain values, for people. measured: what was
     measured, as far as a prediction needs it. rivals: models that the data could not tell apart, each with
-    its probability; a prediction is then their mixture.
+    its probability; a prediction is then their mixture. Probabilities that were rounded are made to sum to 1.
+
+    Raises ModelError where they do not sum to 1 but for rounding: one is missing, or there twice.
     """
 
     names: tuple[str, ...]
@@ -173,7 +176,7 @@ class CalibratedModel(Model):
             "covariance": np.zeros((0, 0)) if covariance is None else covariance,
             "provenance": provenance or {},
             "measured": measured or Measured(),
-            "rivals": tuple(rivals),
+            "rivals": _whole(rivals),
         }
         for name, value in known.items():
             object.__setattr__(self, name, value)
@@ -201,6 +204,18 @@ class CalibratedModel(Model):
             return None
         at = self.names.index(name)
         return float(np.sqrt(self.covariance[at, at]))
+
+
+def _whole(
+    rivals: Sequence[tuple[float, CalibratedModel]],
+) -> tuple[tuple[float, CalibratedModel], ...]:
+    """Rivals with probabilities that sum to 1. Raises ModelError where theirs do not, but for rounding."""
+    total = sum(share for share, _ in rivals)
+    if rivals and not abs(total - 1.0) <= _ROUNDED * len(rivals):
+        raise ModelError(
+            f"the probabilities of the rivals sum to {total:.4g}, expected 1: one is missing, or there twice"
+        )
+    return tuple((share / total, rival) for share, rival in rivals)
 
 
 @dataclass(frozen=True)

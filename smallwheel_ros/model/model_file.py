@@ -24,7 +24,7 @@ from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.model.derived import derived_numbers
 from smallwheel_ros.model.measured import ForceLaw, Measured, RunScatter, Tied
-from smallwheel_ros.model.model import CalibratedModel, Model
+from smallwheel_ros.model.model import CalibratedModel, Model, ModelError
 from smallwheel_ros.physics.sinkage import Geometry
 from smallwheel_ros.physics.soil import SOIL_NUMBERS, Soil, SoilError
 from smallwheel_ros.physics.traction import ThrustForm
@@ -324,13 +324,18 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
         raise top.get("smallwheel_model").unlike(f"version {VERSION}")
     top.mapping(*_TOP)
     rivals = []
-    for entry in _Entry(file, "rivals", parsed.get("rivals") or []).listing():
+    listed = _Entry(file, "rivals", parsed.get("rivals") or [])
+    for entry in listed.listing():
         entry.mapping("probability", *_MODEL)
         share = entry.get("probability")
         if not 0.0 < share.number() <= 1.0:
             raise share.unlike("a probability, over 0 and up to 1")
         rivals.append((share.number(), _model(entry, registry)))
-    return _model(top, registry).changed(rivals=tuple(rivals))
+    base = _model(top, registry)
+    try:
+        return base.changed(rivals=tuple(rivals))
+    except ModelError as error:
+        raise listed.wrong(error) from error
 
 
 def _model(top: _Entry, registry: Registry) -> CalibratedModel:

@@ -194,8 +194,7 @@ def _without_number(
 
 
 _UNEXPLAINED = (
-    "no law of the library described the data that this was fitted to: what runs differ by is part of the "
-    "deviation"
+    "the data of this fit confirms no law: what its runs differ by is part of the deviation"
 )
 
 
@@ -233,12 +232,15 @@ def predict_conditions(
             f"the data could not tell these models apart: {rivals_text(calibrated)}. The number is their "
             "mean by probability, and its deviation includes what they differ by"
         )
-    for one in [rival for _, rival in calibrated.rivals] or [calibrated]:
+    models = [rival for _, rival in calibrated.rivals] or [calibrated]
+    for one in models:
         if one.measured.unexplained:
             notes.append(_UNEXPLAINED)
         notes += _beyond_measured(one.measured, conditions)
-        if "slip" in conditions:
-            notes += with_usual_strength(one)[1]
+    if "slip" in conditions:  # of rivals what is not determined in one of them
+        notes += max(
+            (with_usual_strength(one)[1] for one in models), key=lambda said: len("".join(said))
+        )
     return predict_of(calibrated, conditions), tuple(dict.fromkeys(notes))
 
 

@@ -213,8 +213,7 @@ def _of_runs(
 
 def _mixture(parts: Sequence[tuple[float, UncertainPrediction]]) -> UncertainPrediction:
     """Mean and deviations of models by their probabilities."""
-    shares = np.array([share for share, _ in parts])
-    shares = (shares / shares.sum())[:, None]
+    shares = np.array([share for share, _ in parts])[:, None]
     best = max(parts, key=lambda part: part[0])[1].prediction
     said = {f.name: np.array([getattr(one.prediction, f.name) for _, one in parts])
             for f in fields(Prediction) if getattr(best, f.name) is not None}  # fmt: skip

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from smallwheel_ros.common.errors import SmallwheelError
@@ -46,41 +48,46 @@ class DriveDiagnosis:
         }
 
 
-def diagnosed(table: pd.DataFrame, name: str) -> DriveDiagnosis:
-    """Diagnose a table of steady stretches. name: of its file."""
+def diagnosed(table: pd.DataFrame, path: Path) -> DriveDiagnosis:
+    """Diagnose a table of steady stretches. path: of its file."""
     if len(table) < _FEWEST:
         return _none(table, f"there are {len(table)}, and it needs {_FEWEST}")
     from smallwheel_ros.diagnosis.pipeline import chance_of_nothing, diagnosis_of, start_of
     from smallwheel_ros.diagnosis.text import verdict_sentences
     from smallwheel_ros.measurements.from_file import read_measurements
 
+    command = f"smallwheel diagnose {shlex.quote(str(path))}"
     runs = table["run"].drop_duplicates()
     used = table[table["run"].isin(runs.iloc[:: -(-len(table) // _MOST)])]
     try:
         start = start_of(read_measurements(used.reset_index(drop=True)))
         chance = chance_of_nothing(start)
         if chance > _NOTHING:
-            return _nothing(len(used), chance, name)
+            return _nothing(len(used), chance, command)
         found = diagnosis_of(start)
     except SmallwheelError as error:
         return _none(used, str(error))
-    first, *_, following = verdict_sentences({**found.document, "table": name})
+    following = {
+        "apply": f"{command} --apply -o MODEL.yaml",
+        "learn": f"smallwheel learn {shlex.quote(str(path))} -o law.py",
+    }
+    first, *_, next_step = verdict_sentences(found.document, following)
     return DriveDiagnosis(
         len(used),
         found.verdict,
         tuple(found.missing_effects),
         tuple(found.candidates),
-        (f"Diagnosis of {len(used)} steady stretches: {first[0].lower()}{first[1:]}", following),
+        (f"Diagnosis of {len(used)} steady stretches: {first[0].lower()}{first[1:]}", next_step),
     )
 
 
-def _nothing(stretches: int, chance: float, name: str) -> DriveDiagnosis:
+def _nothing(stretches: int, chance: float, command: str) -> DriveDiagnosis:
     """That no effect shows, before any model was refitted."""
     return DriveDiagnosis(
         stretches, "adequate", (), (),
         (
             f"Diagnosis of {stretches} steady stretches: no missing effect shows (p = {chance:.2g}).",
-            f"Next: `smallwheel diagnose {name}` says what these stretches could not have shown.",
+            f"Next: `{command}` says what these stretches could not have shown.",
         ),
     )  # fmt: skip
 

@@ -183,7 +183,9 @@ def _in_short(summary: dict[str, Any]) -> list[Callout]:
     alarms = [event for event in events if event["kind"] == "missing_effect"]
     missed = [f"After {event['travel']:.0f} m: {event['text']}." for event in alarms[:3]]
     if missed:
-        missed.append("`smallwheel diagnose measurements.csv` takes all of the drive into account.")
+        missed.append(
+            "`smallwheel diagnose` on measurements.csv takes all of the drive into account."
+        )
     concern = [summary["filter"]] if summary["filter"] else []
     blocks += [
         Callout("The model misses something", missed, "warning"),
@@ -437,7 +439,7 @@ def _caveats(summary: dict[str, Any]) -> Block:
         if rows:
             lines[-1] += (
                 f" The {rows} steady stretches in measurements.csv are for that question: "
-                "`smallwheel diagnose measurements.csv`."
+                "`smallwheel diagnose`."
             )
     return Text(items=lines)
 

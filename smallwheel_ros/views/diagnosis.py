@@ -80,7 +80,7 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
     return Page(
         "Which effect is missing?",
         [
-            Section("In short", [verdict_block(document)]),
+            Section("In short", [verdict_block(found)]),
             Section("Set and unset effects", [] if models is None else [models]),
             Section("The data", channel_blocks(document)),
             Section("Where the model fails", [*region_blocks(document), *left_figure(found),
@@ -104,7 +104,7 @@ def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
 def text(found: Diagnosis) -> str:
     """The answer in one screen: the verdict, errors before and after, what to do next."""
     document = found.document
-    blocks = [verdict_block(document), *_before_and_after(document)]
+    blocks = [verdict_block(found), *_before_and_after(document)]
     lines = [line for block in blocks for line in ("", *block.lines())][1:]
     if proposals := document["next_measurements"][:_PROPOSALS]:
         lines += ["", "What to measure next"]
@@ -140,9 +140,10 @@ def _before_and_after(document: Document) -> list[Block]:
     return [Table(columns, rows)]
 
 
-def verdict_block(document: Document) -> Callout:
+def verdict_block(found: Diagnosis) -> Callout:
     """The verdict, what speaks for it, and what to do next."""
-    first, *lines = verdict_sentences(document)
+    document = found.document
+    first, *lines = verdict_sentences(document, found.following)
     clear = document["verdict"] in ("missing_effect", "adequate")
     return Callout(first.removesuffix("."), lines, "result" if clear else "warning")
 

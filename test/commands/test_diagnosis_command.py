@@ -7,6 +7,8 @@ Tests `bench.py`.
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from pathlib import Path
 
 import pandas as pd
@@ -149,6 +151,78 @@ def test_an_effect_of_ones_own_is_named(tmp_path: Path) -> None:
     result = run("diagnose", tmp_path / "rig.csv", "--effects", tmp_path / "own.py")
     assert result.exit_code == 0, result.output
     assert "shaking" in result.stdout.splitlines()[0]
+
+
+# What is printed to do next
+
+
+def next_command(result: Result) -> list[str]:
+    """The words of the command that a diagnosis says to run next, without those of the program."""
+    assert result.exit_code == 0, result.output
+    (line,) = (line for line in result.stdout.splitlines() if "Next: " in line)
+    (command,) = re.findall("`(.+?)`", line)
+    program, *words = shlex.split(command)
+    assert program == "smallwheel"
+    return words
+
+
+def shaken(folder: Path) -> tuple[Path, Path]:
+    """A table with an effect of one's own, under other headers, and the file of the effect."""
+    frame = rig(seed=4012, runs=20)
+    runs = frame["run"].unique()
+    shake = frame["run"].map({name: (7 * i % len(runs)) / len(runs) for i, name in enumerate(runs)})
+    frame["sinkage [mm]"] *= 2.0 ** (shake / 1.4)
+    frame["resistance [N]"] *= 2.0 ** (0.5 * shake / 1.4)
+    frame["shake"] = shake
+    frame = frame.rename(columns={"load [N]": "F3", "diameter [mm]": "D 2"})
+    table, own = folder / "my rig.csv", folder / "own law.py"
+    write_table(frame, table)
+    own.write_text(OWN)
+    return table, own
+
+
+def test_the_next_command_has_the_options_of_the_one_that_prints_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It runs as it is printed, names the same effect, and writes it."""
+    monkeypatch.chdir(tmp_path)
+    shaken(tmp_path)
+    typed = ["my rig.csv", "--effects", "own law.py", "--map", "load [N]=F3"]
+    first = run("diagnose", *typed, "--map=diameter [mm]=D 2", "--seed", 3, "--json", "d.json")
+    words = next_command(first)
+    assert "d.json" not in words
+    again = run(*words)
+    assert again.exit_code == 0, again.output
+    assert again.stdout.splitlines()[0] == first.stdout.splitlines()[0]
+    law = sw.effects.load("own law.py")
+    assert [e.id for e in read_model(Path("MODEL.yaml"), law).model.effects] == ["shaking"]
+    # What is in a model file is not to be written again.
+    assert "--apply" not in again.stdout
+    assert "confirm it with" in again.stdout
+
+
+@pytest.mark.slow
+def test_the_next_command_of_what_no_effect_explains_learns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the effect of one's own: `learn` with the same table and the same effects taken out."""
+    monkeypatch.chdir(tmp_path)
+    shaken(tmp_path)
+    typed = ["my rig.csv", "--map", "load [N]=F3", "--map", "diameter [mm]=D 2"]
+    out = "covariate:shake,multipass"
+    words = next_command(run("diagnose", *typed, "--without", out))
+    assert words[0] == "learn"
+    assert words[words.index("--without") + 1] == out
+    done = run(*words)
+    assert done.exit_code == 0, done.output
+
+
+def test_in_python_what_is_named_is_saved_from_the_result(digging: Path, tmp_path: Path) -> None:
+    found = sw.diagnose(digging)
+    assert "smallwheel diagnose" not in str(found)
+    assert ".save('MODEL.yaml')" in str(found)
+    found.save(tmp_path / "MODEL.yaml")
+    assert [e.id for e in read_model(tmp_path / "MODEL.yaml").model.effects] == ["slip_sinkage"]
 
 
 # What is refused

@@ -86,7 +86,9 @@ def test_a_users_file(tmp_path: Path) -> None:
 
 def test_a_users_form_joins_its_family(tmp_path: Path) -> None:
     found = default_registry().with_file(write(tmp_path, WARM.format(id="moisture")))
-    assert [form.form for form in found.family("moisture")] == ["exponential", "power", "warm"]
+    assert [form.form for form in found.family("moisture")] == [
+        "exponential", "power", "optimum", "warm",
+    ]  # fmt: skip
 
 
 def test_columns_of_any_name() -> None:

@@ -351,7 +351,7 @@ def test_a_fitted_model_knows_what_is_known_of_it_and_is_changed_in_parts() -> N
     covariance = np.array([[0.04, 0.01], [0.01, 0.25]])
     fitted = CalibratedModel(
         Model(SAND), ("dry_sand.n", "dry_sand.m"), covariance, {"data": "a.csv"},
-        rivals=[(0.4, CalibratedModel(Model("moist_earth")))],
+        rivals=[(1.0, CalibratedModel(Model("moist_earth")))],
     )  # fmt: skip
     assert fitted.standard_deviation("dry_sand.n") == pytest.approx(0.2)
     assert fitted.standard_deviation("dry_sand.m") == pytest.approx(0.5)
@@ -365,6 +365,24 @@ def test_a_fitted_model_knows_what_is_known_of_it_and_is_changed_in_parts() -> N
     assert more.rivals == ()  # they were rivals of another model
     assert fitted.changed(names=()).rivals == fitted.rivals
     assert CalibratedModel(Model(SAND)).covariance.shape == (0, 0)
+
+
+@pytest.mark.parametrize("shares", [(0.6,), (0.6, 0.3), (0.6, 0.6), (np.nan, 0.4)])
+def test_rivals_whose_probabilities_do_not_sum_to_one_are_refused(
+    shares: tuple[float, ...],
+) -> None:
+    rival = CalibratedModel(Model("moist_earth"))
+    with pytest.raises(ModelError, match="sum to"):
+        CalibratedModel(Model(SAND), rivals=[(share, rival) for share in shares])
+
+
+@pytest.mark.parametrize("shares", [(0.33, 0.33, 0.33), (0.667, 0.334), (1.0,)])
+def test_probabilities_that_were_rounded_are_made_whole(shares: tuple[float, ...]) -> None:
+    rival = CalibratedModel(Model("moist_earth"))
+    made = CalibratedModel(Model(SAND), rivals=[(share, rival) for share in shares])
+    kept = [share for share, _ in made.rivals]
+    assert sum(kept) == pytest.approx(1.0, abs=1e-12)
+    assert kept == pytest.approx(shares, rel=0.011)
 
 
 def test_known_physics_acts_where_its_columns_are() -> None:

@@ -158,6 +158,11 @@ def test_a_file_without_them_is_read(tmp_path: Path, calibrated: CalibratedModel
             0.0,
             "rivals[0].probability: found 0.0, expected a probability",
         ),
+        (
+            ("rivals", 0, "probability"),
+            0.4,
+            "rivals: the probabilities of the rivals sum to 0.4, expected 1",
+        ),
         (("rivals", 0, "soils"), None, "rivals[0].soils: found nothing, expected a list"),
         (("rivals",), 4, "rivals: found 4, expected a list"),
     ],

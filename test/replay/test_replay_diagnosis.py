@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -33,7 +35,7 @@ def stretches(count: int, slip_sinkage: float = 0.0) -> pd.DataFrame:
 
 
 def test_of_a_short_drive_nothing_is_said_but_that() -> None:
-    found = diagnosed(stretches(60), "measurements.csv")
+    found = diagnosed(stretches(60), Path("measurements.csv"))
     assert found.to_dict()["verdict"] is None
     (line,) = found.lines
     assert "60" in line
@@ -42,13 +44,13 @@ def test_of_a_short_drive_nothing_is_said_but_that() -> None:
 
 def test_a_table_that_cannot_be_read_is_one_line() -> None:
     table = stretches(140).assign(contact="floating")
-    found = diagnosed(table, "measurements.csv")
+    found = diagnosed(table, Path("measurements.csv"))
     assert found.verdict == ""
     assert "floating" in found.lines[0]
 
 
 def test_where_nothing_shows_no_model_is_refitted() -> None:
-    found = diagnosed(stretches(140), "out/measurements.csv")
+    found = diagnosed(stretches(140), Path("out/measurements.csv"))
     assert found.verdict == "adequate"
     first, second = found.lines
     assert first.startswith("Diagnosis of 140 steady stretches: no missing effect shows (p")
@@ -60,7 +62,7 @@ def test_where_nothing_shows_no_model_is_refitted() -> None:
 def test_slip_sinkage_that_the_model_lacks_is_named_in_two_lines(
     strength: float, verdict: str
 ) -> None:
-    found = diagnosed(stretches(140, strength), "out/measurements.csv")
+    found = diagnosed(stretches(140, strength), Path("out/measurements.csv"))
     assert found.verdict == verdict
     first, second = found.lines
     assert ("slip_sinkage" in found.effects) is (strength > 0.0)

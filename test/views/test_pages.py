@@ -54,7 +54,9 @@ def diagnosed_as(document: dict[str, Any]) -> Any:
     data = read_measurements(
         pd.DataFrame({"load": [20.0, 30.0], "diameter": 0.2, "width": 0.1, "sinkage": [0.01, 0.02]})
     )
-    return SimpleNamespace(document=document, measurements=data, steps=[], search=None)
+    return SimpleNamespace(
+        document=document, measurements=data, steps=[], search=None, following=None
+    )
 
 
 def whole_report(document: dict[str, Any], comparison: Comparison | None = None) -> str:

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What somebody typed, for a result to name the command that goes on from it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection
+
+import click
+
+_TYPED = f"{__name__}.words"
+
+
+class RememberedCommand(click.Command):
+    """A command that remembers its words, as they were typed."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click does."""
+        ctx.meta[_TYPED] = list(args)
+        return super().parse_args(ctx, args)
+
+
+def typed_again(names: Collection[str], *more: str) -> str:
+    """The words of the running command that belong to parameters of these names, quoted for a shell.
+
+    more: words of further options. Unnamed ones come first, then options in the order of `--help`; unnamed
+    ones come last where one begins as an option does.
+    """
+    context = click.get_current_context()
+    parser = context.command.make_parser(context)
+    values, _, _ = parser.parse_args(list(context.meta[_TYPED]))
+    unnamed: list[str] = []
+    options: list[str] = []
+    for parameter in context.command.params:
+        value = values.get(parameter.name or "")
+        if parameter.name not in names or value is None or value == ():
+            continue
+        if isinstance(parameter, click.Option) and parameter.is_flag:
+            options.append(parameter.opts[0] if value else parameter.secondary_opts[0])
+            continue
+        each = [value] if isinstance(value, str) else [str(one) for one in value]
+        if isinstance(parameter, click.Argument):
+            unnamed += each
+        else:
+            options += [word for one in each for word in (parameter.opts[-1], one)]
+    if any(word.startswith("-") for word in unnamed):
+        return shlex.join([*options, *more, "--", *unnamed])
+    return shlex.join([*unnamed, *options, *more])
