@@ -16,7 +16,7 @@ from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import WORDS
-from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
+from smallwheel_ros.pipeline.warning.margin import GroundMargin, scatter_ahead
 
 if TYPE_CHECKING:
     from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -240,6 +240,5 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    ground = GroundMargin(settings.reference_slip)
-    median, deviation = ground.lower_half()
-    return Quantity(median + ground.beyond(), math.hypot(deviation, AHEAD))
+    median, deviation, beyond = GroundMargin(settings.reference_slip).ahead()
+    return Quantity(median + beyond, math.hypot(deviation, float(scatter_ahead(median))))
