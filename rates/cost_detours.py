@@ -176,7 +176,8 @@ def _of_planner(planner: str) -> list[Judge]:
     ]
     for name in ("home", "home, no grid"):
         sums = (partial(_planned, planner, f"{name}, m{what}") for what in (" proven", ""))
-        judges.append(Judge(f"{planner}: {name}, share on proven ground", ratio(*sums)))
+        least = 0.38 if name == "home" else None
+        judges.append(Judge(f"{planner}: {name}, share on proven ground", ratio(*sums), least))
     return judges
 
 
