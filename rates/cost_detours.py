@@ -29,7 +29,7 @@ import numpy as np
 
 from examples.cost_map import cost_map
 from rates.hills import hills_trial, slopes_trial
-from rates.judges import Judge, Line, Subject, ratio, share
+from rates.judges import Judge, Line, Subject, pooled, ratio, share
 from rates.planners import PLANNERS, Array, length_of, plan, under_footprint
 from smallwheel_ros.costmap.cost_map import CostGrids, CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
@@ -176,7 +176,8 @@ def _of_planner(planner: str) -> list[Judge]:
     ]
     for name in ("home", "home, no grid"):
         sums = (partial(_planned, planner, f"{name}, m{what}") for what in (" proven", ""))
-        judges.append(Judge(f"{planner}: {name}, share on proven ground", ratio(*sums)))
+        least = 0.38 if name == "home" else None
+        judges.append(Judge(f"{planner}: {name}, share on proven ground", ratio(*sums), least))
     return judges
 
 
@@ -187,10 +188,10 @@ JUDGES = [
     Judge("own way on 100 by 1.2 m at most", share(partial(_short, 1.2, "own way on 100"), _STUCK), 0.95),
     Judge("grades before the 100", share(partial(_of, "graded"), _STUCK), 0.95),
     *(judge for planner in PLANNERS for judge in _of_planner(planner)),
-    Judge("expected over seen stuck", ratio(partial(_of, "expected"), partial(_of, "was stuck")), 0.5, 2.0),
+    Judge("expected over seen stuck", pooled(partial(_of, "expected"), partial(_of, "was stuck")), 0.5, 2.0),
     Judge(
         "expected over metres that hold it back",
-        ratio(partial(_of, "expected"), partial(_of, "held back")), 0.5, 2.0,
+        pooled(partial(_of, "expected"), partial(_of, "held back")), 0.5, 2.0,
     ),
     Judge("stops, of cells over 90", ratio(partial(_of, "over, stop"), partial(_of, "over")), 0.8),
     Judge("stops, of cells under 10", ratio(partial(_of, "under, stop"), partial(_of, "under")), None, 0.02),

@@ -102,6 +102,27 @@ def ratio(
     return count
 
 
+def pooled(over: Callable[[Line], float], under: Callable[[Line], float]) -> Counter:
+    """A sum over all lines over another one, with its interval by the bootstrap over lines.
+
+    Lines count of which the lower sum is 0, too, as with what was expected on a drive on which it never came.
+    The count is the lower sum.
+    """
+
+    def count(lines: Sequence[Line]) -> Rate | None:
+        pairs = np.array([(over(one), under(one)) for one in lines], dtype=float).reshape(-1, 2)
+        whole = pairs.sum(axis=0)
+        if not whole[1]:
+            return None
+        rng = np.random.default_rng(1)
+        drawn = pairs[rng.integers(len(pairs), size=(_DRAWS, len(pairs)))].sum(axis=1)
+        drawn = drawn[drawn[:, 1] > 0.0]
+        low, high = np.quantile(drawn[:, 0] / drawn[:, 1], (0.025, 0.975))
+        return Rate(float(whole[0] / whole[1]), float(low), float(high), round(whole[1]))
+
+    return count
+
+
 def events(found: Callable[[Line], float], way: Callable[[Line], float], each: float) -> Counter:
     """How many in so many metres, by Poisson's law."""
 

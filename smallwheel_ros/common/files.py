@@ -4,18 +4,22 @@
 from __future__ import annotations
 
 import errno
+import glob
 import json
 import os
 import stat
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from smallwheel_ros.common.errors import SmallwheelError
 
+_DRAFT = ".draft."  # in the name of a file that is being written, between its own and eight letters
+_LEFT = 3600.0  # s after which a draft is of a process that was killed: writing takes seconds
 LARGEST = 1_000_000  # bytes; a model file with the covariance of 200 parameters stays below
 
 
@@ -126,7 +130,7 @@ def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
         for path, write in files:
             with _said_of(path):
                 target = Path(os.path.realpath(path))
-                handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+                handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}{_DRAFT}")
                 os.close(handle)
                 draft = Path(name)
                 drafts.append((path, draft, target))
@@ -141,6 +145,18 @@ def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
         for _, draft, _ in drafts:
             draft.unlink(missing_ok=True)
         raise
+
+
+def sweep_drafts(path: Path) -> None:
+    """Take away what processes that were killed have left of a file, and of those whose names begin as its.
+
+    Only drafts that nobody has written to for an hour; what cannot be taken away stays.
+    """
+    target = Path(os.path.realpath(path))
+    for draft in target.parent.glob(f".{glob.escape(target.name)}*{_DRAFT}*"):
+        with suppress(OSError):
+            if time.time() - draft.stat().st_mtime > _LEFT:
+                draft.unlink()
 
 
 def json_text(document: Mapping[str, Any]) -> str:

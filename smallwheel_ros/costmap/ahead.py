@@ -100,9 +100,12 @@ class GroundAhead:
         ahead = self.elevation
         if ahead is None:
             return None
-        margin, variance = self._margins(ahead)
-        left, deviation = margin - ahead.slope, np.sqrt(variance + ahead.deviation**2)
-        cells = self._settings.rules.expected(left, deviation)
+        # In single precision: for whole per cents, in half the time.
+        margin, variance = (np.asarray(one, dtype=np.float32) for one in self._margins(ahead))
+        slope, deviation = (one.astype(np.float32) for one in (ahead.slope, ahead.deviation))
+        cells = self._settings.rules.expected(
+            margin - slope, np.sqrt(variance + np.square(deviation))
+        )
         return Grid(ahead.frame, ahead.resolution, ahead.origin, cells)
 
     def _margins(self, ahead: Elevation) -> tuple[Array | float, Array | float]:
@@ -111,7 +114,7 @@ class GroundAhead:
         if self.class_grid is None and not ahead.classes:
             return _moments(self.most)
         # By class number, the byte that an int8 is: as of this ground where it is not classified.
-        table = np.full((2, 256), np.nan)
+        table = np.full((2, 256), np.nan, dtype=np.float32)
         table[:, :128] = np.array(_moments(other))[:, None]
         table[:, 128:] = np.array(_moments(self.most))[:, None]
         for terrain, most in known.items():
@@ -155,7 +158,7 @@ class GroundAhead:
         rows, columns = (
             slice(int(np.argmax(one)), int(np.argmax(one)) + int(one.sum())) for one in inside
         )
-        found[rows, columns] = grid.cells[at[0]][:, at[1]]
+        found[rows, columns] = grid.cells.take(at[0], axis=0).take(at[1], axis=1)
         return found
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from smallwheel_ros.costmap.crossed_ground import side_of
 from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Cells, CostMapError
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.floating[Any]]
 
 PASSABLE = HIGHEST - 1  # the most that what is expected costs
 STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
@@ -74,10 +75,10 @@ class CostRules:
         enough, more = ((margin - least) / spread for least in (self.required_margin, shown))
         return round(-HIGHEST * math.expm1(float(log_ndtr(enough)) - float(log_ndtr(more))))
 
-    def expected(self, margin: Array | float, deviation: Array | float) -> Cells:
+    def expected(self, margin: Numbers | float, deviation: Numbers | float) -> Cells:
         """Costs of ground that was not crossed, of any shape: 99 at most, -1 where a number is missing."""
         left = (np.asarray(margin) - self.required_margin) / np.maximum(deviation, _EXACT)
-        left = left.astype(np.float32)  # for whole per cents, in half the time
+        left = left.astype(np.float32, copy=False)  # for whole per cents, in half the time
         costs = np.minimum(np.rint(HIGHEST * ndtr(-left)), PASSABLE)
         return np.where(np.isnan(costs), UNKNOWN, costs).astype(np.int8)
 

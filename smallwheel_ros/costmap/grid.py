@@ -207,7 +207,8 @@ def _lay_coarser(costs: Grid, above: Grid, pose: Pose) -> None:
         inside.append(int(known.sum()))
         found.append(index[known])
     part = costs.cells[first[0] : first[0] + inside[0], first[1] : first[1] + inside[1]]
-    upper = above.cells[found[0]][:, found[1]]
+    # Columns first, of the fewer rows; whole rows are copied fast.
+    upper = above.cells.take(found[1], axis=1).take(found[0], axis=0)
     np.copyto(part, upper, where=upper >= 0)
 
 

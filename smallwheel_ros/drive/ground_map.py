@@ -20,14 +20,11 @@ from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Sta
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import risk_of
-from smallwheel_ros.pipeline.warning.margin import AHEAD, LAW, unknown_ground
+from smallwheel_ros.pipeline.warning.margin import LAW, scatter_ahead, unknown_ground
 
 from .messages import margin_before_driving
 
 _SURELY = 2.0  # standard deviations
-# Margin of the snow in which places were found to differ by `AHEAD`. Ice holds 0.08 in all: with as much
-# scatter it would hold a vehicle back in one place of six, and a real one drove 215 m without being stuck.
-_AHEAD_OF = 0.2
 # Columns of a row of the vehicle that a terrain class gives.
 _OF_MARGIN = ("margin", "margin_std", "margin_source", "information")
 
@@ -161,8 +158,7 @@ class GroundMapper:
             newest, more = margins[known[-1]], beyond[known[-1]]
             assert newest is not None
             # Of ground ahead as much is unsure as the places of one field differ by.
-            scatter = AHEAD * min(max(newest.value, 0.0) / _AHEAD_OF, 1.0)
-            spread = math.hypot(newest.standard_deviation, scatter)
+            spread = math.hypot(newest.standard_deviation, float(scatter_ahead(newest.value)))
             self.map.expect(Quantity(newest.value + more, spread))
 
     def _keep_places(self, found: Estimates) -> None:

@@ -15,7 +15,7 @@ from smallwheel_ros.pipeline.mobility.status import Condition, SoilStatus
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
 from smallwheel_ros.pipeline.tables import Estimates
-from smallwheel_ros.pipeline.warning.margin import AHEAD, GroundMargin
+from smallwheel_ros.pipeline.warning.margin import GroundMargin, scatter_ahead
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 if TYPE_CHECKING:
@@ -231,6 +231,5 @@ def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None
-    ground = GroundMargin(settings.reference_slip)
-    median, deviation = ground.lower_half()
-    return Quantity(median + ground.beyond(), math.hypot(deviation, AHEAD))
+    median, deviation, beyond = GroundMargin(settings.reference_slip).ahead()
+    return Quantity(median + beyond, math.hypot(deviation, float(scatter_ahead(median))))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.files import sweep_drafts
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Grid, digest_of, map_files, read_map, write_map
 from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -60,7 +61,10 @@ class SoilFile:
 
     def restore(self, pipeline: Pipeline) -> str:
         """Let a new estimate go on from the file; return in words what it goes on from."""
-        if self._path is None or not self._path.exists():
+        if self._path is None:
+            return ""
+        sweep_drafts(self._path)
+        if not self._path.exists():
             return ""
         try:
             self._digest = pipeline.restore(self._path).cost_map

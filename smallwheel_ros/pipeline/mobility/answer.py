@@ -3,8 +3,8 @@
 
 margin   of any ground (`margin`) until the soil's law is measured and its strength determined, afterwards
          the filter's: never a mean
-risk     probability that the vehicle's margin, 0.08 unsure for ground ahead, is under what goes on being
-asked for; at least 0.5 over the first level of the warning
+risk     probability that a place ahead does not give what goes on being asked for, at any slip: cost of a
+         cell of the map that asks for as much; at least 0.5 over the first level of the warning
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from smallwheel_ros.pipeline.tables import (
 from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import risk_of
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.margin import AHEAD, is_prior
+from smallwheel_ros.pipeline.warning.margin import is_prior, risk_ahead
 
 from .status import Condition, status_of
 from .wheel import Predicted, mobility
@@ -76,11 +76,12 @@ class KnownGround(NamedTuple):
 class AnswerState:
     """What is carried from block to block, by number of the wheel.
 
-    newest: stamp, load (N), margin and its deviation. shown: newest sinkages (m). risk: the newest, or NaN.
+    newest: stamp, load (N), margin, its deviation, what is beyond. shown: newest sinkages (m). risk: the
+    newest, or NaN.
     slopes: stamps, and what gravity pulls ahead and to the side (m/s^2), of the last 2 s.
     """
 
-    newest: dict[int, tuple[int, float, float, float]] = field(default_factory=dict)
+    newest: dict[int, tuple[int, float, float, float, float]] = field(default_factory=dict)
     shown: dict[int, list[float]] = field(default_factory=dict)
     risk: float = np.nan
     slopes: tuple[Integers, Array, Array] = field(
@@ -236,13 +237,12 @@ def _margins(
     risk = judged.risk.copy()
     for i in np.flatnonzero(by_filter & rolls).tolist():
         now = int(rows.stamp[i])
-        state.newest[int(rows.wheel[i])] = now, can.load[i], margin[i], deviation[i]
+        state.newest[int(rows.wheel[i])] = now, can.load[i], median[i], lower[i], beyond[i]
         recent = [one[1:] for one in state.newest.values() if now - one[0] <= STALE]
-        load, value, spread = np.array(recent).T
-        total = float(load.sum())
         # All wheels stand on one estimated soil, so their errors are taken to go together.
-        mean, std = float(load @ value) / total, float(load @ spread) / total
-        risk[i] = ndtr((judged.asked[i] - mean) / np.hypot(std, AHEAD))
+        load, *of_vehicle = np.array(recent).T
+        value, spread, more = (float(load @ each) / float(load.sum()) for each in of_vehicle)
+        risk[i] = risk_ahead(judged.asked[i], value, spread, more)
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])

@@ -35,9 +35,8 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 class Judged(Columns):
     """What holds at rows: level of the warning, whether a wheel spins on the spot, margin of any ground.
 
-    median, lower_std: of the margin here, and of its lower half (`GroundMargin.lower_half`). beyond: what is
-    gained beyond the reference slip (`GroundMargin.beyond`). asked: pull over load that goes on being asked
-    for; risk: that such ground does not give it. NaN: unknown.
+    median, lower_std, beyond: of ground like this, as `GroundMargin.ahead` has them. asked: pull over load
+    that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
     """
 
     level: Integers
@@ -172,14 +171,13 @@ class Judgement:
         margins = self._margins
         if margins is None:
             margin[:], margin_std[:] = self.ground.ground.moments()
-            median[:], lower_std[:] = self.ground.ground.lower_half()
-            beyond[:] = self.ground.ground.beyond()
+            median[:], lower_std[:], beyond[:] = self.ground.ground.ahead()
         else:
             place = np.searchsorted(margins.stamp, rows.stamp, side="right") - 1
             at = np.maximum(place, 0)
             fresh = (place >= 0) & (rows.stamp - margins.stamp[at] <= _ASKED_STALE)
             margin, margin_std = margins.margin[at], margins.margin_std[at]
-            median, lower_std = margins.middle[at], margins.lower_std[at]
+            median, lower_std = margins.median[at], margins.lower_std[at]
             beyond = margins.beyond[at]
             asked[fresh], risk[fresh] = margins.asked[at[fresh]], margins.risk[at[fresh]]
         return Judged(level, spins, margin, margin_std, median, lower_std, beyond, asked, risk)

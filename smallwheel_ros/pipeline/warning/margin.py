@@ -11,6 +11,15 @@ grip gives cannot be, so that what a vehicle does bounds its margin from below.
 What is believed is a set of points drawn from the prior once, with weights; of ground that lies behind it is
 forgotten, exp(-way/10 m). For ground ahead 0.08 is added: what the places of one field differ by. Where
 what told of motion turns out to have been wrong from the beginning, all that it taught is dropped.
+
+Of what ground ahead gives at most (at the slip with which a vehicle makes no way) each metre that the vehicle
+got over is evidence as well: had such ground been common, it would have been stuck. A point's weight is
+multiplied by the probability that a place of such ground gives what was asked for,
+
+    P(most + scatter > asked)^metres
+
+so that a way without trouble is feared less and less. On the real drives, 305 m with an imu on which nothing
+got stuck, places that were expected to stop the vehicle added up to 15 by slips alone; they are 5 with this.
 """
 
 from __future__ import annotations
@@ -21,7 +30,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import log_ndtr, ndtr, ndtri
 
 from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.physics.wheel import GRAVITY
@@ -43,6 +52,10 @@ SLIDES, WHOLE = 1.0, 1.2  # odds of a step that slides; greatest slip, with its 
 DOUBT = 0.15  # share of steps whose slip tells nothing
 PATCH = 10.0  # m, over which ground is forgotten
 AHEAD = 0.08  # of margin: scatter between places (snow, 17 places: 13 within the band)
+# Margin of that snow. Ice holds 0.08 in all: with as much scatter it would hold a vehicle back in one place
+# of six, and a real one drove 215 m without being stuck.
+_AHEAD_OF = 0.2
+_EXACT = 1e-9  # standard deviation of what is given as exact
 POINTS = 4096  # a step in under 2 ms
 ASKED = 1.0  # m, over which what is asked for is averaged
 STEP = SECOND  # ns
@@ -62,6 +75,30 @@ def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
     return np.asarray(np.square(deviation) > 0.5 * unknown_ground(reference_slip)[1] ** 2)
 
 
+def scatter_ahead(margin: Array | float) -> Array:
+    """Standard deviation of the places of ground of a margin about it."""
+    return np.asarray(AHEAD * np.clip(np.asarray(margin) / _AHEAD_OF, 0.0, 1.0))
+
+
+def risk_ahead(
+    asked: Array | float, median: Array | float, lower_std: Array | float, beyond: Array | float
+) -> Array:
+    """Probability that a place ahead does not give what is asked for at any slip.
+
+    As a cell of the cost map costs whose slope asks for it. Of numbers or arrays of any one shape, 1; NaN of
+    NaN.
+
+    Parameters
+    ----------
+    asked
+        Pull over load.
+    median, lower_std, beyond
+        As of `Margins`.
+    """
+    spread = np.hypot(lower_std, scatter_ahead(median))
+    return np.asarray(ndtr((asked - median - beyond) / np.maximum(spread, _EXACT)))
+
+
 @lru_cache
 def unknown_ground(reference_slip: float) -> tuple[float, float]:
     """Mean and deviation of the margin of ground of which nothing is known."""
@@ -71,7 +108,8 @@ def unknown_ground(reference_slip: float) -> tuple[float, float]:
 class GroundMargin:
     """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights.
 
-    reference_slip: at which the margin is asked for, 1.
+    logs: by slips at the pulls asked for; crossed: by metres that were got over. reference_slip: at which the
+    margin is asked for, 1.
     """
 
     def __init__(self, reference_slip: float) -> None:
@@ -85,6 +123,7 @@ class GroundMargin:
         )
         self.offset, self.radius = OFFSET * normal[3], RADIUS * normal[4]
         self.logs = np.zeros(uniform.shape[0])
+        self.crossed = np.zeros(uniform.shape[0])
         self.margins = self.grip * -np.expm1(-reference_slip / self.softness) - self.resistance
         gained = np.exp(-reference_slip / self.softness) - np.exp(
             -max(SPINS, reference_slip) / self.softness
@@ -94,7 +133,13 @@ class GroundMargin:
 
     def forget(self, metres: float) -> None:
         """Of the ground behind less is believed."""
-        self.logs *= math.exp(-metres / PATCH)
+        kept = math.exp(-metres / PATCH)
+        self.logs *= kept
+        self.crossed *= kept
+
+    def cross(self, metres: float, asked: float) -> None:
+        """Take a way that the vehicle got over, m, and the pull over load that it was asked for there."""
+        self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
         """Take a step: mean slip, its deviation, accelerometer along the way of travel over g; way: +-1."""
@@ -115,17 +160,11 @@ class GroundMargin:
     @property
     def weights(self) -> Array:
         """Of the points, their sum is 1."""
-        weights = np.exp(self.logs - self.logs.max())
-        return np.asarray(weights / weights.sum())
+        return _normalised(self.logs)
 
     def quantiles(self, levels: tuple[float, ...] = (0.025, 0.5, 0.975)) -> Array:
         """Of the margin here."""
-        return self._quantiles(self.margins, self._order, levels)
-
-    def _quantiles(self, values: Array, order: Integers, levels: tuple[float, ...]) -> Array:
-        total = np.cumsum(self.weights[order])
-        place = np.minimum(np.searchsorted(total, levels), len(total) - 1)
-        return np.asarray(values[order][place])
+        return _quantiles(self.margins, self._order, self.weights, levels)
 
     def moments(self) -> tuple[float, float]:
         """Mean and standard deviation of the margin of ground ahead."""
@@ -133,33 +172,41 @@ class GroundMargin:
         mean = float(weights @ self.margins)
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
 
-    def beyond(self) -> float:
-        """Pull over load that is gained beyond the reference slip until the vehicle makes no way."""
-        (most,) = self._quantiles(self._most, self._most_order, (0.5,)).tolist()
-        return float(most - self.quantiles((0.5,))[0])
+    def ahead(self) -> tuple[float, float, float]:
+        """Of ground like this, by slips and metres crossed, each 1.
 
-    def lower_half(self) -> tuple[float, float]:
-        """Median of the margin here, and standard deviation of the normal distribution with its lower half.
+        Median of the margin; standard deviation of the normal distribution that has the lower half of what
+        is given at most; what is gained from that margin to that most, by their medians.
 
-        Risks come from there. The margin has a long upper half: by its mean and standard deviation, level
+        Risks come from there. What is believed has a long upper half: by mean and standard deviation, level
         ground on which a vehicle has driven for 10 s would hold it back in 10 % of places; by the points it
         does in 1.6 %, and so it does by this.
         """
-        low, middle = self.quantiles((0.025, 0.5)).tolist()
-        return middle, max((middle - low) / 1.96, LAW)
+        weights = _normalised(self.logs + self.crossed)
+        (median,) = _quantiles(self.margins, self._order, weights, (0.5,)).tolist()
+        low, most = _quantiles(self._most, self._most_order, weights, (0.025, 0.5)).tolist()
+        return median, max((most - low) / 1.96, LAW), most - median
 
-    def risk(self, asked: float) -> float:
-        """Probability that the margin of ground ahead is under a pull over load; NaN of NaN."""
-        return float(self.weights @ ndtr((asked - self.margins) / AHEAD))
+
+def _normalised(logs: Array) -> Array:
+    """Weights of these logarithms; their sum is 1."""
+    weights = np.exp(logs - logs.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _quantiles(values: Array, order: Integers, weights: Array, levels: tuple[float, ...]) -> Array:
+    """Of weighted values. order: that sorts them."""
+    total = np.cumsum(weights[order])
+    place = np.minimum(np.searchsorted(total, levels), len(total) - 1)
+    return np.asarray(values[order][place])
 
 
 @dataclass(frozen=True)
 class Margins(Columns):
-    """What is believed after each second: margin of ground ahead (1), risk that it is under `asked`.
+    """What is believed after each second: margin of ground ahead (1), risk that it does not give `asked`.
 
-    low, middle, high: 2.5, 50 and 97.5 % of the margin here; lower_std: standard deviation of its lower half
-    (`GroundMargin.lower_half`). beyond: as `GroundMargin.beyond` has it. NaN: not known, nothing tells of the
-    ground.
+    low, middle, high: 2.5, 50 and 97.5 % of the margin here. median, lower_std, beyond: as
+    `GroundMargin.ahead` has them. risk: as `risk_ahead` has it. NaN: not known, nothing tells of the ground.
     """
 
     stamp: Integers
@@ -168,6 +215,7 @@ class Margins(Columns):
     low: Array
     middle: Array
     high: Array
+    median: Array
     lower_std: Array
     beyond: Array
     asked: Array
@@ -227,28 +275,21 @@ class AnyGround:
             share = 1.0 - math.exp(-abs(speed) / ASKED)
             before = self._asked if math.isfinite(self._asked) else way * pull
             self._asked = before + share * (way * pull - before)
+            if way * speed > (1.0 - SPINS) * abs(rim):
+                self.ground.cross(abs(speed) * STEP / SECOND, self._asked)
         elif not math.isfinite(pull):
             self._asked = np.nan
         if any(stamp <= (number + 1) * STEP for stamp in self._anew):
             self._begin_anew((number + 1) * STEP)
         low, middle, high = self.ground.quantiles()
         mean, std = self.ground.moments()
-        _, lower_std = self.ground.lower_half()
-        told = self.steps > 0
-        risk = self.ground.risk(self._asked) if told and math.isfinite(self._asked) else np.nan
-        beyond = self.ground.beyond()
+        median, lower_std, beyond = self.ground.ahead()
+        # Without a step, or where nothing is asked for, there is no risk to speak of.
+        asked = self._asked if self.steps > 0 else np.nan
+        risk = float(risk_ahead(asked, median, lower_std, beyond))
         return (
-            (number + 1) * STEP,
-            mean,
-            std,
-            low,
-            middle,
-            high,
-            lower_std,
-            beyond,
-            self._asked,
-            risk,
-        )
+            (number + 1) * STEP, mean, std, low, middle, high, median, lower_std, beyond, self._asked, risk,
+        )  # fmt: skip
 
     def _begin_anew(self, until: int) -> None:
         """Drop what was learnt up to a stamp (ns), which ends a step."""

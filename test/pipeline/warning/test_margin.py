@@ -13,6 +13,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from rows_of_drives import drive, give, rover, static_rover
 
+from smallwheel_ros.costmap.cost import CostRules
 from smallwheel_ros.drive.messages import margin_before_driving
 from smallwheel_ros.onboard.declared import REFERENCE_SLIP
 from smallwheel_ros.physics.wheel import GRAVITY
@@ -26,6 +27,8 @@ from smallwheel_ros.pipeline.warning.margin import (
     AnyGround,
     GroundMargin,
     Margins,
+    risk_ahead,
+    scatter_ahead,
 )
 
 SIDE = np.array([0.3, -0.3, 0.3, -0.3])
@@ -114,6 +117,45 @@ def test_ground_behind_is_forgotten() -> None:
     assert np.allclose(ground.quantiles(), GroundMargin(REFERENCE_SLIP).quantiles(), atol=1e-6)
 
 
+def test_each_metre_that_was_got_over_lowers_the_risk_of_the_next_one_and_leaves_the_margin_here() -> (
+    None
+):
+    ground, risks = GroundMargin(REFERENCE_SLIP), []
+    here = ground.quantiles()
+    for _ in range(10):
+        risks.append(float(risk_ahead(0.1, *ground.ahead())))
+        ground.cross(1.0, 0.1)
+    assert all(after < before for before, after in pairwise(risks))
+    assert risks[-1] < 0.5 * risks[0]
+    assert np.array_equal(ground.quantiles(), here)
+    # What was asked for little proves little, and a way is forgotten as slips are.
+    level = GroundMargin(REFERENCE_SLIP)
+    level.cross(10.0, 0.0)
+    assert float(risk_ahead(0.3, *level.ahead())) > float(risk_ahead(0.3, *ground.ahead()))
+    ground.forget(200.0)
+    assert ground.ahead() == pytest.approx(GroundMargin(REFERENCE_SLIP).ahead(), abs=1e-3)
+
+
+@pytest.mark.parametrize(("slip", "crossed"), [(0.2, True), (0.65, True), (0.75, False)])
+def test_a_metre_on_which_the_vehicle_makes_no_way_is_none_that_was_crossed(
+    slip: float, crossed: bool
+) -> None:
+    stage = AnyGround(SIDE, REFERENCE_SLIP)
+    stage.take(instants(10, slip=slip, pull=0.1))
+    assert stage.ground.crossed.any() == crossed
+
+
+def test_the_risk_is_what_a_cell_of_the_map_costs_that_asks_for_as_much() -> None:
+    """Both of them ask up to the slip with which the vehicle makes no way."""
+    made = AnyGround(SIDE, REFERENCE_SLIP).take(instants(slip=0.45, pull=0.12))
+    assert made is not None
+    median, lower_std, beyond = made.median[-1], made.lower_std[-1], made.beyond[-1]
+    spread = np.hypot(lower_std, scatter_ahead(median))
+    cost = CostRules().cost(median + beyond - made.asked[-1], spread)
+    assert cost == pytest.approx(100.0 * made.risk[-1], abs=0.5)
+    assert beyond > 0.0
+
+
 @pytest.mark.parametrize("column", ["felt", "speed", "rim"])
 def test_where_nothing_is_known_the_risk_is_unknown(column: str) -> None:
     rows = instants(10)
@@ -154,7 +196,7 @@ def test_margins_do_not_depend_on_where_blocks_are_cut(edges: list[int]) -> None
     parts = [stage.take(rows.take(slice(a, b))) for a, b in pairwise(ends)]
     made = Margins.joined([part for part in parts if part is not None])
     assert whole is not None
-    for name in ("stamp", "margin", "margin_std", "low", "high", "asked", "risk"):
+    for name in ("stamp", "margin", "margin_std", "low", "high", "median", "asked", "risk"):
         assert np.array_equal(getattr(made, name), getattr(whole, name), equal_nan=True)
 
 
@@ -166,7 +208,8 @@ def test_a_step_costs_under_two_milliseconds() -> None:
         ground.forget(0.5)
         ground.quantiles()
         ground.moments()
-        ground.risk(0.1)
+        ground.cross(0.5, 0.05)
+        risk_ahead(0.1, *ground.ahead())
         costs.append(time.process_time() - begin)
     assert min(costs) < 2e-3  # the smallest: others on this machine only make it slower
 
