@@ -2,15 +2,14 @@
 """Which soil the wheels are on: stretches in, versions of the law out.
 
 Those that end in the same quarter of a second are taken together, at its end, and wait for 0.6 m before they
-are used. With any that come, those of leading wheels (no other runs ahead of them), the furthest first, are
-compared with the law, for each border that there may be:
+are used. With any that come, those of leading wheels (no other runs ahead of them) are compared with the law
+(`border_evidence`). Beyond a border the law opens to the prior, or to one of four remembered soils that is
+likelier of these stretches; what is known of the sensors stays. Stretches nearer to the border than their
+length are used for neither.
 
-    shift    = sum(nu / by / v) / sum(1 / v),   v = var(nu of a stretch alone) / by^2
-    variance = alike(rows) / sum(1 / v) + H P H / by^2
-
-More than 4.75 sigma (6.25 on one row), over a factor of 1.25, and shown by each wheel ahead of it, is another
-soil: the law opens to the prior, or to one of four remembered soils that is likelier of these stretches; what
-is known of the sensors stays. Stretches nearer to the border than their length are used for neither.
+What 0.6 m do not show bends n and k within metres. So the law of each half of a metre is kept for 4 m, and
+all stretches since the oldest are compared with that. Where they show a border the law goes back to it, uses
+what lies before the border, and opens.
 
 Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground
 is no power of depth (`shape`).
@@ -22,6 +21,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from smallwheel_ros.pipeline.rows.motion import ahead_of
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings
 from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
 
+from .border_evidence import Border, border_ahead, border_behind
 from .filter import Law, SoilFilter
 from .health import FilterHealth
 from .identifiability import Variety
@@ -53,17 +54,20 @@ _PERIOD = SECOND // 4  # of the filter's work: a wheel closes a stretch in it at
 _WAIT, _MOST = 3.0, 8  # lengths that a stretch waits; stretches of a wheel that turns on the spot
 # Stretches of a soil before another is looked for; after which it is worth remembering.
 _TESTED, _SETTLED = 20, 10
-_LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
-# 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
-# near normal; one row alone has the tails of single places.
-_LEAST_SIGMA, _ONE_ROW = 4.75, 1.5
-# Of the shift that each wheel shows; deviations to which an innovation is cut.
-_SHARE, _WILD = 0.3, 5.0
-_SUSPECTED = 3.0  # sigma of a border, until it is found or gone
+# m: over which a border is looked for again, and between laws that are kept for that.
+_BACK, _APART = 4.0, 0.5
 # Newest stretches whose predictions are looked at, and the mean of their squared innovations over what is
 # stated (each cut at 9) from which on predictions miss: 1 is right, and over 1.6 is rare where it is.
 _LATELY, _MISSES, _WORST = 24, 2.5, 9.0
 _DEEP = 3.0  # deviations of the zeros that wheels have to sink
+
+
+class _Past(NamedTuple):
+    """The law as it was at a distance (m), and what it has used since, until the next one."""
+
+    distance: float
+    law: SoilFilter
+    used: list[Stretches]
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,8 @@ class Soils:
         self.accepted = 0
         self._border, self._old, self._number = -math.inf, 0, self._met
         self._known: list[_Known] = []
-        self._suspected = False
+        self._past: deque[_Past] = deque()
+        self._suspected = self._doubted = False
         self._lately: deque[float] = deque(maxlen=_LATELY)
         self._used: deque[Stretches] = deque(maxlen=NEWEST)
         self._shape, self._shape_due = "", self._distance + EVERY
@@ -176,6 +181,7 @@ class Soils:
         weighed = self.weighing.add(rows)
         if weighed is not None and self.filter is not None:
             self.filter.weigh(*weighed)
+            self._past.clear()  # these laws have not been weighed
         rows = self._moving(rows)
         if not len(rows):
             return
@@ -204,6 +210,8 @@ class Soils:
         self.waiting = clear if self.waiting is None else Stretches.joined([self.waiting, clear])
         leads = self._leads[clear.wheel, clear.onward.astype(int)]
         if leads.any() and self._changed():
+            return
+        if self._keep_law() and self._had_changed():
             return
         used = self.filter.used
         self._absorb(self._ready(float(clear.distance[-1]) if used >= _SETTLED else math.inf))
@@ -242,6 +250,8 @@ class Soils:
         if rows is None or not len(rows) or self.filter is None:
             return
         self.filter.absorb(rows)
+        if self._past:
+            self._past[-1].used.append(rows)
         self._used.append(rows)
         if self._distance >= self._shape_due:
             self._shape_due = self._distance + EVERY
@@ -267,7 +277,7 @@ class Soils:
 
     def _doubt(self, law: SoilFilter) -> str:
         """Why nothing is determined at this moment, whatever the deviations; empty for no reason."""
-        if self._suspected:
+        if self._suspected or self._doubted:
             return "another soil may have begun"
         times = math.sqrt(sum(self._lately) / _LATELY)
         if len(self._lately) == _LATELY and times**2 > _MISSES:
@@ -288,50 +298,69 @@ class Soils:
         """The vehicle drives the other way: the last wheels come first, and places count from there."""
         self._absorb(self._ready(math.inf))
         self._border = -math.inf
+        self._past.clear()
+        self._doubted = False
 
     def _changed(self) -> bool:
-        """Look for a border: everything ahead of it is off by one factor of k."""
+        """Look for a border in what waits, and go on beyond it."""
         law, waiting = self.filter, self.waiting
         assert law is not None
         assert waiting is not None
         if law.used < _TESTED:
             return False
-        rows = _where(waiting, self._leads[waiting.wheel, waiting.onward.astype(int)])
-        rows = rows.take(np.argsort(-rows.place, kind="stable"))
-        miss, state, variance, by_load = law.innovations(rows)
-        if not (by_load > 0.0).all():
+        leads = self._leads[waiting.wheel, waiting.onward.astype(int)]
+        border = border_ahead(law, _where(waiting, leads), len(self.wheels))
+        self._suspected = border.suspected
+        if border.found:
+            self._change(border)
+        return border.found
+
+    def _keep_law(self) -> bool:
+        """Keep the law as it is, each half of a metre; whether it was time for that."""
+        assert self.filter is not None
+        if self._past and self._distance < self._past[-1].distance + _APART:
             return False
-        most = _WILD * np.sqrt(variance)
-        shift = -np.clip(miss, -most, most) / by_load
-        weight = by_load**2 / (variance - state)
-        total = np.cumsum(weight)
-        size = np.cumsum(weight * shift) / total
-        ones = rows.wheel[:, None] == np.arange(len(self.wheels))
-        counts = np.cumsum(ones, axis=0)
-        longest = counts.max(axis=1)
-        law_variance = np.maximum.accumulate(state / by_load**2)
-        sigma = np.abs(size) / np.sqrt(_alike(longest) / total + law_variance)
-        means = np.cumsum(ones * shift[:, None], axis=0) / np.maximum(counts, 1)
-        agree = ((counts == 0) | (means / size[:, None] > _SHARE)).all(axis=1)
-        enough = (counts > 0).sum(axis=1) >= min(2, int(ones.any(axis=0).sum()))
-        least = _LEAST_SIGMA + np.where(longest == 1, _ONE_ROW, 0.0)
-        likely = agree & enough & (np.abs(size) >= _LEAST_SHIFT)
-        self._suspected = bool((likely & (sigma >= _SUSPECTED)).any())
-        found = likely & (sigma >= least)
-        if not found.any():
+        if not self.filter.settled:
             return False
-        best = int(np.argmax(np.where(found, sigma, 0.0)))
-        self._change(float(rows.place[best]), float(size[best]))
+        self._past.append(_Past(self._distance, self.filter.copy(), []))
+        while len(self._past) > 1 and self._past[1].distance <= self._distance - _BACK:
+            self._past.popleft()
         return True
 
-    def _change(self, place: float, shift: float) -> None:
-        """Close the old soil, and go on with the prior or with a soil that is remembered."""
+    def _had_changed(self) -> bool:
+        """Look for a border in what the law has used for the last metres, and go back to before it."""
+        kept, waiting = self._past[0].law, self.waiting
+        assert waiting is not None
+        if kept.used < _TESTED:
+            return False
+        used = [rows for past in self._past for rows in past.used]
+        border = border_behind(kept, Stretches.joined([*used, waiting]), len(self.wheels))
+        self._doubted = border.suspected
+        if border.found:
+            self.filter = kept
+            self._change(border, used)
+        return border.found
+
+    def _change(self, border: Border, used: Sequence[Stretches] = ()) -> None:
+        """Close the old soil, and go on with the prior or with a soil that is remembered.
+
+        used: what an earlier law had not used that has taken the place of the newest.
+        """
+        place = border.place
         law, waiting = self.filter, self.waiting
         assert law is not None
         assert waiting is not None
+        self._past.clear()
+        for rows in used:
+            before = rows.place < place - self.length
+            if before.any():
+                law.absorb(_where(rows, before))
+            self.accepted -= int(rows.count[~before].sum())
+        if used:
+            self._publish()
         self._absorb(waiting.take(waiting.place < place - self.length))
-        new = waiting.take(waiting.place >= place)
-        self.waiting = None
+        both = Stretches.joined([*used, waiting])
+        new, self.waiting = both.take(both.place >= place), None
         self._old = len(self.versions) - 1
         if law.used >= _SETTLED:
             state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
@@ -340,11 +369,12 @@ class Soils:
         likely += [law.log_likelihood(known.state, new) for known in self._known]
         best = int(np.argmax(likely))
         known = None if best == 0 else self._known[best - 1]
-        law.reopen(None if known is None else known.state, shift, float(waiting.distance.max()))
+        until = float(waiting.distance.max())
+        law.reopen(None if known is None else known.state, border.shift, until)
         self.variety = Variety() if known is None else known.variety
         self._met += known is None
         self._number = self._met if known is None else known.number
-        self._border, self._suspected = place, False
+        self._border, self._suspected, self._doubted = place, False, False
         self.changes += 1
         self.health.forget()
         self._lately.clear()
@@ -395,10 +425,3 @@ def _where(rows: Stretches, keep: Flags) -> Stretches:
     """Some of the rows; all of them as they are."""
     found: Stretches = rows if keep.all() else rows.take(keep)
     return found
-
-
-def _alike(lengths: Integers) -> Array:
-    """Variance of the mean over so many lengths, over that of independent single lengths."""
-    u = lengths.astype(float)
-    mean_variance = 2.0 / u**2 * (u - 1.0 + np.exp(-u))
-    return np.asarray(u * mean_variance / (2.0 * math.exp(-1.0)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil's law from stretches: two iterated Kalman filters (filterpy) over the state of `law`.
+"""The soil's law from stretches: a bank of iterated Kalman filters (filterpy) over the state of `law`.
 
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
@@ -17,9 +17,13 @@ S: the soil's deviation of ln k from place to place; A: variance of what is show
 both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and
 (1 + a)/(1 - a) of one among its neighbours, which are alike by a.
 
-The filters differ in the deviations of passes and zeros: as told ("wide"), or a tenth ("tight"). Their
-weights are products of likelihoods to the power of 1/2; the mean is that of both, the covariance always the
-wide one's about that mean: a nuisance that the data does not show is still allowed for.
+A wrong zero of the sinkage sensors bends u and n together, far from linearly, so that there is a filter for
+each of 11 zeros, sure of its own to about the way to its neighbours (a sum of Gaussians; Alspach and Sorenson
+1972): together they are the prior. One more, the first, has a tenth of the prior's deviations of passes and
+zeros. Weights are shares times likelihoods to the power of 0.3, or of 1 over how much neighbouring errors
+are alike where that is less: what the law has no part for goes on over metres and looks like a wrong zero.
+The mean is that of all filters, the covariance that of the eleven about this mean: a nuisance that the data
+does not show is still allowed for.
 """
 
 from __future__ import annotations
@@ -43,8 +47,9 @@ from .model import (
     LEAST_SHARE,
     LOAD_SCALE,
     LOAD_ZERO,
-    SHOWN_N_RANGE,
+    N_RANGE,
     WHEELS,
+    ZERO,
     LawModel,
     N,
     U,
@@ -53,8 +58,20 @@ from .scatter import LARGEST, SoilScatter
 from .sensors import CONTRADICTION
 from .stretches import Stretches
 
+# Zeros that the wide filters begin with, over the prior's deviation: sinh of equal steps, close where most
+# zeros are; shares by the Gaussian density; variance of each about its own. Together they are the prior.
+_REACH, _STEP = 5, 0.35
+_AT = _STEP * np.arange(-_REACH, _REACH + 1)
+_ZEROS, _OWN = np.sinh(_AT), (0.85 * _STEP * np.cosh(_AT)) ** 2
+_SHARES = np.cosh(_AT) * np.exp(-0.5 * _ZEROS**2)
+_SHARES /= _SHARES.sum()
+_WHOLE = float(_SHARES @ (_ZEROS**2 + _OWN))  # variance of all together, to be 1
+_ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
 _WIDE_SHARE, _TIGHT = 0.3, 0.1  # that a nuisance is there at all; deviations of the tight filter
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
+# Of likelihoods that weigh the bank, at most: members differ by what the law bends to as well, so that a
+# zero would be known too well (n 4.6 deviations off with 0.5 in one of 10 drives, 3.9 with 0.25).
+_POWER = 0.3
 # Stretches of a soil after which all are taken again; before the first time the law has been linearised only
 # at the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).
 _AGAIN = (40, 120, 360)
@@ -67,13 +84,13 @@ Law = tuple[Array, Array]  # mean (3,) and covariance (3, 3)
 
 
 class Member:
-    """One filter of the bank: filterpy's, of x - x0. wide: deviations of passes and zeros as told."""
+    """One filter of the bank: filterpy's, of x - x0."""
 
-    def __init__(self, model: LawModel, wide: bool, share: float) -> None:
+    def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
         self.model = model
         self.kalman = KalmanFilter(dim_x=model.size, dim_z=1)
-        self.kalman.x, self.kalman.P = np.zeros(model.size), model.prior(1.0 if wide else _TIGHT)
-        self.log_prior = self.log_weight = math.log(share)
+        self.kalman.x, self.kalman.P = mean - model.mean, covariance
+        self.log_prior = self.log_weight = log_share
 
     def copy(self) -> Member:
         """It as it is now: no array of a filter is changed in place."""
@@ -83,7 +100,7 @@ class Member:
 
     @property
     def x(self) -> Array:
-        """What is shown."""
+        """The state of `law`."""
         return np.asarray(self.model.mean + self.kalman.x)
 
     def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
@@ -94,7 +111,7 @@ class Member:
         kalman.update(straight, np.diag(noise), H)
         kalman.P = 0.5 * (kalman.P + kalman.P.T)
         mean = self.model.mean[N]
-        kalman.x[N] = min(max(kalman.x[N], SHOWN_N_RANGE[0] - mean), SHOWN_N_RANGE[1] - mean)
+        kalman.x[N] = min(max(kalman.x[N], N_RANGE[0] - mean), N_RANGE[1] - mean)
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
         """See `SoilFilter.weigh`. Where both are over 10 % apart the loads' scale is as unsure as that."""
@@ -117,7 +134,7 @@ class Member:
 class SoilFilter:
     """The bank for one vehicle on one soil.
 
-    mean, covariance: of the soil's numbers (`LawModel.soil`); law: ln pressure at the soil's reference, n
+    mean, covariance: of the state of `law`; law: ln pressure at the soil's reference, n
     and m, and their slopes by mean. used: stretches of this soil; settled: whether the law has been
     linearised where it is.
     """
@@ -132,10 +149,8 @@ class SoilFilter:
     ) -> None:
         self.model = LawModel(prior, settings, effects, wheels, reference)
         self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
-        self.bank = [
-            Member(self.model, wide, _WIDE_SHARE if wide else 1.0 - _WIDE_SHARE)
-            for wide in (False, True)
-        ]
+        model = self.model
+        self.bank = self._bank(model.mean, model.prior(_TIGHT), model.prior(1.0))
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
         self._fade = drift if drives else math.inf  # a rig presses into one soil
@@ -145,6 +160,16 @@ class SoilFilter:
         self.used, self.settled = 0, False
         self._remember()
         self._mix()
+
+    def _bank(self, mean: Array, tight: Array, wide: Array) -> list[Member]:
+        """The filter without faults, and those that together are this Gaussian, each about its own zero."""
+        by_zero = wide[:, ZERO] / math.sqrt(wide[ZERO, ZERO])
+        members = [Member(self.model, mean, tight, math.log(1.0 - _WIDE_SHARE))]
+        for at, own, share in zip(_ZEROS.tolist(), _OWN.tolist(), _SHARES.tolist(), strict=True):
+            covariance = wide - (1.0 - own) * np.outer(by_zero, by_zero)
+            log_share = math.log(_WIDE_SHARE * share)
+            members.append(Member(self.model, mean + at * by_zero, covariance, log_share))
+        return members
 
     def absorb(self, rows: Stretches) -> None:
         """Use stretches that are ready together for the soil."""
@@ -172,22 +197,27 @@ class SoilFilter:
                 member.kalman.predict(F=F, Q=Q)
         self._travelled = float(np.fmax(distance, self._travelled))
 
+    @property
+    def _power(self) -> float:
+        """Of likelihoods that weigh the bank: what the law has no part for makes neighbours alike."""
+        return min(_POWER, 1.0 / self.scatter.alike)
+
     def _update(self, rows: Stretches) -> Array:
-        """Iterated update of the filters; their first innovations: miss, variances, slopes, (2, 5, rows)."""
-        count, z = rows.sinkage.size, rows.sinkage
-        both = Stretches.joined([rows] * len(self.bank))
+        """Iterated update of the filters; their first innovations: miss, variances, slopes, (12, 5, rows)."""
+        count, z = len(rows), rows.sinkage
+        each = Stretches.joined([rows] * len(self.bank))
         before = [(member.kalman.x, member.kalman.P) for member in self.bank]
         about, close = [member.x for member in self.bank], [False] * len(self.bank)
         first, noise = [], []
         for step in range(_ITERATIONS):
-            shown = self.model.h(np.repeat(about, count, axis=0), both)
+            shown = self.model.h(np.repeat(about, count, axis=0), each)
             for i, member in enumerate(self.bank):
                 if close[i]:
                     continue
                 own = shown.take(slice(i * count, (i + 1) * count))
                 if step == 0:
                     miss, (alone, counts, base) = z - own.value, self.scatter.noise(rows, own)
-                    state, counts = _weighted(member, own.H, miss, alone, counts)
+                    state, counts = _weighted(member, own.H, miss, alone, counts, self._power)
                     first.append(np.stack([miss, state, state + alone, base, own.by_load]))
                     noise.append(counts)
                 member.kalman.x, member.kalman.P = before[i]
@@ -223,7 +253,7 @@ class SoilFilter:
             ):
                 value, H, z = one.value[part], one.H[part], rows.sinkage[part]
                 miss = z - value - H @ (member.x - about)
-                _, used = _weighted(member, H, miss, alone[part], counts[part])
+                _, used = _weighted(member, H, miss, alone[part], counts[part], self._power)
                 member.correct(about, value, H, z, used)
             first += size
         self._believe()
@@ -249,12 +279,9 @@ class SoilFilter:
         likely = np.array([member.log_weight for member in self.bank])
         weights = np.exp(likely - likely.max())
         self._weights = weights / weights.sum()
-        y, jacobian = self.model.soil(np.array([member.x for member in self.bank]))
-        self.mean: Array = self._weights @ y
-        off = y[-1] - self.mean
-        self.covariance: Array = jacobian[-1] @ self.bank[-1].kalman.P @ jacobian[-1].T + np.outer(
-            off, off
-        )
+        x = np.array([member.x for member in self.bank])
+        self.mean: Array = self._weights @ x
+        self.covariance: Array = self._of_wide(self.mean)
         self.law: Law = self.model.law(self.mean)
 
     @property
@@ -262,23 +289,49 @@ class SoilFilter:
         slopes = self.law[1]
         return np.asarray(np.sqrt(np.diag(slopes @ self.covariance @ slopes.T)))
 
-    @property
-    def widest(self) -> Member:
-        """The filter in which all faults are free."""
-        return self.bank[-1]
+    def _of_wide(self, mean: Array) -> Array:
+        """Covariance about a mean of the filters in which all faults are free."""
+        wide, bank = self._weights[1:] / self._weights[1:].sum(), self.bank[1:]
+        off = np.array([member.x for member in bank]) - mean
+        within = np.array([member.kalman.P for member in bank])
+        found: Array = np.einsum("i,ijk->jk", wide, within)
+        found += np.einsum("i,ij,ik->jk", wide, off, off)
+        return found
 
     @property
-    def likeliest(self) -> Member:
-        """The filter of the greatest weight."""
-        return self.bank[int(np.argmax(self._weights))]
+    def widest(self) -> Array:
+        """Mean of the filters in which all faults are free."""
+        wide = self._weights[1:] / self._weights[1:].sum()
+        return np.asarray(wide @ [member.x for member in self.bank[1:]])
+
+    @property
+    def likeliest(self) -> Law:
+        """Mean and covariance by what is likelier: that there are faults, or that there are none."""
+        if self._weights[0] > 0.5:
+            return self.bank[0].x, self.bank[0].kalman.P
+        return self.widest, self._of_wide(self.widest)
 
     def innovations(self, rows: Stretches) -> tuple[Array, Array, Array, Array]:
         """What stretches would say: miss, variance by the state and in all (m^2), slope by ln load."""
-        member = self.likeliest
-        shown = self.model.h(member.x, rows)
-        state = np.einsum("ri,ij,rj->r", shown.H, member.kalman.P, shown.H)
+        mean, covariance = self.likeliest
+        shown = self.model.h(mean, rows)
+        state = np.einsum("ri,ij,rj->r", shown.H, covariance, shown.H)
         alone, _, _ = self.scatter.noise(rows, shown)
         return rows.sinkage - shown.value, state, state + alone, shown.by_load
+
+    def together(self, rows: Stretches) -> tuple[Array, Array, Array]:
+        """What many stretches would say: miss (m), covariance as they count (m^2), slope by ln load."""
+        shown = self.model.h(self.mean, rows)
+        _, counts, _ = self.scatter.noise(rows, shown)
+        covariance = shown.H @ self.covariance @ shown.H.T + np.diag(counts)
+        return rows.sinkage - shown.value, covariance, shown.by_load
+
+    def copy(self) -> SoilFilter:
+        """It as it is now."""
+        own = copy(self)
+        own.bank, own.scatter = [member.copy() for member in self.bank], self.scatter.copy()
+        own._store = None if self._store is None else self._store.copy()
+        return own
 
     # -- another soil
 
@@ -286,42 +339,35 @@ class SoilFilter:
         """Another soil from here on: the law is the prior's again, or a remembered one; nuisances stay."""
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
         for member in self.bank:
-            x, member.kalman.P = self._with_law(member, law)
+            x, member.kalman.P = self._with_law(member.x, member.kalman.P, law)
             member.kalman.x = x - self.model.mean
         self.used, self.settled = 0, law is not None
         self._remember()
         self._mix()
 
-    def _with_law(self, member: Member, law: Law | None) -> tuple[Array, Array]:
-        model = self.model
-        y, jacobian = (part[0] for part in model.soil(member.x[None]))
-        whole = jacobian @ member.kalman.P @ jacobian.T
-        whole[:LAW, :] = whole[:, :LAW] = 0.0
-        whole[:LAW, :LAW] = model.soil_covariance[:LAW, :LAW] if law is None else law[1]
-        y = y.copy()
-        y[:LAW] = model.mean[:LAW] if law is None else law[0]
-        x = model.shown(y)
-        back = np.linalg.inv(model.soil(x[None])[1][0])
-        return x, back @ whole @ back.T
+    def _with_law(self, x: Array, P: Array, law: Law | None) -> tuple[Array, Array]:
+        """The same with another law, that of the prior for None."""
+        model, x, P = self.model, x.copy(), P.copy()
+        P[:LAW, :] = P[:, :LAW] = 0.0
+        x[:LAW], P[:LAW, :LAW] = (
+            (model.mean[:LAW], model.soil_covariance[:LAW, :LAW]) if law is None else law
+        )
+        return x, P
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
-        """Go on from the soil's numbers as saved (`LawModel.soil`; without those of single wheels)."""
-        y = self.model.mean.copy()
-        y[:WHEELS] = mean
-        x = self.model.shown(y)
-        back = np.linalg.inv(self.model.soil(x[None])[1][0])
-        for member in self.bank:
-            whole = member.kalman.P.copy()
-            whole[:WHEELS, :] = whole[:, :WHEELS] = 0.0
-            whole[:WHEELS, :WHEELS] = covariance
-            member.kalman.x, member.kalman.P = x - self.model.mean, back @ whole @ back.T
+        """Go on from a state as saved, without what is of single wheels."""
+        x = self.model.mean.copy()
+        x[:WHEELS] = mean
+        tight, wide = self.model.prior(_TIGHT), self.model.prior(1.0)
+        tight[:WHEELS, :WHEELS] = wide[:WHEELS, :WHEELS] = covariance
+        self.bank = self._bank(x, tight, wide)
         self.used, self.settled = used, True
         self._remember()
         self._mix()
 
     def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
         """How likely stretches are of a law as in `reopen`, in ln of sinkage, linearised about it."""
-        x, P = self._with_law(self.likeliest, law)
+        x, P = self._with_law(*self.likeliest, law)
         shown = self.model.h(x, rows)
         alone, _, _ = self.scatter.noise(rows, shown)
         value = np.maximum(shown.value, 1e-4)
@@ -348,13 +394,13 @@ class SoilFilter:
 
 
 def _weighted(
-    member: Member, H: Array, miss: Array, alone: Array, counts: Array
+    member: Member, H: Array, miss: Array, alone: Array, counts: Array, power: float
 ) -> tuple[Array, Array]:
     """Variances of innovations by the state, and of stretches as they count; the filter's weight learns."""
     state = np.einsum("ri,ij,rj->r", H, member.kalman.P, H)
     squares = miss * miss / (state + alone)
     likely = np.minimum(squares, LARGEST) + np.log(state + alone)
-    member.log_weight -= 0.5 * _TEMPER * float(likely.sum())
+    member.log_weight -= 0.5 * power * float(likely.sum())
     return state, counts * _huber(squares)
 
 

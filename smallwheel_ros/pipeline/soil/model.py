@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What sensors show of the soil's law: the state x, and h with its Jacobian H, for many stretches at once.
 
-State, all but m as the sensors show it:
+State:
 
-    u    ln of the sinkage (m) that is shown of a reference wheel, the one measured first
-    n'   exponent of sinkage as it is shown
+    u    ln of the sinkage (m) of a reference wheel, the one measured first
+    n    exponent of sinkage
     m    exponent of the wheel's diameter
     g    ln of the factor on sinkage in the rut of one wheel
     a    half of ln of what k is under the left wheels, over that under the right ones
@@ -17,14 +17,8 @@ State, all but m as the sensors show it:
     f    ln of the scale of all sinkage sensors
     d_w, l_w   of each wheel besides: zero of its sensor (m), ln of the scale of its load cell
 
-From what is shown to the soil: with q = 1 - c / exp(u),
-
-    ln z_ref = u + ln q - f,    n + 1/2 = (n' + 1/2) q
-
-A zero that is off bends ln z_ref and n together; in the shown numbers a measurement says little of c, so that
-a filter that is linearised anew each time does not learn a zero that was never measured. Of f it says
-nothing: a soil on which all sinkages are a twentieth less fits as well. h of a wheel with load W, slip i, and
-p of its rut:
+Of f the measurements say nothing: a soil on which all sinkages are a twentieth less fits as well. h of a
+wheel with load W, slip i, and p of its rut:
 
     h(x) = z(W'; z_ref, n, m) exp(g p + f) (1 + s max(i, 0)) + e pitch + c + d_w
     W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)        side: 1 left, -1 right
@@ -67,7 +61,7 @@ _SINKAGE_SCALE_STD = (
 )
 LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
-N_RANGE, SHOWN_N_RANGE = (0.05, 2.9), (-0.35, 5.0)
+N_RANGE = 0.05, 2.9
 # What a single sensor is off by, over what all are. Half a millimetre of zero where nothing is said: m lives
 # on what wheels of two sizes differ by.
 _EACH_ZERO, _EACH_LOAD = 1.0 / 6.0, 0.5
@@ -197,11 +191,10 @@ class LawModel:
         self.soil_covariance[:LAW, :LAW] = back @ prior.law[1] @ back.T
 
     def prior(self, factor: float) -> Array:
-        """Covariance of x before any measurement. factor: on the deviations of passes and zeros."""
+        """Covariance of the state before any measurement. factor: on the deviations of passes and zeros."""
         scale = np.ones(self.size)
         scale[[PASS, ZERO, *range(WHEELS, self.size, EACH)]] = factor
-        back = np.linalg.inv(self.soil(self.mean[None])[1][0])
-        whole: Array = back @ (self.soil_covariance * np.outer(scale, scale)) @ back.T
+        whole: Array = self.soil_covariance * np.outer(scale, scale)
         return whole
 
     def drift(self, law: float, side: float, border: float) -> tuple[Array, Array]:
@@ -212,32 +205,6 @@ class LawModel:
         Q[SIDE, SIDE] = (1.0 - side * side) * SIDE_STD**2
         Q[U, U] += border
         return np.diag(factors), Q
-
-    def soil(self, x: Array) -> tuple[Array, Array]:
-        """From what is shown to the soil, (rows, size), with the Jacobians (rows, size, size)."""
-        y = x.copy()
-        jacobian = np.broadcast_to(np.eye(self.size), (len(x), self.size, self.size)).copy()
-        half, shown = x[:, N] + 0.5, np.exp(x[:, U])
-        share = 1.0 - x[:, ZERO] / shown
-        bounded = np.maximum(share, LEAST_SHARE)
-        y[:, U] += np.log(bounded) - x[:, SCALE]
-        y[:, N] = np.clip(half * bounded - 0.5, *N_RANGE)
-        jacobian[:, N, N] = bounded
-        free = share == bounded
-        jacobian[:, U, U] = np.where(free, 1.0 / bounded, 1.0)
-        jacobian[:, U, ZERO] = np.where(free, -1.0 / (shown * bounded), 0.0)
-        jacobian[:, N, U] = np.where(free, half * (1.0 - bounded), 0.0)
-        jacobian[:, N, ZERO] = np.where(free, -half / shown, 0.0)
-        jacobian[:, U, SCALE] = -1.0
-        return y, jacobian
-
-    def shown(self, y: Array) -> Array:
-        """From the soil to what is shown: the inverse of `soil`, shape (size,)."""
-        x = y.copy()
-        wheel = math.exp(y[U] + y[SCALE])
-        shown = max(wheel + y[ZERO], LEAST_SHARE * wheel)
-        x[U], x[N] = math.log(shown), (y[N] + 0.5) * shown / wheel - 0.5
-        return x
 
     def pressure(self, u: Array, n: Array) -> tuple[Array, Array, Array]:
         """Ln K under the reference wheel that a sinkage exp(u) shows, and its slopes by u and n."""
@@ -259,12 +226,11 @@ class LawModel:
 
     def h(self, x: Array, rows: Stretches) -> Shown:
         """What the sensors of wheels show. x: (size,), or one for each row, (rows, size)."""
-        whole = np.broadcast_to(x, (rows.wheel.size, self.size))
-        y, jacobian = self.soil(whole)
-        sunk = self.sinkage(y, rows)
+        whole = np.broadcast_to(x, (len(rows), self.size))
+        sunk = self.sinkage(whole, rows)
         scale = np.exp(whole[:, SCALE])
         value = scale * sunk.value
-        row = np.einsum("ri,rij->rj", scale[:, None] * sunk.H, jacobian)
+        row = scale[:, None] * sunk.H
         zero = WHEELS + EACH * rows.wheel
         index = np.arange(len(rows))
         row[:, PITCH] = rows.pitch

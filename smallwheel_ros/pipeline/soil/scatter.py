@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 
@@ -36,6 +37,12 @@ class SoilScatter:
         self._newest = np.zeros(wheels)  # normalised innovations
         self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
 
+    def copy(self) -> SoilScatter:
+        """It as it is now."""
+        own = copy(self)
+        own._newest = self._newest.copy()
+        return own
+
     @property
     def places(self) -> tuple[float, float]:
         """Variances at one place: of ln k, and of the sinkage besides (m^2).
@@ -50,11 +57,11 @@ class SoilScatter:
         base = rows.variance + by_load * rows.load_variance
         base = base + (MODEL_ERROR * shown.value) ** 2 + shown.doubt
         alone = base + self.share * by_load * self.soil + self.additive
-        counts = base + self.together * by_load * self.soil + self._alike * self.additive
+        counts = base + self.together * by_load * self.soil + self.alike * self.additive
         return alone, counts, base
 
     @property
-    def _alike(self) -> float:
+    def alike(self) -> float:
         """How much more neighbouring errors count, being alike: (1 + r)/(1 - r)."""
         alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
         return float((1.0 + alike) / (1.0 - alike))

@@ -33,10 +33,9 @@ def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
     """In words, where stretches that the law has used refute its shape; empty where they do not."""
     if len(rows) < _ENOUGH or not law.settled:
         return ""
-    model, x = law.model, law.widest.x
-    state, jacobian = (part[0] for part in model.soil(x[None]))
-    shown = model.h(x, rows)
-    by_state = shown.H @ np.linalg.inv(jacobian)
+    model, state = law.model, law.widest
+    shown = model.h(state, rows)
+    by_state = shown.H
     noise, _, _ = law.scatter.noise(rows, shown)
     miss = rows.sinkage - shown.value
     noise = noise * np.maximum(1.0, np.abs(miss) / (_CUT * np.sqrt(noise)))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stretches and soils at their edges, on drives whose truth is a quadrature of its own.
 
-Tests `filter.py`, `health.py`, `local_law.py` and `scatter.py`.
+Tests `border_evidence.py`, `filter.py`, `health.py`, `local_law.py` and `scatter.py`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from smallwheel_ros.physics.contact import contact_load
 from smallwheel_ros.physics.soil import soil, usual_strength
 from smallwheel_ros.physics.wheel import Wheel
 from smallwheel_ros.pipeline.soil.borders import Soils
+from smallwheel_ros.pipeline.soil.filter import SoilFilter
 from smallwheel_ros.pipeline.soil.local_law import Reported, Version, law_of
 from smallwheel_ros.pipeline.soil.saved_state import (
     SavedState,
@@ -29,8 +30,9 @@ from smallwheel_ros.pipeline.soil.saved_state import (
     state_bytes,
     write_state,
 )
-from smallwheel_ros.pipeline.soil.stretches import StretchState, stretches
+from smallwheel_ros.pipeline.soil.stretches import Stretches, StretchState, stretches
 from smallwheel_ros.pipeline.tables import Readings
+from smallwheel_ros.simulate.truth import static_sinkage
 
 
 def flags_of(version: Version, prior: SoilPrior, share: float = 0.5) -> np.ndarray:
@@ -131,6 +133,77 @@ def test_a_border_is_found_and_wheels_behind_it_are_on_the_old_soil() -> None:
     near = (rows.distance > first) & (rows.distance < versions[-1].border + 0.3)
     assert (number[near & rear] == 0).all()
     assert (number[rows.distance > border + 1.5] == 1).all()
+
+
+def crossing(factor: float, noise: float, seed: int) -> tuple[Soils, list[Version]]:
+    """Stretches of four wheels over 30 m, on soil of so many times its modulus from 15 m on.
+
+    noise: m, of each stretch. Loads swing by a third; n is 0.8, and sinkages are by quadrature.
+    """
+    prior, rng = SoilPrior.from_soil(soil("dry_sand")), np.random.default_rng(seed)
+    wheels = tuple(
+        Wheel(f"{x}{y}", 0.25, 0.1, longitudinal_position=x, lateral_position=y)
+        for x in (0.3, -0.3)
+        for y in (0.3, -0.3)
+    )
+    way = np.arange(0.2, 30.0, 0.2)
+    columns = dict.fromkeys(Stretches.__dataclass_fields__, np.zeros(4 * way.size))
+    distance, wheel = np.repeat(way, 4), np.tile(np.arange(4), way.size)
+    place = distance - 0.1 + np.array([0.3, 0.3, -0.3, -0.3])[wheel]
+    load = 60.0 * np.exp(0.3 * np.sin(2.1 * distance + 1.7 * wheel))
+    true = math.exp(prior.log_modulus(0.25)) * np.where(place > 15.0, factor, 1.0)
+    one = np.ones(load.size)
+    depth = static_sinkage(lambda z: true[:, None] * z**0.8, load, 0.25 * one, 0.1 * one)
+    columns |= {
+        "wheel": wheel, "load": load, "sinkage": depth + noise * rng.standard_normal(load.size),
+        "variance": 0.1 * noise**2 * one, "distance": distance, "place": place, "slip": 0.02 * one,
+        "speed": 0.4 * one, "count": np.full(load.size, 8), "dropped": np.zeros(load.size, dtype=int),
+        "onward": one > 0.0, "end": (2.5e9 * distance).astype(np.int64), "low": depth, "high": 1.1 * depth,
+    }  # fmt: skip
+    rows = table_of(
+        stamp=columns["end"], wheel=wheel, distance=distance, onward=one > 0.0, load=load
+    )
+    soils = Soils(prior, EstimatorSettings(sinkage_zero_std=1e-3), (), wheels)
+    soils.take(Stretches(**columns), rows)  # type: ignore[arg-type]
+    return soils, [soils.versions[i] for i in range(len(soils.versions))]
+
+
+@pytest.mark.parametrize(
+    ("factor", "noise", "seed"),
+    [(0.6, 4e-3, 0), (0.6, 4e-3, 1), (1.8, 3e-3, 1), (1.8, 3e-3, 2)],
+)
+def test_a_border_that_0_6_m_do_not_show_is_found_and_the_law_goes_back(
+    factor: float, noise: float, seed: int
+) -> None:
+    soils, versions = crossing(factor, noise, seed)
+    assert soils.changes == 1
+    new = next(one for one in versions if one.changes)
+    assert abs(new.border - 15.0) < 1.0
+    assert new.distance - 15.0 < 3.5
+    assert new.distance - new.border > 0.9, "the stretches that wait alone would have shown it"
+    # Neither n nor the old soil has taken up what changed: the law is that of before the border.
+    for version in (versions[new.old], versions[-1]):
+        law, covariance = law_of(version)
+        assert abs(law[1] - 0.8) < 3.0 * math.sqrt(covariance[1, 1])
+    law, covariance = law_of(versions[new.old])
+    assert abs(law[0] - soils.prior.law[0][0]) < 3.0 * math.sqrt(covariance[0, 0])
+    old_rows = 4 * round(new.border / 0.2)
+    assert soils.accepted <= 8 * 4 * 150  # none counts twice
+    assert versions[new.old].accepted <= 8 * old_rows + 200
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_nothing_changes_on_one_soil_however_noisy(seed: int) -> None:
+    soils, _ = crossing(1.0, 4e-3, seed)
+    assert soils.changes == 0
+
+
+def test_the_bank_together_is_the_prior() -> None:
+    prior = SoilPrior.from_soil(soil("dry_sand"))
+    wheels = (Wheel("one", 0.25, 0.1),)
+    found = SoilFilter(prior, EstimatorSettings(), (), wheels, (60.0, 0.25, 0.1))
+    np.testing.assert_allclose(found.mean, found.model.mean, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, found.model.soil_covariance, atol=1e-12)
 
 
 def test_a_sensor_that_is_stuck_goes_to_no_filter() -> None:

@@ -85,7 +85,7 @@ def test_h_is_the_contact_integral_with_each_fault() -> None:
     made, stretch = model(), rows()
     clean = state(made)
     clean[law.PASS :] = 0.0
-    pressure, n, m = made.law(made.soil(clean[None])[0][0])[0]
+    pressure, n, m = made.law(clean)[0]
 
     def static(load: float) -> float:
         modulus = math.exp(pressure - n * math.log(0.01) + m * math.log(0.25 / 0.2))
@@ -115,21 +115,6 @@ def test_h_is_the_contact_integral_with_each_fault() -> None:
 def test_an_effect_of_the_model_takes_the_place_of_the_fault() -> None:
     assert model().soil_covariance[law.SLIP, law.SLIP] == 1.0
     assert model((Exponential(a=0.7),)).soil_covariance[law.SLIP, law.SLIP] < 1e-12
-
-
-def test_the_shown_state_and_the_soils_are_inverses() -> None:
-    made = model()
-    x = state(made)
-    y, jacobian = made.soil(x[None])
-    np.testing.assert_allclose(made.shown(y[0]), x, atol=1e-12)
-    clean = x.copy()
-    clean[law.ZERO] = 0.0  # then what is shown is the soil's
-    np.testing.assert_allclose(made.soil(clean[None])[0][0], clean, atol=1e-15)
-    steps = 1e-7 * np.eye(len(x))
-    slopes = (made.soil(x + steps)[0] - made.soil(x - steps)[0]).T / 2e-7
-    np.testing.assert_allclose(jacobian[0], slopes, rtol=1e-5, atol=1e-6)
-    x[law.ZERO] = 0.05  # larger than all that is shown: it leaves a wheel that sinks
-    assert math.exp(made.soil(x[None])[0][0, law.U]) > 0.0
 
 
 def test_the_prior_is_that_of_the_field() -> None:

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether stretches lie on two soils, by how they differ from a law.
+
+Stretches of leading wheels that wait, the furthest first, for each border that there may be:
+
+    shift    = sum(nu / by / v) / sum(1 / v),   v = var(nu of a stretch alone) / by^2
+    variance = alike(rows) / sum(1 / v) + H P H / by^2
+
+All stretches of the last metres, against the law of before them, where S = H P H^T + R is their covariance, R
+as they count among their neighbours, and g = -by on those beyond a border and 0 before it:
+
+    shift = g^T S^-1 nu / (g^T S^-1 g),   variance = 1 / (g^T S^-1 g)
+
+A border is where the shift is over 4.75 deviations (6.25 on one row) and a factor of 1.25, and each wheel
+beyond it shows it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers
+
+from .filter import SoilFilter
+from .stretches import Stretches
+
+_LEAST_SHIFT = math.log(1.25)  # of ln k: less is the soil's own drift
+# 24 tests a metre with four wheels: one false alarm in 1000 m at 4.75 for sums of many rows, whose errors are
+# near normal; one row alone has the tails of single places.
+_LEAST_SIGMA, _ONE_ROW = 4.75, 1.5
+# Of the shift that each wheel shows; deviations to which an innovation is cut.
+_SHARE, _WILD = 0.3, 5.0
+_SUSPECTED = 3.0  # deviations of a border that may be there
+
+
+class Border(NamedTuple):
+    """The likeliest border. place: m, from which on the soil is another. shift: of ln k there.
+
+    suspected: it may be there. found: it is.
+    """
+
+    place: float = math.nan
+    shift: float = 0.0
+    suspected: bool = False
+    found: bool = False
+
+
+def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
+    """By stretches of leading wheels that the law has not used."""
+    rows = rows.take(np.argsort(-rows.place, kind="stable"))
+    miss, state, variance, by_load = law.innovations(rows)
+    if not (by_load > 0.0).all():
+        return Border()
+    most = _WILD * np.sqrt(variance)
+    shift = -np.clip(miss, -most, most) / by_load
+    weight = by_load**2 / (variance - state)
+    total = np.cumsum(weight)
+    size = np.cumsum(weight * shift) / total
+    ones = rows.wheel[:, None] == np.arange(wheels)
+    counts = np.cumsum(ones, axis=0)
+    law_variance = np.maximum.accumulate(state / by_load**2)
+    sigma = np.abs(size) / np.sqrt(_alike(counts.max(axis=1)) / total + law_variance)
+    means = np.cumsum(ones * shift[:, None], axis=0) / np.maximum(counts, 1)
+    return _likeliest(rows, counts, means, size, sigma)
+
+
+def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
+    """By all stretches since a law that has used none of them."""
+    rows = rows.take(np.argsort(-rows.place, kind="stable"))
+    miss, covariance, by_load = law.together(rows)
+    if not (by_load > 0.0).all():
+        return Border()
+    most = _WILD * np.sqrt(np.diag(covariance))
+    known = np.linalg.inv(covariance)
+    score = -by_load * (known @ np.clip(miss, -most, most))
+    weight = known * np.outer(by_load, by_load)
+    size, total = _shifts(score, weight)
+    ones = rows.wheel[:, None] == np.arange(wheels)
+    own = [_shifts(score * one, weight * np.outer(one, one))[0] for one in ones.T]
+    counts = np.cumsum(ones, axis=0)
+    return _likeliest(rows, counts, np.stack(own, axis=1), size, np.abs(size) * np.sqrt(total))
+
+
+def _likeliest(rows: Stretches, counts: Integers, own: Array, size: Array, sigma: Array) -> Border:
+    """Of a border behind each row. counts, own: rows beyond, and shift, of each wheel, (rows, wheels)."""
+    agree: Flags = ((counts == 0) | (own / size[:, None] > _SHARE)).all(axis=1)
+    enough = (counts > 0).sum(axis=1) >= min(2, int((counts[-1] > 0).sum()))
+    sigma = np.where(agree & enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)
+    found = sigma >= _LEAST_SIGMA + np.where(counts.max(axis=1) == 1, _ONE_ROW, 0.0)
+    best = int(np.argmax(np.where(found, sigma, 0.0)))
+    return Border(
+        float(rows.place[best]),
+        float(size[best]),
+        bool((sigma >= _SUSPECTED).any()),
+        bool(found.any()),
+    )
+
+
+def _shifts(score: Array, weight: Array) -> tuple[Array, Array]:
+    """Shift beyond each row and g^T S^-1 g. score, weight: of rows, and of pairs of them."""
+    total = np.diag(np.cumsum(np.cumsum(weight, axis=0), axis=1))
+    total = np.maximum(total, 1e-30)
+    return np.cumsum(score) / total, total
+
+
+def _alike(lengths: Integers) -> Array:
+    """Variance of the mean over so many lengths, over that of independent single lengths."""
+    u = lengths.astype(float)
+    mean_variance = 2.0 / u**2 * (u - 1.0 + np.exp(-u))
+    return np.asarray(u * mean_variance / (2.0 * math.exp(-1.0)))
