@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from smallwheel_ros.effects.instruments import SINKAGE_ZERO_STD
 from smallwheel_ros.simulate.truth import Contact
 from smallwheel_ros.simulate.vehicle import SimulatedVehicle, Truth, truth_of
 from smallwheel_ros.simulate.wheel_laws import RimStrength
@@ -127,7 +128,7 @@ class RandomWorld(World):
     def drawn(self, seed: int) -> RandomWorld:
         """The world with its way; with `priors`, what is off of sensors and soil is drawn from their priors.
 
-        Those of docs/estimator.md: of the sinkage sensors' zero 2 mm and of their scale 0.05, of all loads'
+        Those of docs/estimator.md: of the sinkage sensors' zero 3 mm and of their scale 0.05, of all loads'
         scale 0.1 and of each wheel's half of that, of their zero 0.03 of a wheel's load, of the sides of a
         vehicle a factor of 1.8 in k, of the delay 0.1 s, of pitch 0.01 m/rad, of ruts 0.3 in ln of the
         sinkage. Slip digs, at one deviation, as deep as half of that of its prior: it cannot fill up.
@@ -140,7 +141,7 @@ class RandomWorld(World):
         count = len(rover.wheels)
         scales = np.exp(0.1 * normal() + 0.05 * normal(count))
         sensors = replace(
-            self.sensors, zero=0.002 * normal(), load_scale=tuple(scales.tolist()),
+            self.sensors, zero=SINKAGE_ZERO_STD * normal(), load_scale=tuple(scales.tolist()),
             tare=0.03 * rover.mass * GRAVITY / count * normal(), delay=0.1 * abs(normal()),
             pitch_error=0.01 * normal(), torque_scale=0.1, friction=0.05,
         )  # fmt: skip

@@ -68,7 +68,13 @@ def read(
 
 
 def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
-    """Read a table of any test of a lab, shear tests too. how: as in `read`."""
+    """Read a table of any test of a lab, shear tests too.
+
+    Parameters
+    ----------
+    data, how
+        As of `read`.
+    """
     from smallwheel_ros.measurements.from_file import read_tests
     from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 
@@ -80,7 +86,13 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
 
 
 def conditions_of(data: Any, **how: Any) -> "Measurements":
-    """A table of settings to predict: none of its rows need have measured anything. how: as in `read`."""
+    """Read a table of settings to predict: none of its rows need have measured anything.
+
+    Parameters
+    ----------
+    data, how
+        As of `read`.
+    """
     from smallwheel_ros.measurements.from_file import read_conditions
     from smallwheel_ros.measurements.measurements import Measurements
 

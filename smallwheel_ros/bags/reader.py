@@ -231,10 +231,17 @@ class BagReader:
         return "; ".join(self._problems)
 
     def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
-        """Return what makes a message of bytes, with at least the fields that its type has here.
+        """What makes a message of bytes, with at least the fields that its type has here.
 
-        Raises DefinitionError where the bag defines the type otherwise; it is then part of the bag's
-        `damage`.
+        Parameters
+        ----------
+        topic, kind
+            Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+
+        Raises
+        ------
+        DefinitionError
+            Where the bag defines the type otherwise; it is then part of the bag's `damage`.
         """
         try:
             return self._definitions.decoder(self._connections[topic, kind], as_here=True)
@@ -245,7 +252,13 @@ class BagReader:
             raise
 
     def channel(self, topic: str, kind: str) -> CopiedTopic | None:
-        """Return how a bag of ROS 2 is to hold a topic; None where its type is not known."""
+        """How a bag of ROS 2 is to hold a topic; None where its type is not known.
+
+        Parameters
+        ----------
+        topic, kind
+            Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+        """
         connection = self._connections[topic, kind]
         try:
             name, store, convert = self._definitions.in_ros2(connection)

@@ -113,10 +113,19 @@ class Definitions:
         return bool(topic.msgdef.data) or topic.msgtype in self._standard.fielddefs
 
     def decoder(self, topic: Connection, *, as_here: bool = False) -> Callable[[bytes], Any]:
-        """Return what makes a message of a topic's bytes.
+        """What makes a message of a topic's bytes.
 
-        as_here: the type must have the fields that it has here; it may have others besides. Raises
-        DefinitionError.
+        Parameters
+        ----------
+        topic
+            As the bag has it.
+        as_here
+            Whether the type must have the fields that it has here; it may have others besides.
+
+        Raises
+        ------
+        DefinitionError
+            Where it has not, or where the bag's definition cannot be read.
         """
         kind, store = topic.msgtype, self._store(topic)
         if as_here and kind not in typestore().fielddefs:

@@ -46,7 +46,15 @@ _LATCHED = Qos(
 
 
 def header(stamp: int, frame: str) -> Message:
-    """Return the header of a message. stamp: ns since the epoch."""
+    """The header of a message.
+
+    Parameters
+    ----------
+    stamp
+        ns since the epoch.
+    frame
+        Its frame_id.
+    """
     time = Message(sec=stamp // _SECOND, nanosec=stamp % _SECOND)
     return Message(stamp=time, frame_id=frame)
 
@@ -101,26 +109,55 @@ class BagWriter:
     def write(self, topic: str, kind: str, log_time: int, message: Any) -> None:
         """Write a message of ROS 2 Jazzy or of this package.
 
-        topic, kind: such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``. log_time: of recording, ns since
-        the epoch. message: made with `message_type`, or any object with the type's fields.
+        Parameters
+        ----------
+        topic, kind
+            Such as ``"/odom"`` and ``"nav_msgs/msg/Odometry"``.
+        log_time
+            Of recording, ns since the epoch.
+        message
+            Made with `message_type`, or any object with the type's fields.
         """
         self.write_raw(topic, kind, log_time, typestore().serialize_cdr(message, kind))
 
     def write_raw(self, topic: str, kind: str, log_time: int, data: bytes | memoryview) -> None:
-        """Write a message that is serialised (CDR) already, of a type that `message_type` knows."""
+        """Write a message that is serialised already.
+
+        Parameters
+        ----------
+        topic, kind, log_time
+            As of `write`; a type that `message_type` knows.
+        data
+            CDR, with its four bytes of encapsulation.
+        """
         connection = self._connections.get((topic, kind)) or self.add(topic, kind)
         self._write(connection, log_time, data)
 
     def copy(self, topic: CopiedTopic, log_time: int, data: bytes) -> None:
-        """Write a message of another bag; a topic is `BagReader.channel`'s."""
+        """Write a message of another bag.
+
+        Parameters
+        ----------
+        topic
+            What `BagReader.channel` gave.
+        log_time
+            Of recording, ns since the epoch.
+        data
+            As it is in that bag.
+        """
         converted = topic.convert(data)
         connection = self._connections.get(topic[:2]) or self._add(topic)
         self._write(connection, log_time, converted)
 
     def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Connection:
-        """Make a topic of a type that `message_type` knows before its first message comes.
+        """Make a topic before its first message comes.
 
-        keeps_last: a player of the bag gives its last message to those that listen later.
+        Parameters
+        ----------
+        topic, kind
+            As of `write`; a type that `message_type` knows.
+        keeps_last
+            Whether a player of the bag gives its last message to those that listen later.
         """
         if kind not in typestore().fielddefs:
             raise BagError(self.path, f"topic {topic}: the definition of {kind} is not known here")

@@ -21,7 +21,16 @@ def show(
 ) -> None:
     """Write the result's JSON; print its text and what was written, unless JSON is printed.
 
-    text: what is left to print where some of it was printed on the way.
+    Parameters
+    ----------
+    result
+        What came of a command.
+    json_file
+        Where to; - is standard output, None nowhere.
+    written
+        Files that are there already, and are to be listed.
+    text
+        What is left to print where some of it was printed on the way; the result's own without it.
     """
     tell(result.to_dict(), str(result) if text is None else text, json_file, written)
 
@@ -29,7 +38,17 @@ def show(
 def tell(
     document: Mapping[str, Any], text: str, json_file: str | None, written: Sequence[Path] = ()
 ) -> None:
-    """Write a document as JSON; print the text and what was written, unless JSON is printed."""
+    """Write a document as JSON; print the text and what was written, unless JSON is printed.
+
+    Parameters
+    ----------
+    document
+        Plain values.
+    text
+        For people.
+    json_file, written
+        As of `show`.
+    """
     from smallwheel_ros.common.tables import write_json
 
     if json_file is not None:

@@ -26,7 +26,15 @@ def reason(error: Exception) -> str:
 
 
 def nearest(name: str, known: list[str]) -> str:
-    """A clause that lists what exists, the nearest match first: for error messages."""
+    """A clause that lists what exists, the nearest match first: for error messages.
+
+    Parameters
+    ----------
+    name
+        What was asked for.
+    known
+        What there is.
+    """
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean '{close[0]}'? " if close else ""
     return f"{hint}There is: {', '.join(sorted(known))}"

@@ -45,8 +45,17 @@ def check_targets(
 ) -> None:
     """Refuse outputs that would be lost, or destroy something, before a long computation.
 
-    targets: files that a command is to write, - for standard output. inputs: files that it reads.
-    Raises OutputError where a target cannot be made, is an input, or is named twice.
+    Parameters
+    ----------
+    targets
+        Files that a command is to write, - for standard output.
+    inputs
+        Files that it reads.
+
+    Raises
+    ------
+    OutputError
+        Where a target cannot be made, is an input, or is named twice.
     """
     paths = [check_target(path) for path in targets if path is not None and str(path) != "-"]
     given = [Path(path) for path in inputs if path is not None]
@@ -72,7 +81,17 @@ def check_folder_target(path: Path | None) -> None:
 def write_bytes(path: str | Path, content: bytes) -> None:
     """Put a file there in one step; one that was there is replaced only by a whole one.
 
-    Raises OutputError where that is not possible.
+    Parameters
+    ----------
+    path
+        Where to.
+    content
+        All of it.
+
+    Raises
+    ------
+    OutputError
+        Where that is not possible.
     """
     write_whole(path, lambda draft: draft.write_bytes(content))
 
@@ -82,6 +101,18 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
 
     A link stays, and what it points to is replaced. A device or a pipe (/dev/null, /dev/stdout) is
     written to as it is: put another file in its place, and every program would lose it.
+
+    Parameters
+    ----------
+    path
+        Where to.
+    write
+        Called with the path of the draft.
+
+    Raises
+    ------
+    OutputError
+        Where that is not possible.
     """
     path = check_target(path)
     if path.exists() and not path.is_file():

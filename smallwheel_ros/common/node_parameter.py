@@ -214,9 +214,20 @@ def parameter(
 ) -> Any:  # a dataclass field stands for a value of its annotated type
     """Declare a parameter of the node as a field of a dataclass.
 
-    default: None where there is none, and then the field's type allows None or it is required. unit: of a
-    number. span: ends of its range, both allowed. text: what it means. form, required, at_start: see
-    `NodeParameter`. A field whose type is a Literal may be what that lists.
+    A field whose type is a Literal may be what that lists.
+
+    Parameters
+    ----------
+    default
+        None where there is none, and then the field's type allows None or it is required.
+    unit
+        Of a number.
+    span
+        Ends of its range, both allowed.
+    text
+        What it means.
+    form, required, at_start
+        See `NodeParameter`.
     """
     low, high = span or (None, None)
     what = {"unit": unit, "low": low, "high": high, "description": text}
@@ -227,12 +238,30 @@ def parameter(
 
 
 def topic(default: str, text: str, *, at_start: bool = False) -> Any:
-    """Declare the name of a topic; empty: none."""
+    """Declare the name of a topic; empty: none.
+
+    Parameters
+    ----------
+    default
+        Its name where none is given.
+    text
+        What comes by it.
+    at_start
+        Whether it is read once, as the node starts.
+    """
     return parameter(default, text=text, form="no_topic", at_start=at_start)
 
 
 def path(text: str, *, at_start: bool = False) -> Any:
-    """Declare the path of a file, empty at first: none."""
+    """Declare the path of a file, empty at first: none.
+
+    Parameters
+    ----------
+    text
+        What the file has.
+    at_start
+        Whether it is read once, as the node starts.
+    """
     return parameter("", text=text, form="path", at_start=at_start)
 
 
@@ -277,9 +306,18 @@ def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodePar
 
 
 def filled(declared: type[Declared], values: Mapping[str, Any], before: str = "") -> Declared:
-    """Make a declared group of values by full name, which have all of them; wheels are those of `wheels`.
+    """Make a declared group of values; wheels are those of `wheels`.
 
     Fields of the class that are no parameters keep their defaults.
+
+    Parameters
+    ----------
+    declared
+        The class of the group.
+    values
+        Of all its parameters, by full name.
+    before
+        What the group's names begin with, as `cost.`.
     """
     found: dict[str, Any] = {}
     for one in fields(declared):  # type: ignore[arg-type]

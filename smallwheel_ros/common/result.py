@@ -165,7 +165,15 @@ def axes_or_new(axes: Axes | None) -> Axes:
 
 
 def write_plot(plot: Callable[[Axes], object], path: Path) -> None:
-    """Write a plot as a picture; the suffix picks the format."""
+    """Write a plot as a picture.
+
+    Parameters
+    ----------
+    plot
+        Draws into axes of matplotlib.
+    path
+        Where to; the suffix picks the format.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")

@@ -18,7 +18,17 @@ from smallwheel_ros.common.files import json_text, write_bytes
 def text_table(
     header: Sequence[str], rows: Sequence[Sequence[str]], right: Collection[int] = ()
 ) -> str:
-    """Columns aligned by spaces: to the right those of numbers and in `right`, others to the left."""
+    """Columns aligned by spaces: to the right those of numbers and in `right`, others to the left.
+
+    Parameters
+    ----------
+    header
+        One text for each column.
+    rows
+        Cells, as many as the header has.
+    right
+        Numbers of columns, from 0.
+    """
     columns = list(zip(header, *rows, strict=True))
     widths = [max(len(cell) for cell in column) for column in columns]
     numeric = [i in right or all(_is_number(cell) for cell in column[1:])
@@ -42,7 +52,15 @@ def _is_number(cell: str) -> bool:
 
 
 def each(value: Any, single: Callable[[Any], Any]) -> Any:
-    """Mappings, lists and arrays as JSON has them, with `single` of every value that is none of these."""
+    """Mappings, lists and arrays as JSON has them, with `single` of every value that is none of these.
+
+    Parameters
+    ----------
+    value
+        Any plain value.
+    single
+        Gives what stands for a single value.
+    """
     if isinstance(value, Mapping):
         return {str(key): each(item, single) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -62,7 +80,20 @@ def _single(value: Any) -> Any:
 
 
 def write_json(target: str, document: Mapping[str, Any]) -> None:
-    """Write JSON to a file, or to standard output for `-`."""
+    """Write JSON to a file, or to standard output for `-`.
+
+    Parameters
+    ----------
+    target
+        The file's name.
+    document
+        Plain values; arrays and numbers of numpy are made so.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     text = json_text(plain(document))
     if target == "-":
         click.echo(text, nl=False)
@@ -71,7 +102,20 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
 
 
 def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows of the same columns as CSV; None is a blank cell. Raises OutputError."""
+    """Write rows of the same columns as CSV; None is a blank cell.
+
+    Parameters
+    ----------
+    path
+        Where to.
+    rows
+        Values by column.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()

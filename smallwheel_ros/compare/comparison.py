@@ -126,7 +126,17 @@ class Comparison(Result, shown="views.comparison"):
         return self.models[0].in_sample.run
 
     def residual(self, result: ModelResult, channel: str, held_out: bool = False) -> Array:
-        """Measured less predicted, shape (rows,); NaN where either is missing."""
+        """Measured less predicted, in the channel's SI unit, shape (rows,); NaN where either is missing.
+
+        Parameters
+        ----------
+        result
+            One of the models that were compared.
+        channel
+            sinkage, resistance, drawbar_pull or torque.
+        held_out
+            Whether each row is predicted by a fit that did not have its run; else by the fit to all.
+        """
         errors = result.held_out if held_out else result.in_sample
         blank = np.full(len(self.measurements), np.nan)
         return blank if errors is None else errors.error.get(channel, blank)
@@ -134,7 +144,15 @@ class Comparison(Result, shown="views.comparison"):
     def score(
         self, result: ModelResult, channel: str, held_out: bool = False, rows: Mask | None = None
     ) -> Score | None:
-        """Score one model on one channel, on some rows if given; None where it predicts none."""
+        """Score one model on one channel; None where it predicts none.
+
+        Parameters
+        ----------
+        result, channel, held_out
+            As of `residual`.
+        rows
+            Rows that count, shape (rows,); all without it.
+        """
         errors = result.held_out if held_out else result.in_sample
         found = None if errors is None else errors.score(channel, rows)
         if found is not None and abs(found.bias) < _ROUNDING * found.rmse:
@@ -142,14 +160,26 @@ class Comparison(Result, shown="views.comparison"):
         return found
 
     def shown_score(self, result: ModelResult, channel: str) -> Score | None:
-        """The score held out, or in sample where there is none."""
+        """The score held out, or in sample where there is none.
+
+        Parameters
+        ----------
+        result, channel
+            As of `residual`.
+        """
         return self.score(result, channel, held_out=True) or self.score(result, channel)
 
     def best(self, channel: str, laws: bool = False) -> ModelResult | None:
         """The model of the least error on runs that it was not fitted to.
 
-        Where no model has such runs, of the least error in sample. None where none predicts it.
-        laws: among the laws only, of which a constant is none.
+        Where no model has such runs, of the least error in sample. None where none predicts the channel.
+
+        Parameters
+        ----------
+        channel
+            sinkage, resistance, drawbar_pull or torque.
+        laws
+            Whether it is to be a law; a constant is none.
         """
         scores = [
             (m, e.score(channel)) for m, e in self._compared() if not (laws and m.model is None)
@@ -244,7 +274,15 @@ class Comparison(Result, shown="views.comparison"):
         return found
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
-        """Draw each model's error, held out and in sample. channel: the first if not given."""
+        """Draw each model's error, held out and in sample.
+
+        Parameters
+        ----------
+        ax
+            Axes of matplotlib to draw into; new ones without it.
+        channel
+            sinkage, resistance, drawbar_pull or torque; the first that was measured if not given.
+        """
         return self._drawn(ax, channel)
 
     def _compared(self) -> list[tuple[ModelResult, CvErrors]]:
@@ -259,10 +297,23 @@ def comparison_of(
     standard: bool = True,
     progress: Progress = unheard,
 ) -> Comparison:
-    """Models against measurements: the standard ones, and further ones.
+    """Compare models with measurements: the standard ones, and further ones.
 
-    progress: told how many of how many fits are done.
-    Raises FittingError where nothing usable was measured, or too little for a fit.
+    Parameters
+    ----------
+    measurements
+        The table.
+    contenders
+        Further models, each fitted or used as it is.
+    standard
+        Whether the standard models are compared, too.
+    progress
+        Called with how many of how many fits are done.
+
+    Raises
+    ------
+    FittingError
+        Where nothing usable was measured, or too little for a fit.
     """
     problem = Problem.of(measurements)
     points = problem.points

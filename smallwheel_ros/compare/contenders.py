@@ -104,7 +104,20 @@ def standard_contenders(points: Points) -> list[Contender]:
 
 
 def contenders_of(models: Models, known: Registry) -> list[Contender]:
-    """One contender for each model, each under a name of its own. Raises ArgumentError, ModelFileError."""
+    """One contender for each model, each under a name of its own.
+
+    Parameters
+    ----------
+    models
+        One or several of what `model_of` takes, or a mapping of them by the names that they are to have.
+    known
+        Effects that model files may name.
+
+    Raises
+    ------
+    ArgumentError, ModelFileError
+        Where one is no model, or its file cannot be used.
+    """
     if isinstance(models, Mapping):
         named = [(str(name), model) for name, model in models.items()]
     else:

@@ -54,10 +54,25 @@ def held_against(
     done: Callable[[LawTable], object],
     progress: Callable[[str], object],
 ) -> Benchmark:
-    """The laws on every data set of a folder; arguments as of `api.compare`.
+    """Compare the laws on every data set of a folder.
 
-    Raises BenchmarkError where no data set has a licence and a table, EffectError and LawError where a law of
-    the file cannot be used.
+    Parameters
+    ----------
+    folder
+        Has a folder for each data set, with tables and a licence.
+    law
+        A Python file with laws of your own, which is run; None: none.
+    done
+        Called with the table of each data set as soon as it is there.
+    progress
+        Called with a line of text on what is being done.
+
+    Raises
+    ------
+    BenchmarkError
+        Where no data set has a licence and a table.
+    EffectError, LawError
+        Where a law of the file cannot be used.
     """
     own = () if law is None else load_laws(law, NAMES)
     sets = {file: _licence(file.parent) for file in _tables(folder)}

@@ -79,7 +79,20 @@ class Fold:
 
 
 def predictions(fold: Fold, own: tuple[OwnLaw, ...]) -> Iterator[LawPrediction]:
-    """Every law of the table on that fold. Raises LawError where one of `own` fails."""
+    """Predictions by every law of the table on one fold.
+
+    Parameters
+    ----------
+    fold
+        Rows that laws are fitted to, and rows that they predict.
+    own
+        Laws of the user's own.
+
+    Raises
+    ------
+    LawError
+        Where one of `own` fails.
+    """
     points = fold.points
     yield _constant(fold)
     there = {"load", "diameter", "width", *points.conditions.covariates}

@@ -96,7 +96,24 @@ class LawTable:
 def table_of(
     file: Path, licence: str, task: Task, own: tuple[OwnLaw, ...], progress: Callable[[str], object]
 ) -> LawTable:
-    """Every law on every part. progress: told what is left out. Raises LawError of `own`."""
+    """Errors of every law on every part of a data set.
+
+    Parameters
+    ----------
+    file, licence
+        Where its table is, and under which licence.
+    task
+        Measurements, and which part each row is of.
+    own
+        Laws of the user's own.
+    progress
+        Called with a line of text on which part is left out.
+
+    Raises
+    ------
+    LawError
+        Where one of `own` fails.
+    """
     points = Problem.of(task.measurements, Base()).points
     row = np.array([rows[0] for rows in points.rows], dtype=np.intp)  # all are in one part
     part, parts = task.part[row], range(len(task.names))
@@ -140,7 +157,13 @@ def table_of(
 
 
 def difference(law: list[float | None], ours: list[float | None]) -> Difference | None:
-    """What a law's errors are over ours, parts in the same order; None where no part has both."""
+    """How much larger a law's errors are than ours, in the mean over parts; None where no part has both.
+
+    Parameters
+    ----------
+    law, ours
+        Errors by part, in the same order and unit; None where there is none.
+    """
     d = [a - b for a, b in zip(law, ours, strict=True) if a is not None and b is not None]
     if not d:
         return None

@@ -74,7 +74,21 @@ class OwnLaw:
         return np.random.default_rng(0).random((max(1, _STARTS * count), count))
 
     def predict(self, shares: Array, conditions: Conditions) -> dict[str, Array]:
-        """Its channels, shape (rows,), NaN where it has no prediction. Raises LawError."""
+        """Its channels in SI units, shape (rows,) each, NaN where it has no prediction.
+
+        Parameters
+        ----------
+        shares
+            Place of each parameter between its bounds, 0 to 1, shape (parameters,); in ln where the lower one
+            is over 0.
+        conditions
+            Settings, SI units.
+
+        Raises
+        ------
+        LawError
+            Where the law raises anything, or gives other shapes.
+        """
         values = {}
         for p, share in zip(self.parameters, shares.tolist(), strict=True):
             low, high = p.bounds
@@ -95,9 +109,21 @@ class OwnLaw:
 
 
 def load_laws(path: Path, taken: Sequence[str] = ()) -> tuple[OwnLaw, ...]:
-    """The laws of a Python file, which is run: name only files that you trust. taken: names of others.
+    """The laws of a Python file, which is run: name only files that you trust.
 
-    Raises EffectError where the file does not run or has no law, LawError where one cannot be used.
+    Parameters
+    ----------
+    path
+        The file.
+    taken
+        Names of other laws of the table.
+
+    Raises
+    ------
+    EffectError
+        Where the file does not run or has no law.
+    LawError
+        Where a law cannot be used, or has the name of another.
     """
     found = tuple(OwnLaw(kind, path) for kind in load_classes(path, Law, "law"))
     names = [*taken, *(law.name for law in found)]

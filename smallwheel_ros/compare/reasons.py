@@ -38,6 +38,13 @@ def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
 
     What its fit had to lay to scatter that soils and rigs hardly have, and whether it stopped at the largest
     n; else that both have the same settings to go by.
+
+    Parameters
+    ----------
+    fitter, fit
+        The law's fit, and what it was fitted by.
+    base
+        The model that it began with.
     """
     points, said = fitter.points, {}
     large = unusual(fitter, fitter.true_scatter(fit))
@@ -79,7 +86,15 @@ def lone_soils(data: Measurements) -> list[str]:
 
 
 def left_out(points: Points, outliers: Index) -> Reasons:
-    """Lines of rows that are in no error, with the reason."""
+    """Lines of rows that are in no error, with the reason.
+
+    Parameters
+    ----------
+    points
+        What was fitted to.
+    outliers
+        Numbers of rows that were thrown out.
+    """
     data = points.measurements
     free = np.ones(len(data), dtype=bool)
     free[np.concatenate(list(rows_of(points).values()))] = False
@@ -98,7 +113,15 @@ def left_out(points: Points, outliers: Index) -> Reasons:
 
 
 def notes_of(points: Points, folds: int) -> tuple[str, ...]:
-    """What is to be known of all errors of a table. folds: 0 where nothing could be held out."""
+    """What is to be known of all errors of a table.
+
+    Parameters
+    ----------
+    points
+        What was fitted to.
+    folds
+        How many times rows were held out; 0 where nothing could be.
+    """
     notes = [note for note in points.notes if _SUNK not in note]
     if not folds:
         notes.append("all rows are of one run: nothing can be held out, every error is in sample")

@@ -31,7 +31,13 @@ class Autosave:
         self._busy: Future[str] | None = None
 
     def begin(self, pipeline: Pipeline, cost_map: CostMap) -> None:
-        """Begin to write what has changed, unless something is being written (`writes`)."""
+        """Begin to write what has changed, unless something is being written (`writes`).
+
+        Parameters
+        ----------
+        pipeline, cost_map
+            Whose soil, and what map, are to be saved.
+        """
         if self._busy is not None:
             return
         given = self._changed(pipeline, cost_map)
@@ -47,7 +53,13 @@ class Autosave:
         return False
 
     def finish(self, pipeline: Pipeline, cost_map: CostMap) -> None:
-        """Write what has changed, and wait until it is written."""
+        """Write what has changed, and wait until it is written.
+
+        Parameters
+        ----------
+        pipeline, cost_map
+            Whose soil, and what map, are to be saved.
+        """
         self._take_result()
         self.begin(pipeline, cost_map)
         self._take_result()

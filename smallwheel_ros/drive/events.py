@@ -188,7 +188,15 @@ def _place(rows: Readings | Estimates, i: int) -> _Place:
 
 
 def newest_of(before: Estimates, estimates: Estimates) -> Estimates:
-    """The newest row of each wheel: of the new ones, or of those before."""
+    """The newest row of each wheel.
+
+    Parameters
+    ----------
+    before
+        Newest rows until now, one for each wheel at most.
+    estimates
+        Rows since then, in the order of their stamps.
+    """
     rows = Estimates.joined([before, estimates])
     _, last = np.unique(rows.wheel[::-1], return_index=True)
     return rows.take(np.sort(len(rows) - 1 - last))

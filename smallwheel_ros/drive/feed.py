@@ -25,7 +25,19 @@ def feed(
     decoders: Mapping[str, Decoder],
     chunk: Sequence[Message],
 ) -> None:
-    """Give messages to the streams, in the order in which they came."""
+    """Give messages to the pipeline's streams, in the order in which they came.
+
+    Parameters
+    ----------
+    pipeline
+        Takes the numbers.
+    topics
+        By name of a topic, which streams its messages have.
+    decoders
+        By type of a message, what makes numbers of its bytes.
+    chunk
+        Messages: topic, bytes, and what the clock said (ns), 0 without one.
+    """
     by_topic: dict[str, list[int]] = {}
     for i, (name, _, _) in enumerate(chunk):
         by_topic.setdefault(name, []).append(i)

@@ -100,13 +100,20 @@ class GroundMapper:
         return ahead.classes.margins().get(terrain)
 
     def add(self, found: Estimates, frame: str) -> None:
-        """Take rows of estimates; frame is that of the odometry, empty where it is not known.
+        """Add rows of estimates to the map.
 
         Every margin counts, with its deviation: before the soil has been measured, and where its sinkage
         never is, that is what balance and torque tell, or the prior. Nothing is known where the measured
         sinkage did not fit. Stuck is a vehicle that surely makes no way though its rims turn, and a wheel
         that was measured to be as deep as its axle; one that the soil's law says is so deep is expected to
         get stuck.
+
+        Parameters
+        ----------
+        found
+            Estimates of wheels, in the order of their stamps.
+        frame
+            That of the odometry; empty where it is not known.
         """
         self._keep_places(found)
         stuck = found.spins | self._seen_sunk(found)

@@ -50,6 +50,13 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
 
     The header's stamp is the instant's (ns), its frame_id the wheel's frame. What is not known is 0, and its
     flag false.
+
+    Parameters
+    ----------
+    estimates
+        Rows of one turn.
+    pipeline
+        The one that gave them: names of wheels, and words about its soil.
     """
     names = [wheel.name for wheel in pipeline.settings.wheels]
     found: dict[str, Any] = {
@@ -74,7 +81,15 @@ def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]
 
 
 def status_texts(estimates: Estimates, pipeline: Pipeline) -> list[str]:
-    """All conditions that apply to each row, in words, the most serious first."""
+    """All conditions that apply to each row, in words, the most serious first.
+
+    Parameters
+    ----------
+    estimates
+        Rows of one turn.
+    pipeline
+        The one that gave them.
+    """
     texts: dict[tuple[int, int], str] = {}
     found = []
     for i, key in enumerate(
@@ -150,9 +165,14 @@ def strength_of_prior(settings: OnboardSettings) -> str:
 
 
 def soil_fields(soil: SoilEstimate, rejected: int) -> dict[str, Any]:
-    """Return all fields of SoilEstimate.msg but its header; the covariance has shape (9,).
+    """All fields of SoilEstimate.msg but its header; the covariance has shape (9,).
 
-    rejected: measurements that were not used, for any reason.
+    Parameters
+    ----------
+    soil
+        As it is believed now.
+    rejected
+        How many measurements were not used, for any reason.
     """
     modulus, deviation = soil.effective_modulus()
     known = soil.identifiable

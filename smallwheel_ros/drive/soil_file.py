@@ -104,7 +104,20 @@ class SoilFile:
     # --- Saving
 
     def prepared(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap:
-        """What there is to save now. Raises SoilFileError where that is nothing."""
+        """What there is to save now.
+
+        Parameters
+        ----------
+        pipeline
+            Whose soil is saved.
+        cost_map
+            Saved beside it where it has any cell.
+
+        Raises
+        ------
+        SoilFileError
+            Where there is no file to write to, or the soil was not measured yet.
+        """
         if self._path is None:
             raise SoilFileError("parameter soil.file says where to, and is empty")
         if pipeline.soil.accepted == 0:
@@ -146,7 +159,13 @@ class SoilFile:
             write_map(self._before, there)
 
     def save(self, pipeline: Pipeline, cost_map: CostMap) -> tuple[bool, str]:
-        """Save soil and cost map; return whether they are, and in words what came of it."""
+        """Save soil and cost map; return whether they are, and in words what came of it.
+
+        Parameters
+        ----------
+        pipeline, cost_map
+            As of `prepared`.
+        """
         try:
             return True, self.write(self.prepared(pipeline, cost_map))
         except SmallwheelError as error:

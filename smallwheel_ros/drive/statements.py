@@ -34,7 +34,15 @@ WARNINGS: tuple[Kind, ...] = ("stuck", "digging_in")
 
 
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
-    """What is to be said now. newest: the newest row of each wheel."""
+    """What is to be said now.
+
+    Parameters
+    ----------
+    pipeline
+        Whose findings and alarms are said.
+    newest
+        The newest row of each wheel.
+    """
     found = list(alarms(pipeline))
     margin = vehicle_margin(newest)
     if margin is not None and not margin.value > 0.0:

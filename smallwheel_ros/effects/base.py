@@ -101,9 +101,21 @@ def parameter(
 ) -> Any:  # a dataclass field stands for a value of its annotated type
     """Declare a number that data determines: `a: float = parameter(1.0, (0.0, 8.0), "growth")`.
 
-    start: value where a fit starts. bounds: what a fit may reach. published: the range that the
-    literature gives (outside it a fitted value is called implausible), None where there is none.
-    neutral: the value at which the effect is absent, None where the parameter only shapes it.
+    Parameters
+    ----------
+    start
+        Value where a fit starts.
+    bounds
+        What a fit may reach, both ends allowed.
+    description
+        What it is, in a few words.
+    unit
+        SI; "1" for none.
+    published
+        The range that the literature gives (outside it a fitted value is called implausible), None where
+        there is none.
+    neutral
+        The value at which the effect is absent, None where the parameter only shapes it.
     """
     known = Parameter("", float(start), bounds, published, unit, description, neutral)
     return field(default=known.start, metadata={"parameter": known})
@@ -112,7 +124,19 @@ def parameter(
 def constant(
     value: float, bounds: tuple[float, float], description: str, *, unit: str = "1"
 ) -> Any:  # as above
-    """Declare a number that is given, not fitted: a reference load, a soil's unit weight."""
+    """Declare a number that is given, not fitted: a reference load, a soil's unit weight.
+
+    Parameters
+    ----------
+    value
+        Where it is not given.
+    bounds
+        What it may be, both ends allowed.
+    description
+        What it is, in a few words.
+    unit
+        SI; "1" for none.
+    """
     known = Parameter("", float(value), bounds, None, unit, description)
     return field(default=known.start, metadata={"constant": known})
 
@@ -250,7 +274,15 @@ class Effect:
 
     @classmethod
     def values_met(cls, name: str, conditions: Conditions) -> Array:
-        """Give a column's values in the rows that the effect can act on, without blanks."""
+        """A column's values in the rows that the effect can act on, without blanks.
+
+        Parameters
+        ----------
+        name
+            Of the column.
+        conditions
+            Settings, SI units.
+        """
         values = conditions[name][cls._reached(conditions)]
         return np.asarray(values[np.isfinite(values)])
 

@@ -25,8 +25,16 @@ VERSION = 1  # of drafted files: rises when an older one would mean something el
 def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high: float) -> Array:
     """A shape within a driver's range as it is, and beyond it along the tangent at the edge.
 
-    Nothing was measured there: a straight line is the least that one can believe. u, function(u):
-    shape (rows,).
+    Nothing was measured there: a straight line is the least that one can believe.
+
+    Parameters
+    ----------
+    function
+        Of the driver, shape (rows,) to (rows,).
+    u
+        The driver's values, shape (rows,).
+    low, high
+        Ends of what was measured, in the driver's unit.
     """
     values = np.asarray(u, dtype=float)
     inside = np.clip(values, low, high)

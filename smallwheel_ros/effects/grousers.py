@@ -68,7 +68,15 @@ class Traction(_Grouser):
     a: float = parameter(1.0, (0.0, 10.0), "strength; Bekker's own law is 1")
 
     def thrust_factor(self, state: WheelState, conditions: Conditions) -> Array:
-        """H0 with grousers over H0 = b l c + W tan(phi) without: cohesion gains most."""
+        """H0 with grousers over H0 = b l c + W tan(phi) without: cohesion gains most.
+
+        Parameters
+        ----------
+        state
+            Load (N), sinkage, diameter, width (m) and strength of each row.
+        conditions
+            Settings, with `grouser_height` (m), shape (rows,).
+        """
         height, width = conditions["grouser_height"], state.width
         ratio = height / width
         length = contact_length(state.sinkage, state.diameter)

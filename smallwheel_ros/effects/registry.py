@@ -120,7 +120,20 @@ class Registry(Mapping[str, type[Effect]]):
         return self.families[id]
 
     def form(self, id: str, form: str | None = None) -> type[Effect]:
-        """Give one form of an effect, the default one for None. Raises EffectError as `family`."""
+        """One form of an effect.
+
+        Parameters
+        ----------
+        id
+            Of the effect.
+        form
+            Of the form; None: the default one.
+
+        Raises
+        ------
+        EffectError
+            Where there is none of that name.
+        """
         known = {cls.form: cls for cls in self.family(id)}
         if form is not None and form not in known:
             raise EffectError(f"effect '{id}' has no form '{form}': {nearest(form, list(known))}")
@@ -129,7 +142,17 @@ class Registry(Mapping[str, type[Effect]]):
     def effect(self, id: str, form: str | None = None, **values: float) -> Effect:
         """Make an effect from its id, form and numbers; the rest are at their defaults.
 
-        Raises EffectError where one does not exist or a number is outside its domain.
+        Parameters
+        ----------
+        id, form
+            As of `form`.
+        values
+            Numbers by name, SI units.
+
+        Raises
+        ------
+        EffectError
+            Where one does not exist or a number is outside its domain.
         """
         cls = self.form(id, form)
         names = [f.name for f in fields(cls)]
@@ -145,7 +168,15 @@ class Registry(Mapping[str, type[Effect]]):
         return self.with_families(load_effects(path), str(path))
 
     def with_families(self, user: Families, origin: str = "user's effects") -> Registry:
-        """Add families; forms of an id that exists join its family."""
+        """Add families; forms of an id that exists join its family.
+
+        Parameters
+        ----------
+        user
+            Forms by id.
+        origin
+            Where they are from, for messages.
+        """
         known = dict(self.families)
         for forms in user.values():
             _add(known, forms, origin)
@@ -215,7 +246,19 @@ def load_effects(path: str | Path) -> Families:
 def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
     """The dataclasses of a user's Python file that derive from a base: name only files that you trust.
 
-    what: they are, for messages. Raises EffectError where the file does not run or has none that is usable.
+    Parameters
+    ----------
+    path
+        The file, which is run.
+    base
+        The base class.
+    what
+        They are, for messages: "effect", "law".
+
+    Raises
+    ------
+    EffectError
+        Where the file does not run or has none that is usable.
     """
     found = _some(_classes_in(_run(path, what), base), str(path), what, base.__name__)
     for made in found:
@@ -260,7 +303,15 @@ def _run(path: Path, what: str = "effect") -> ModuleType:
 
 
 def line_in(error: Exception, path: Path) -> str:
-    """`, line 7`: where in that file an exception was raised, "" where nowhere."""
+    """`, line 7`: where in a file an exception was raised, "" where nowhere.
+
+    Parameters
+    ----------
+    error
+        As it was caught.
+    path
+        The file.
+    """
     if isinstance(error, SyntaxError):
         return f", line {error.lineno}"
     frames = traceback.extract_tb(error.__traceback__)
@@ -339,7 +390,17 @@ def families(user: Families | None = None) -> Families:
 def effect_class(
     family: str, form: str | None = None, user: Families | None = None
 ) -> type[Effect]:
-    """Give one form of a family, the default one where none is named."""
+    """One form of a family.
+
+    Parameters
+    ----------
+    family
+        The effect's id.
+    form
+        Of the form; None: the default one.
+    user
+        Effects of the user's own, beside those of the package.
+    """
     return default_registry().with_families(user or {}).form(family, form)
 
 
@@ -362,5 +423,11 @@ def as_effect(given: Effect | type[Effect] | str) -> Effect:
 
 
 def effect(id: str, form: str | None = None, **values: float) -> Effect:
-    """Make an effect from its id: `effect("slip_sinkage", a=1.2)`; see `Registry.effect`."""
+    """Make an effect from its id: `effect("slip_sinkage", a=1.2)`; see `Registry.effect`.
+
+    Parameters
+    ----------
+    id, form, values
+        As of `Registry.effect`.
+    """
     return default_registry().effect(id, form, **values)

@@ -72,10 +72,23 @@ def rover_of_bag(
     joint_states: str | None = None,
     namespace: str | None = None,
 ) -> Rover:
-    """The rover of a recorded drive. urdf: a robot description, in place of the bag's.
+    """The rover of a recorded drive.
 
-    joint_states: the topic that has the wheels' joints. namespace: of one of several robots.
-    Raises BagError, InitError where there is nothing of a wheel, or the description cannot be used.
+    Parameters
+    ----------
+    path
+        The bag.
+    urdf
+        A robot description, in place of the bag's.
+    joint_states
+        The topic that has the wheels' joints; None: it is looked for.
+    namespace
+        Of one of several robots.
+
+    Raises
+    ------
+    BagError, InitError
+        Where there is nothing of a wheel, or the description cannot be used.
     """
     text = None if urdf is None else description_in(urdf)
     with BagReader(path) as reader:

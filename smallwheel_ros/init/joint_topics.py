@@ -19,7 +19,20 @@ _SHOWN = 6  # joints of a topic that are named
 
 
 def of_robot(namespace: str, topics: Sequence[str]) -> list[str]:
-    """Topics of one of several robots. Raises InitError where it has none."""
+    """Topics of one of several robots.
+
+    Parameters
+    ----------
+    namespace
+        The robot's, with or without slashes.
+    topics
+        All of the bag.
+
+    Raises
+    ------
+    InitError
+        Where it has none.
+    """
     begin = f"/{namespace.strip('/')}/"
     found = [topic for topic in topics if topic.startswith(begin)]
     if not found:

@@ -65,7 +65,15 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Speeds of all joints of a topic of JointState, by positions where velocities tell nothing."""
+    """Speeds (rad/s) of all joints of a topic of JointState, by positions where velocities tell nothing.
+
+    Parameters
+    ----------
+    reader
+        The bag, of which the topic's first messages are read.
+    topic
+        The topic's name.
+    """
     told: dict[str, list[tuple[int, float, float, bool]]] = {}
     for states in _first(reader, topic):
         stamp = states.header.stamp.sec * SECOND + states.header.stamp.nanosec
@@ -102,7 +110,15 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
 
 
 def speed_of(reader: BagReader, topic: str) -> Speed:
-    """Speed by a topic of Odometry: its twist, or, where that is 0 throughout, differences of its places."""
+    """Speed by a topic of Odometry: its twist, or, where that is 0 throughout, differences of its places.
+
+    Parameters
+    ----------
+    reader
+        The bag, of which the topic's first messages are read.
+    topic
+        The topic's name.
+    """
     rows = []
     for odometry in _first(reader, topic):
         place, turn = odometry.pose.pose.position, odometry.pose.pose.orientation
@@ -151,7 +167,15 @@ def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Arr
 
 
 def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, int]:
-    """By joint, 1 or -1: whether it turns forward when the vehicle drives forward, where that is clear."""
+    """By joint, 1 or -1: whether it turns forward when the vehicle drives forward, where that is clear.
+
+    Parameters
+    ----------
+    joints, speed
+        Of the same drive.
+    wheels
+        Names of the joints.
+    """
     found = {}
     for name in wheels:
         turned, values = _together(joints, speed, [name])
@@ -165,7 +189,15 @@ def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, 
 
 
 def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float | None:
-    """The share of an odometry's speed that no mixture of the rims explains; None: too short a drive."""
+    """The share of an odometry's speed that no mixture of the rims explains; None: too short a drive.
+
+    Parameters
+    ----------
+    joints, speed
+        Of the same drive.
+    wheels
+        Names of the joints that turn wheels.
+    """
     if not wheels:
         return None
     turned, values = _together(joints, speed, wheels)
@@ -176,7 +208,15 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """How many times the vehicle's way the rims of joints turn; NaN where that is not known. radii: m."""
+    """How many times the vehicle's way the rims of joints turn; NaN where that is not known.
+
+    Parameters
+    ----------
+    joints, speed
+        Of the same drive.
+    radii
+        By joint, its wheel's radius, m.
+    """
     wheels = [joint for joint in radii if joint in joints.names]
     turned, values = _together(joints, speed, wheels) if wheels else (np.empty((0, 0)), np.empty(0))
     if len(values) < _LEAST:
@@ -186,9 +226,16 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 
 
 def unit_by_way(times: float, radius: float) -> str:
-    """What speeds of joints are in by whose rims the vehicle makes so many times its way; "" if in rad/s.
+    """What unit speeds of joints are in, by how far their rims turn; "" where they are in rad/s.
 
-    Wheels that slip by 0.75 turn 4 times the way, and that over a whole drive is none. radius: m.
+    Wheels that slip by 0.75 turn 4 times the way, and no drive is like that from end to end.
+
+    Parameters
+    ----------
+    times
+        How many times the vehicle's way the rims turn.
+    radius
+        Of the wheels, m.
     """
     if not (times > _FAR or times < 1.0 / _FAR):
         return ""
@@ -203,7 +250,15 @@ def is_of_wheels(share: float | None) -> bool:
 
 
 def upright(reader: BagReader, topic: str) -> tuple[int, str]:
-    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not to be told; and then why."""
+    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not to be told; and then why.
+
+    Parameters
+    ----------
+    reader
+        The bag, of which the topic's first messages are read.
+    topic
+        The topic's name.
+    """
     felt = [m.linear_acceleration for m in _first(reader, topic)]
     table = np.array([(f.x, f.y, f.z) for f in felt], dtype=float).reshape(-1, 3)
     if not len(table):

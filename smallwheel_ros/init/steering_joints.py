@@ -16,7 +16,15 @@ _LOOKED_AT = 20  # messages of a topic: joint states come in parts
 
 
 def joints_of(reader: BagReader, topics: list[str]) -> dict[str, list[str]]:
-    """By topic of joint states, the names of its joints, in the order in which they come."""
+    """By topic of joint states, the names of its joints, in the order in which they come.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    topics
+        Of joint states.
+    """
     found: dict[str, list[str]] = {}
     for topic in topics:
         messages = islice(reader.messages({topic}), _LOOKED_AT)
@@ -33,7 +41,16 @@ def steering_values(
 ) -> tuple[dict[str, Value], list[str]]:
     """Parameters of the joints that steer, where these differ from `values`, and what is to be noted.
 
-    values: with what the description gives. joints: by topic. main: the topic of the wheels' joints.
+    Parameters
+    ----------
+    values
+        Parameters by full name, with what the robot's description gives.
+    wheels
+        Names of the wheels.
+    joints
+        By topic, the names of its joints.
+    main
+        The topic of the wheels' joints; None: there is none.
     """
     found: dict[str, Value] = {}
     notes: list[str] = []

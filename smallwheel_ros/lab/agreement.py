@@ -39,7 +39,15 @@ class Belief:
     depths: Array
 
     def log_pressure(self, depth: float, diameter: float) -> tuple[float, float]:
-        """ln of the pressure (Pa) at a depth under a size (m), and its variance."""
+        """ln of the pressure (Pa), and its variance.
+
+        Parameters
+        ----------
+        depth
+            Of sinkage, m.
+        diameter
+            Of the body, m.
+        """
         soil = self.known.soil
         deep, wide = np.log([depth / REFERENCE_SINKAGE, diameter / REFERENCE_DIAMETER]).tolist()
         at = np.array([1.0, deep, wide])
@@ -94,7 +102,19 @@ class Agreement:
 
 
 def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> Belief | None:
-    """What these rows, of one soil, say of it; None where they are too few to be fitted."""
+    """What these rows, of one soil, say of it; None where they are too few to be fitted.
+
+    Parameters
+    ----------
+    measurements
+        Rows of one kind of contact.
+    base
+        The model to fit, whose priors do not count.
+    soil
+        The soil's name in the model.
+    words
+        What the rows are, for people.
+    """
     try:
         problem = Problem.of(measurements, replace(base, priors={}))
         result = problem.result()
@@ -117,7 +137,15 @@ def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> 
 
 
 def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
-    """Compare at the middle of the depths that both reached, under the second's middle size."""
+    """Compare at the middle of the depths that both reached, under the second's middle size.
+
+    Parameters
+    ----------
+    soil
+        Its name.
+    first, second
+        What two kinds of tests say of it.
+    """
     diameter = float(np.exp(np.mean(np.log(second.diameters))))
     if first.depths.size:
         low = max(float(b.depths.min()) for b in (first, second))
@@ -133,7 +161,15 @@ def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
 
 
 def agreements(measurements: Measurements, base: Base) -> tuple[Agreement, ...]:
-    """Compare the kinds of contact of each soil of a table, and the model that it starts from."""
+    """Compare the kinds of contact of each soil of a table, and the model that it starts from.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    base
+        The model that was fitted, with priors where it starts from a known one.
+    """
     contact = measurements.conditions.contact
     found: list[Agreement] = []
     for name in dict.fromkeys(measurements.soil.tolist()):

@@ -153,11 +153,24 @@ def fit_lab(
 ) -> LabFit:
     """Fit a model to the tests of a lab.
 
-    measurements: plates, pressed and rolling wheels. tests: shear. base: the model to fit, where it is not
-    the plain one, nor `known`: a model to start from, whose soils are refitted within their covariance and
-    whose strength stays where no shear test says otherwise. progress: told what is done next.
+    Parameters
+    ----------
+    measurements
+        Plates, pressed and rolling wheels; None: there are none.
+    tests
+        Shear tests.
+    base
+        The model to fit, where it is not the plain one.
+    known
+        A model to start from instead, whose soils are refitted within their covariance and whose strength
+        stays where no shear test says otherwise.
+    progress
+        Called with what is done next, in words.
 
-    Raises FittingError or StrengthError where the tests say nothing, or do not go with the model.
+    Raises
+    ------
+    FittingError, StrengthError
+        Where the tests say nothing, or do not go with the model.
     """
     progress("shear tests")
     shear = () if tests is None else fit_shear(tests)

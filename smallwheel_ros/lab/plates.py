@@ -88,15 +88,28 @@ class PlateLaws:
         return min(judged, key=lambda law: law.held_out or 0.0) if judged else None
 
     def better(self, first: FittedLaw, second: FittedLaw) -> bool:
-        """Whether the first predicts sizes left out better than the second, by more than chance.
+        """Whether the first law predicts sizes left out better than the second, by more than chance.
 
         The size, not the run, is the unit.
+
+        Parameters
+        ----------
+        first, second
+            Two laws of this table.
         """
         errors = (np.array([law.by_size[d] for d in first.by_size]) for law in (first, second))
         return clearly_less(*errors)
 
     def holds(self, law: FittedLaw, at: int) -> bool:
-        """Whether the law's error in a range of depth is within what the right law would leave."""
+        """Whether the law's error in a range of depth is within what the right law would leave.
+
+        Parameters
+        ----------
+        law
+            One of this table.
+        at
+            Number of the range in `depths`.
+        """
         return law.by_depth[at] <= _HOLDS * self.depths[at].expected
 
 
@@ -104,6 +117,11 @@ def clearly_less(errors: Array, others: Array) -> bool:
     """Whether errors are less than others of the same cases by more than chance.
 
     A paired one-sided t test of their logarithms.
+
+    Parameters
+    ----------
+    errors, others
+        Over 0, in one unit, shape (cases,).
     """
     gain = np.log(others / errors)
     error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)
@@ -123,14 +141,30 @@ class UnderLaw(Predictor):
         return np.asarray(found[self.row])
 
     def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
-        """Predictions and their slopes by parameter, shape (values,) and (values, parameters)."""
+        """Predictions and their slopes by parameter, shape (values,) and (values, parameters).
+
+        Parameters
+        ----------
+        vector
+            Which numbers are free, and by what steps slopes are taken.
+        theta
+            Their values, shape (parameters,).
+        """
         base, steps = self.sinkage(theta), vector.steps(theta)
         moved = [self.sinkage(theta + step) for step in np.diag(steps)]
         return base, np.column_stack(moved) / steps - base[:, None] / steps
 
 
 def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
-    """theta of the module's head, with what is known of it before the data."""
+    """theta of the module's head, with what is known of it before the data.
+
+    Parameters
+    ----------
+    law
+        Of plates.
+    soil
+        The soil's name.
+    """
     (unit, p), (_, n) = SOIL_PARAMETERS["log_reference_pressure"], SOIL_PARAMETERS["n"]
     centre = law.tied_to_n * n.centre
     deviation = float(np.hypot(_SLOPE, law.tied_to_n * n.deviation))
@@ -149,8 +183,17 @@ def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
 def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
     """Fit the laws to plates in one soil, and leave out one size after the other.
 
-    fitter, fit: of the model on these plates alone; its scatter is that of all laws. Raises
-    FittingError where the plates are of one size.
+    Parameters
+    ----------
+    fitter, fit
+        Of the model on these plates alone; its scatter is that of all laws.
+    soil
+        The soil's name.
+
+    Raises
+    ------
+    FittingError
+        Where the plates are of one size.
     """
     points = fitter.points
     diameter = points.column("diameter")
@@ -194,7 +237,15 @@ def plate_laws(fitter: Fitter, fit: Fit, soil: str) -> PlateLaws:
 
 
 def reference_size(law: PlateLaw, points: Points) -> float:
-    """Size (m) at which p_ref is the pressure: that of the model's soil, else the plates' middle."""
+    """Size (m) at which p_ref is the pressure: that of the model's soil, else the plates' middle.
+
+    Parameters
+    ----------
+    law
+        Of plates.
+    points
+        The plates.
+    """
     if law.id == "meirion_griffith_spenko":
         return REFERENCE_DIAMETER
     return float(np.exp(np.mean(np.log(law.size(points.conditions)))))
@@ -207,7 +258,15 @@ def _rms(values: Array, group: Index) -> list[float]:
 
 
 def left_out(fitter: Fitter, fit: Fit, group: Index) -> Array:
-    """ln of predicted over measured sinkage, shape (values,), each group by a fit without its runs."""
+    """ln of predicted over measured sinkage, shape (values,), each group by a fit without its runs.
+
+    Parameters
+    ----------
+    fitter, fit
+        Of all.
+    group
+        Number of the group of each point, shape (points,).
+    """
     points = fitter.points
     error = np.full(len(points), np.nan)
     for out in leave_out(group):

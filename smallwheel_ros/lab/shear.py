@@ -157,7 +157,15 @@ def _binned(name: str, sigma: float, j: Array, stress: Array) -> ShearCurve:
 
 
 def fit_curve(law: ShearForm, curve: ShearCurve) -> RunFit:
-    """Least squares over displacement of one run."""
+    """Least squares over displacement of one run.
+
+    Parameters
+    ----------
+    law
+        Of stress over displacement.
+    curve
+        Displacements (m) and stresses (Pa).
+    """
     weight = np.sqrt(curve.width / curve.width.sum())
     scale, log_end = float(np.max(np.abs(curve.stress))), np.log(curve.travel)
 
@@ -213,7 +221,15 @@ class FittedShearLaw:
 
 
 def fit_law(law: ShearForm, curves: list[ShearCurve]) -> FittedShearLaw:
-    """Strength and shape of all runs of one soil under one law."""
+    """Strength and shape of all runs of one soil under one law.
+
+    Parameters
+    ----------
+    law
+        Of stress over displacement.
+    curves
+        One for each run.
+    """
     runs = tuple(fit_curve(law, curve) for curve in curves)
     # the size of the scatter from the line through all runs, not from each run's own value
     first = _Regression(runs, np.array([run.numbers[0] for run in runs]))

@@ -66,7 +66,15 @@ class LabStrength:
         )  # fmt: skip
 
     def of(self, soil: Soil, source: str) -> Soil:
-        """The soil with this strength."""
+        """The soil with this strength.
+
+        Parameters
+        ----------
+        soil
+            Keeps its k, n and m.
+        source
+            Where the strength is from, in words.
+        """
         told = f"{soil.source}; " if soil.source else ""
         return replace(
             soil,
@@ -212,8 +220,21 @@ def with_strength(
 ) -> CalibratedModel:
     """The model with the strengths of its soils, and their covariance.
 
-    One soil in the model and one in the tests are the same soil, whatever they are called. Raises
-    StrengthError where the tests name a soil that the model does not have.
+    One soil in the model and one in the tests are the same soil, whatever they are called.
+
+    Parameters
+    ----------
+    model
+        Keeps all but its strength.
+    strengths
+        One for each soil of the tests.
+    tests
+        The shear tests that they are from.
+
+    Raises
+    ------
+    StrengthError
+        Where the tests name a soil that the model does not have.
     """
     names = [soil.name for soil in model.model.soils]
     soils = {soil.name: soil for soil in model.model.soils}
@@ -246,7 +267,13 @@ def with_strength(
 
 
 def shear_text(fit: ShearFit, strength: LabStrength) -> str:
-    """Strength and shape of one soil, and which law its curves follow."""
+    """Strength and shape of one soil, and which law its curves follow, in words.
+
+    Parameters
+    ----------
+    fit, strength
+        Of the same soil.
+    """
     runs = fit.plain.runs
     stresses = listed([f"{1e-3 * s:.4g}" for s in normal_stresses(runs)])
     name = f" of {fit.soil}" if fit.soil else ""
@@ -282,7 +309,13 @@ def _shape_error(law: FittedShearLaw) -> str:
 
 
 def shear_document(fit: ShearFit, strength: LabStrength) -> dict[str, Any]:
-    """Strength and shape of one soil as plain values, SI."""
+    """Strength and shape of one soil as plain values, SI.
+
+    Parameters
+    ----------
+    fit, strength
+        Of the same soil.
+    """
     return {
         "soil": fit.soil,
         "follows": fit.chosen.law.id,

@@ -35,7 +35,17 @@ _DULL = 0.02  # slope of ln value by ln factor, under which the channel does not
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """The whole document but `measure_next`, `file` and laws learnt after this one."""
+    """The whole document but `measure_next`, `file` and laws learnt after this one.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    sought
+        What a search came to.
+    name
+        Id of the law.
+    """
     problem, grid, best = sought.problem, sought.grid, sought.best
     found: Entry = {
         "schema": SCHEMA,
@@ -145,6 +155,13 @@ def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | Non
 
     factor: of the draft (a shift of n, a resistance in N per carrier). low, high: over all tied laws of
     that stage and drivers, two deviations each way. None where it follows nothing, several, or the depth.
+
+    Parameters
+    ----------
+    fitter
+        The one that fitted the laws.
+    best
+        The law, with those that fit as well.
     """
     law, points = best.law.law, fitter.points
     if len(law.drivers) != 1 or not law.columns:

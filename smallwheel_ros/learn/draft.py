@@ -43,7 +43,15 @@ class Number:
 
 
 def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
-    """A law's numbers with their deviations. fitter: the one that fitted it."""
+    """A law's numbers with their deviations.
+
+    Parameters
+    ----------
+    fitter
+        The one that fitted it.
+    candidate
+        The law and its fit.
+    """
     fit, law = candidate.fit, candidate.law
     covariance = posterior_covariance(fitter, fit, fitter.true_scatter(fit))
     found = []
@@ -70,7 +78,15 @@ def _driver(term: Term) -> Driver:
 
 
 def name_problem(name: str, taken: Collection[str]) -> str:
-    """Say why a name cannot be a new effect's id, "" where it can. taken: ids of effects."""
+    """Say why a name cannot be a new effect's id, "" where it can.
+
+    Parameters
+    ----------
+    name
+        To be the id.
+    taken
+        Ids of effects.
+    """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
         return f"'{name}' is no id: expected small letters, digits and _, like slip_law"
     return f"'{name}' is the id of an effect that exists already" if name in taken else ""
@@ -125,6 +141,21 @@ def class_text(
     """The Python class of a law. Numbers have all their digits: what reads it predicts the same.
 
     Texts are written by their repr: names of columns and files may have any character.
+
+    Parameters
+    ----------
+    law, numbers
+        The law, and its numbers with their deviations.
+    name
+        Id of the effect.
+    measurements
+        The table that it was learnt from.
+    settings
+        How many settings that has.
+    tied
+        How many formulas fit as well, this one among them.
+    summary
+        What the effect does, in a sentence.
     """
     columns = sorted(law.columns)
     others = "1 other formula fits" if tied == 2 else f"{tied - 1} other formulas fit"

@@ -141,7 +141,15 @@ class Driver:
     levels: int = 0
 
     def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
-        """Its values, shape (rows,). sinkage: m, of a driver that is made of it."""
+        """Its values less the reference, shape (rows,).
+
+        Parameters
+        ----------
+        conditions
+            Settings, SI units.
+        sinkage
+            m, shape (rows,), of a driver that is computed from it.
+        """
         state = SimpleNamespace(sinkage=sinkage)
         found = eval(_compiled(self.code), {"np": np, "conditions": conditions, "state": state})
         return np.asarray(found) - self.reference
@@ -223,7 +231,14 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
     """The drivers that these points vary, and why other settings are none, in words.
 
     A setting with two values is a driver: what follows it must not be laid at another's door, though
-    no law can be learnt of it. sinkage: as the base model has it, m, shape (points,).
+    no law can be learnt of it.
+
+    Parameters
+    ----------
+    points
+        What is fitted to.
+    sinkage
+        As the base model has it, m, shape (points,).
     """
     used, found = np.unique(points.row), []
     usable = independent(points)
@@ -309,7 +324,15 @@ class Term:
         return DEPTH in self.drivers
 
     def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
-        """Its value where each driver has these values. constant: c, its own where None."""
+        """Its value where each driver has certain values.
+
+        Parameters
+        ----------
+        values
+            Gives the values of a driver.
+        constant
+            c; its own where None.
+        """
         if not self.factors:
             return 1.0
         c = self.constant if constant is None else constant
@@ -319,12 +342,28 @@ class Term:
         return eval(code, {"np": np, "continued": continued, "c": c, **known})
 
     def at(self, conditions: Conditions, sinkage: Array) -> Array:
-        """Its value at each row, shape (rows,). sinkage: m."""
+        """Its value at each row, shape (rows,).
+
+        Parameters
+        ----------
+        conditions
+            Settings, SI units.
+        sinkage
+            m, shape (rows,).
+        """
         value = self.of(lambda driver: driver.values(conditions, sinkage))
         return np.broadcast_to(value, len(conditions))
 
     def python(self, constant: str, variables: Mapping[str, str]) -> str:
-        """It as Python. constant: its c; variables: names of its drivers' values there."""
+        """The term as Python.
+
+        Parameters
+        ----------
+        constant
+            Its c there: a name or a number.
+        variables
+            Names of its drivers' values there, by the driver's column.
+        """
         made = []
         for driver, shape in self.factors:
             held = constant if shape.constant == "free" else repr(driver.middle)
@@ -349,7 +388,15 @@ class Term:
 
 
 def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
-    """Every term of these drivers. settings: how many were measured."""
+    """Every term of these drivers.
+
+    Parameters
+    ----------
+    drivers
+        That the points vary.
+    settings
+        How many were measured.
+    """
     single = [term for driver in drivers for term in _single(driver)]
     pairs: list[Term] = []
     graded = [driver for driver in drivers if driver.levels >= FEWEST_LEVELS]

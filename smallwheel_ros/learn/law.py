@@ -139,7 +139,15 @@ class LearntLaw:
         return (*strengths, *constants)
 
     def change(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
-        """The factor, or the sum that is added, where each driver has these values."""
+        """The factor, or the sum that is added, where each driver has certain values.
+
+        Parameters
+        ----------
+        numbers
+            a1, a2, ... and c1, c2, ..., by name.
+        values
+            Gives the values of a driver.
+        """
         eta: Any = 0.0
         for i, term in enumerate(self.terms, 1):
             eta = eta + numbers[f"a{i}"] * term.of(values, numbers.get(f"c{i}"))
@@ -209,7 +217,17 @@ def _class_of(python: str) -> type[Effect]:
 
 
 def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
-    """The law with its numbers free. size: of a strength's usual change, one for each term."""
+    """The law with its numbers free.
+
+    Parameters
+    ----------
+    law
+        What is fitted.
+    numbers
+        Where the fit starts, by name.
+    size
+        Of a strength's usual change, one for each term.
+    """
     free = []
     for name in law.names:
         i = int(name[1]) - 1

@@ -106,9 +106,21 @@ def learnt(
 ) -> Learnt:
     """Learn a law that a model lacks from measurements, as far as they can tell.
 
-    name: id of the law; made of what it follows where None, and with `_2` after it of a second one. most:
-    laws to learn, each with those before it in the model. progress: told each step in words, how many are
-    done, and of how many (0: not known). Raises LearnError where name or most make no sense.
+    Parameters
+    ----------
+    start
+        Measurements, and the model without the law.
+    name
+        Id of the law; made from what it follows where None, and with `_2` after it of a second one.
+    most
+        How many laws to learn, each with those before it in the model.
+    progress
+        Called with each step in words, how many are done, and of how many (0: not known).
+
+    Raises
+    ------
+    LearnError
+        Where name or most make no sense.
     """
     measurements, known, without, base = (
         start.measurements,

@@ -52,7 +52,15 @@ class TermGrid:
 
     @classmethod
     def of(cls, points: Points, base: Model) -> TermGrid:
-        """The grammar at points. base: the model without the law."""
+        """The grammar at points.
+
+        Parameters
+        ----------
+        points
+            What is fitted to.
+        base
+            The model without the law.
+        """
         depth = predict(base, points.conditions).true_sinkage
         drivers, notes = drivers_of(points, depth)
         terms = terms_of(drivers, np.unique(points.setting).size)
@@ -158,7 +166,15 @@ WHOLE, FOLD = Effort(24, (8, 4), 5, 10, 12), Effort(12, (4, 1), 4, 4, 6)
 
 
 def first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[T]:
-    """The first item of each kind, in their order."""
+    """The first item of each kind, in their order.
+
+    Parameters
+    ----------
+    items
+        Of several kinds.
+    key
+        Gives an item's kind.
+    """
     seen: set[Hashable] = set()
     for item in items:
         kind = key(item)
@@ -204,7 +220,15 @@ class LawSearch:
     # --- What a tangent proposes
 
     def slope(self, fit: Fit, place: Place) -> Array:
-        """Slope of the predictions by the place's ln factor or shift, shape (values,)."""
+        """Slope of the predictions by the place's ln factor or shift, shape (values,).
+
+        Parameters
+        ----------
+        fit
+            Where it is taken.
+        place
+            The stage, and what acts there.
+        """
         step = 1.0 if place.stage == "R" else 1e-4  # what is added in newtons is linear
         probe = part_for(LearntLaw(place, "exponential", (CONSTANT,)), {"a1": 0.0}, [1.0])
         vector = replace(fit.vector, parts=(*fit.vector.parts, replace(probe, id="probe")))

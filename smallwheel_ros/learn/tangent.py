@@ -109,9 +109,15 @@ class Tangent:
     def gains(self, slope: Array, terms: Array) -> tuple[Array, Array]:
         """What each term gains, and its strength; shape (terms, copies).
 
-        slope: of the predictions by the sum of terms, shape (values,). terms: their values, shape
-        (points, terms). A term moves all points, each by its value there, so what is needed of it are
+        A term moves all points, each by its value there, so what is needed of it are
         products with matrices over points, which are the same for all terms.
+
+        Parameters
+        ----------
+        slope
+            Of the predictions by the sum of terms, shape (values,).
+        terms
+            Their values, shape (points, terms).
         """
         each = self._yardstick.white(self._yardstick.at_each_point(slope))
         moved = self._yardstick.by_channel(self._rest(each))

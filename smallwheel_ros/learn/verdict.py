@@ -94,6 +94,17 @@ def seek(
     """Search for one law that a model lacks. The same seed gives the same answer.
 
     The comments' numbers are those of "How it decides" in docs/learn.md.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    base
+        The model without the law.
+    seed
+        Of permutations, folds and what is kept apart.
+    progress
+        Called with each step in words, how many are done, and of how many (0: not known).
     """
     try:  # 1, 2: points, and the base
         problem = Problem.of(_by_trial(measurements), base).judged
@@ -202,7 +213,15 @@ def nothing_to_follow(grid: TermGrid) -> str:
 
 
 def cannot_be_told(law: LearntLaw, measurements: Measurements) -> str:
-    """Say why what is missing may not be this law, though it fits best, "" where it may."""
+    """Say why what is missing may not be this law, though it fits best, "" where it may.
+
+    Parameters
+    ----------
+    law
+        The one that fits best.
+    measurements
+        The table.
+    """
     known = {*measurements.conditions.covariates, *measurements.channels, *COLUMNS}
     blank = [name for name, unit in measurements.units.items()
              if name not in known and not name.endswith("_std")
@@ -224,10 +243,19 @@ def _values(driver: Driver) -> str:
 
 
 def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> float:
-    """p of the best gain by permutations. search: one that has not run, with its base's yardstick.
+    """p of the best gain by permutations.
 
     The one statistic is what the best term of the whole grammar gains at the base's tangent, less the
     nats of its description.
+
+    Parameters
+    ----------
+    search
+        One that has not run, with its base's yardstick.
+    permutations
+        How many.
+    rng
+        Draws them.
     """
     white = search.yardstick.white(search.observed - search.base.predicted)
     copies = np.column_stack([white, _permuted(white, search.fitter.points, permutations, rng)])
@@ -281,7 +309,15 @@ def setting_of(points: Points) -> Index:
 
 
 def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
-    """Values that neither search nor folds see, shape (values,): none under `VAULT_FROM` settings."""
+    """Values that neither search nor folds see, shape (values,): none under `VAULT_FROM` settings.
+
+    Parameters
+    ----------
+    points
+        What is fitted to.
+    seed
+        Draws the settings.
+    """
     setting = setting_of(points)
     settings = np.unique(setting)
     if settings.size < VAULT_FROM:
@@ -293,9 +329,20 @@ def vault_of(points: Points, seed: int) -> NDArray[np.bool_]:
 def left_out(
     fitter: Fitter, base: Fit, grid: TermGrid, seed: int, done: Callable[[], object]
 ) -> tuple[list[CvErrors], list[LearntLaw | None]]:
-    """Leave whole settings out in turn and search again without them. done: called after each fold.
+    """Leave whole settings out in turn and search again without them.
 
     Gives the errors of the base and of what the folds found, and the laws, None where a fold found none.
+
+    Parameters
+    ----------
+    fitter, base
+        The base's fit to all points.
+    grid
+        The grammar at these points.
+    seed
+        Draws the folds.
+    done
+        Called after each fold.
     """
     points = fitter.points
     settings, code = np.unique(setting_of(points), return_inverse=True)
@@ -319,7 +366,17 @@ def left_out(
 def with_vault(
     errors: Sequence[CvErrors], vault: Points, models: Sequence[Model]
 ) -> tuple[list[CvErrors], bool]:
-    """The errors with those of models on what was kept apart, and whether the law's are less somewhere."""
+    """The errors with those of models on what was kept apart, and whether the law's are less somewhere.
+
+    Parameters
+    ----------
+    errors
+        Of the base and of the law, by folds.
+    vault
+        What was kept apart.
+    models
+        The base and the law.
+    """
     seen = [in_sample(vault, model) for model in models]
     before, after = (one.rmse() for one in seen)
     both = []
@@ -330,7 +387,15 @@ def with_vault(
 
 
 def agreeing(laws: Sequence[LearntLaw | None], law: LearntLaw) -> float:
-    """Share of the folds that chose the same drivers; of a constant, its stage."""
+    """Share of the folds that chose the same drivers; of a constant, its stage.
+
+    Parameters
+    ----------
+    laws
+        Of the folds; None: a fold found none.
+    law
+        The one of all points.
+    """
     same = [
         other is not None and other.columns == law.columns
         and (bool(law.columns) or other.place.stage == law.place.stage) for other in laws
@@ -347,8 +412,16 @@ def judge(
 ) -> tuple[str, tuple[str, ...]]:
     """The verdict, and what speaks against a law.
 
-    p: of the permutations. errors: of the base and of the folds' laws. The draft's scatter is the
-    yardstick.
+    Parameters
+    ----------
+    p
+        Of the permutations.
+    errors, laws
+        Of the base and of the folds' laws.
+    fitter
+        The one that fitted the draft.
+    draft
+        The law of all points, whose scatter is the yardstick.
     """
     fall, z = _gain(errors, fitter, draft.fit)
     against = []

@@ -134,7 +134,15 @@ class Numbers:
 
 
 def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers]:
-    """Numbers of all columns of a table; comma: it can be nothing but a decimal mark."""
+    """Numbers of all columns of a table.
+
+    Parameters
+    ----------
+    columns
+        Cells of each column, as many in each.
+    comma
+        Whether a comma can be nothing but a decimal mark.
+    """
     # the texts of each column, as one, in which a sign is looked for quickly
     joined = ["".join([c for c in cells if isinstance(c, str)]) for cells in columns]
     if not any("," in texts for texts in joined):

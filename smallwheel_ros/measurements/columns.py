@@ -180,7 +180,12 @@ _TYRE_PRESSURES = ({"tyre", "pressure"}, {"tire", "pressure"})
 def is_response(name: str, unit: str = "") -> bool:
     """Whether a column is what the wheel answers (torque, side force, motor current), not a setting.
 
-    unit: the SI unit that it is held in, "" where the table gives none.
+    Parameters
+    ----------
+    name
+        Of the column.
+    unit
+        The SI unit that it is held in, "" where the table gives none.
     """
     if name in COLUMNS:
         return name in CHANNELS
@@ -294,8 +299,13 @@ _COMMON = {unit.lower(): unit for unit in WORDS["units"].split()}
 def spelled(text: str, expected: str | None) -> str | None:
     """The unit that a text names, as `to_base` takes it; None where it names none.
 
-    expected: the SI unit of the column. Where that is a force or a pressure, a mass is read as
-    its weight under the standard gravity (`physics.wheel.GRAVITY`).
+    Parameters
+    ----------
+    text
+        As it was typed.
+    expected
+        The SI unit of the column; None for any. Where that is a force or a pressure, a mass is read as its
+        weight under the standard gravity (`physics.wheel.GRAVITY`).
     """
     text = " ".join(text.split())
     plain = _plain(text)
@@ -324,7 +334,15 @@ def is_mass(unit: str | None) -> bool:
 
 
 def weight_under(weight: Array, gravity: Array | float) -> Array:
-    """What masses weigh (N) under a gravity (m/s^2) that weigh so much under the standard one."""
+    """What masses weigh, N.
+
+    Parameters
+    ----------
+    weight
+        Under the standard gravity, N, shape (rows,).
+    gravity
+        Where they are weighed, m/s^2, one for all or shape (rows,).
+    """
     return np.asarray(weight * (gravity / GRAVITY))
 
 
@@ -334,7 +352,15 @@ def shown_unit(unit: str | None) -> str:
 
 
 def fits(unit: str, expected: str) -> bool:
-    """Whether values in the unit are of the kind that the SI unit `expected` measures."""
+    """Whether values in a unit are of the kind that another measures.
+
+    Parameters
+    ----------
+    unit
+        As it was typed.
+    expected
+        The SI unit.
+    """
     return _base(_unit(unit)) == _base(_unit(expected))
 
 
@@ -364,10 +390,21 @@ def _base(unit: pint.Unit) -> str:
 
 
 def to_base(values: Array, unit: str, expected: str | None = None) -> Array:
-    """Values in `unit` in base SI units; angles in rad.
+    """Values in base SI units; angles in rad.
 
-    expected: the SI unit that the column is held in (m, N, m/s, rad, 1), or None for any.
-    Raises UnitsError where the unit does not exist or its dimension is not that of `expected`.
+    Parameters
+    ----------
+    values
+        In `unit`, any shape.
+    unit
+        As it was typed.
+    expected
+        The SI unit that the column is held in (m, N, m/s, rad, 1), or None for any.
+
+    Raises
+    ------
+    UnitsError
+        Where the unit does not exist or its dimension is not that of `expected`.
     """
     parsed = _unit(unit)
     if expected is not None and not fits(unit, expected):

@@ -53,7 +53,15 @@ def effect_words(name: str) -> str:
 
 
 def percent(share: float | None, *, signed: bool = False) -> str:
-    """A share in whole per cent, "-" for none; never "-0 %"."""
+    """A share in whole per cent, "-" for none; never "-0 %".
+
+    Parameters
+    ----------
+    share
+        1 is all; None: not known.
+    signed
+        Whether a + stands before what is over 0.
+    """
     if share is None or not np.isfinite(share):
         return "-"
     whole = round(100 * share)
@@ -75,7 +83,15 @@ def p_text(p: float | None) -> str:
 
 
 def setting_words(name: str, value: object) -> str:
-    """A setting with its unit, in degrees and millimetres: 28.6 deg; a range by its ends."""
+    """A setting with its unit, in degrees and millimetres: 28.6 deg; a range by its ends.
+
+    Parameters
+    ----------
+    name
+        Of the setting.
+    value
+        In SI units; two values are a range.
+    """
     if isinstance(value, (list, tuple)):
         return " to ".join(dict.fromkeys(setting_words(name, v) for v in value))
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -96,13 +112,29 @@ def region_words(text: str) -> str:
 
 
 def listed(names: Sequence[str], last: str = "and") -> str:
-    """Join names in words: `a, b and c`; "" for none."""
+    """Join names in words: `a, b and c`; "" for none.
+
+    Parameters
+    ----------
+    names
+        Of effects or columns.
+    last
+        The word before the last one.
+    """
     shown = [effect_words(name) for name in names]
     return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} {last} {shown[-1]}"
 
 
 def display(name: str, unit: str) -> Display:
-    """How values of that column, held in that SI unit ("" if unknown), are shown."""
+    """How values of a column are shown.
+
+    Parameters
+    ----------
+    name
+        Of the column.
+    unit
+        The SI unit that it is held in, "" where none is known.
+    """
     return _in_unit(name, *_SCALES.get(unit, (1.0, shown_unit(unit))))
 
 
@@ -111,7 +143,15 @@ def _in_unit(name: str, scale: float, unit: str) -> Display:
 
 
 def column_display(measurements: Measurements, name: str) -> Display:
-    """How values of that column of a table are shown: in the unit of its header, where it has one."""
+    """How values of a column of a table are shown: in the unit of its header, where it has one.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    name
+        Of the column.
+    """
     written = measurements.written_units.get(name)
     if written is not None:
         zero, one = to_base(np.array([0.0, 1.0]), written)
@@ -136,7 +176,15 @@ def sentence(text: str) -> str:
 
 
 def number(value: ArrayLike | None, digits: int = 3) -> str:
-    """A number with that many digits, "-" for none: 0.00123, 12.3, 4130."""
+    """A number, "-" for none: 0.00123, 12.3, 4130.
+
+    Parameters
+    ----------
+    value
+        None and what is not finite are none.
+    digits
+        That are shown.
+    """
     if value is None or not np.isfinite(value):
         return "-"
     value = float(value)  # type: ignore[arg-type]  # finite, so a scalar
@@ -150,7 +198,15 @@ def number(value: ArrayLike | None, digits: int = 3) -> str:
 
 
 def shown_value(channel: str, value: float | None) -> str:
-    """Show a value of a channel with its unit, "-" for none."""
+    """A value of a channel with its unit, "-" for none.
+
+    Parameters
+    ----------
+    channel
+        sinkage, resistance, drawbar_pull or torque.
+    value
+        In the channel's SI unit.
+    """
     if value is None:
         return "-"
     shown = display(channel, unit_of(channel))

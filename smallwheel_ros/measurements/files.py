@@ -47,8 +47,17 @@ _OTHERS = (
 def read_grid(source: str | Path | pd.DataFrame, sheet: str | int | None = None) -> CellGrid:
     """Read a CSV, Excel (xlsx, xls), OpenDocument (ods) or Parquet file, or take a data frame.
 
-    sheet: of a workbook, by name or number; without it the one sheet that has a table is read.
-    Raises MeasurementsError where the file cannot be read, is of another kind, or is no table.
+    Parameters
+    ----------
+    source
+        The file, or the frame of pandas.
+    sheet
+        Of a workbook, by name or number; without it the one sheet that has a table is read.
+
+    Raises
+    ------
+    MeasurementsError
+        Where the file cannot be read, is of another kind, or is no table.
     """
     if not isinstance(source, (str, Path)):
         if not (hasattr(source, "columns") and hasattr(source, "to_numpy")):

@@ -72,14 +72,26 @@ _ANSWERS = "taken as what the wheel answers, not as settings: {}"
 
 
 def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
-    """Read a table of wheels and plates as `read_tests` does; one of shear tests is refused."""
+    """Read a table of wheels and plates; one of shear tests is refused.
+
+    Parameters
+    ----------
+    source, how
+        As of `read_tests`.
+    """
     found = read_tests(source, shear=False, **how)
     assert isinstance(found, Measurements)
     return found
 
 
 def read_conditions(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
-    """Read a table of settings as `read_tests` does; nothing need be measured, and every row is kept."""
+    """Read a table of settings; nothing need be measured, and every row is kept.
+
+    Parameters
+    ----------
+    source, how
+        As of `read_tests`.
+    """
     found = read_tests(source, shear=False, every_row=True, **how)
     assert isinstance(found, Measurements)
     return found
@@ -94,11 +106,20 @@ def read_tests(
 ) -> Measurements | ShearTests:
     """Read a table of measurements; everything in SI units afterwards.
 
-    source: a CSV, xlsx, xls, ods or Parquet file, or a pandas data frame. map, sheet, and in `how`
-    diameter, width, contact, compliance: as of `read.read`, sizes in SI units. shear (in `how`): whether a
-    table of shear tests is one to read; every_row: it is of settings, of which all are wanted.
-    Raises MeasurementsError that lists everything that is wrong: file, row, column, what was found,
-    what was expected, what to do.
+    Parameters
+    ----------
+    source
+        A CSV, xlsx, xls, ods or Parquet file, or a pandas data frame.
+    map, sheet
+        As of `read.read`.
+    how
+        diameter, width (m), contact, compliance as of `read.read`. shear: whether a table of shear tests is
+        one to read; every_row: whether it is of settings, of which all are wanted.
+
+    Raises
+    ------
+    MeasurementsError
+        Lists everything that is wrong: file, row, column, what was found, what was expected, what to do.
     """
     one = sheet is None or isinstance(sheet, (str, int))
     several: Sequence[Any] = [sheet] if one else list(sheet or ()) or [None]  # type: ignore[arg-type]

@@ -155,9 +155,19 @@ def expected_unit(name: str) -> str | None:
 
 @lru_cache(maxsize=10_000)
 def read_heading(text: str, known: Match | None = None) -> Heading:
-    """Understand a header; `known` where the user has said which quantity it is.
+    """Understand a header.
 
-    Raises UnitsError where a bracket is not closed or text follows it.
+    Parameters
+    ----------
+    text
+        As it stands in the table.
+    known
+        Which quantity it is, where the user has said so.
+
+    Raises
+    ------
+    UnitsError
+        Where a bracket is not closed or text follows it.
     """
     text = " ".join(text.split())
     return _understood(text.translate(_WIDE), known)._replace(text=text)
@@ -233,7 +243,17 @@ def _heading(name: str, match: Match | None, unit: str | None) -> Heading:
 def mapped_heading(text: str, ours: str) -> Heading:
     """The heading of a column that the user named, `--map "load [kN]=F"`.
 
-    Raises UnitsError where a bracket of either is not closed.
+    Parameters
+    ----------
+    text
+        The table's own header.
+    ours
+        The quantity, with its unit where the header has none.
+
+    Raises
+    ------
+    UnitsError
+        Where a bracket of either is not closed.
     """
     wanted = read_heading(ours)
     known = Match(wanted.name if wanted.factor == 1.0 else "radius", MAPPED)
@@ -249,7 +269,12 @@ def contact_of(text: str) -> str:
 def is_summary(text: str, names: Collection[str] = ()) -> bool:
     """Whether a cell says that its row is a mean, a sum, a deviation of the rows around it.
 
-    names: of the runs around it, for what is the mean of one of them (`Mean a`).
+    Parameters
+    ----------
+    text
+        The cell.
+    names
+        Of the runs around it, for what is the mean of one of them (`Mean a`).
     """
     if text.strip() in _MEAN_SIGNS:
         return True

@@ -39,7 +39,15 @@ _TWO_SHAPES = "a plate with a diameter too, expected one of the two: round or re
 
 
 def take_contact(columns: TableColumns, given: str | None) -> None:
-    """What meets the soil in each row; a table of pressures without a width is of plates."""
+    """What meets the soil in each row; a table of pressures without a width is of plates.
+
+    Parameters
+    ----------
+    columns
+        Of the table, which get their contact.
+    given
+        Contact of all rows; None: by the table.
+    """
     texts = columns.texts.get("contact")
     if given is not None and given not in CONTACTS:
         columns.add(f"contact given as '{given}', expected one of {', '.join(CONTACTS)}")
@@ -59,7 +67,15 @@ def take_contact(columns: TableColumns, given: str | None) -> None:
 
 
 def take_plates(columns: TableColumns, compliance: float | None) -> None:
-    """Turn what a table has of plates into load, diameter, width and the soil's own sinkage."""
+    """Turn what a table has of plates into load, diameter, width and the soil's own sinkage.
+
+    Parameters
+    ----------
+    columns
+        Of the table, which are changed.
+    compliance
+        Of the rig, m/N, by which a sinkage is shown too deep; None: none.
+    """
     plate, rolling = columns.contact == PLATE, columns.contact == ROLLING
     if plate.any():
         _take_sizes(columns, plate)
@@ -150,6 +166,13 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
 
     Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
     again is not what a law of first loading is of. What is left out is reported.
+
+    Parameters
+    ----------
+    columns
+        Of the table, which are changed.
+    run
+        Name of each row's run.
     """
     load, sinkage = columns.numbers["load"], columns.numbers.get("sinkage")
     pushed = columns.contact != ROLLING

@@ -226,7 +226,15 @@ def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
 
 
 def is_label(heading: Heading, numbers: Numbers) -> bool:
-    """Whether a column of no known name is one of texts: too few of its cells are numbers."""
+    """Whether a column of no known name is one of texts: too few of its cells are numbers.
+
+    Parameters
+    ----------
+    heading
+        As it was understood.
+    numbers
+        Its cells as far as they are numbers.
+    """
     filled = int((~numbers.blank).sum())
     texts = sum(not why for why in numbers.faults.values())
     unknown = heading.rank == UNKNOWN and heading.unit is None
@@ -239,7 +247,19 @@ def rows_not_measured(
     parsed: Mapping[int, Numbers],
     names: RowNames,
 ) -> dict[int, str]:
-    """Rows that are no measurements, and the words for them: remarks, headers, what was computed."""
+    """Rows that are no measurements, and the words for them: remarks, headers, what was computed.
+
+    Parameters
+    ----------
+    layout
+        Where the table is in its sheet.
+    named
+        Headings by number of the column.
+    parsed
+        Numbers by number of the column, of those that have any.
+    names
+        What `row_names` gave.
+    """
     found = dict.fromkeys(_summaries(layout, named, parsed), _SUMMARY)
     nothing = np.all([n.blank for n in parsed.values()], axis=0) if parsed else []
     again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
@@ -313,7 +333,17 @@ def _means(
 
 
 def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> list[str]:
-    """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps."""
+    """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps.
+
+    Parameters
+    ----------
+    layout
+        Where the table is in its sheet.
+    names
+        What `row_names` gave.
+    left_out
+        Rows that are no measurements, with the reason.
+    """
     texts, kinds = names
     if not texts:
         return []
@@ -331,7 +361,15 @@ def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> l
 def row_names(
     layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
 ) -> RowNames:
-    """The columns of texts, that of the runs first, and of which kind each row's name in it is."""
+    """The columns of texts, that of the runs first, and of which kind each row's name in it is.
+
+    Parameters
+    ----------
+    layout
+        Where the table is in its sheet.
+    named, parsed
+        As of `rows_not_measured`.
+    """
     texts = [i for i in named if i not in parsed or is_label(named[i], parsed[i])]
     texts.sort(key=lambda i: named[i].name != "run")
     names = layout.columns[texts[0]] if texts else []
@@ -374,7 +412,15 @@ def _is(
 
 
 def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
-    """The words for the rows that are left out, with the line of each."""
+    """The words for the rows that are left out, with the line of each.
+
+    Parameters
+    ----------
+    layout
+        Where the table is in its sheet.
+    rows
+        The reason by number of the row.
+    """
     lines = []
     for row in [*rows][:_MOST_SAID]:
         cells = ", ".join(shown(c[row]).strip() for c in layout.columns if not is_blank(c[row]))
@@ -392,6 +438,15 @@ def fill_down(
 
     Never what was measured. A name is typed once where it begins each stretch of rows, blanks follow
     at least half of the names, and no name follows itself.
+
+    Parameters
+    ----------
+    layout
+        Where the table is in its sheet; its cells are changed.
+    named
+        Headings by number of the column.
+    merged
+        Merged cells: column, first and last row.
     """
     said = []
     lines = layout.numbers.tolist()
@@ -427,7 +482,17 @@ def _is_typed_once(cells: Sequence[Cell]) -> bool:
 def with_unit(heading: Heading, unit: str | None) -> Heading:
     """The heading with the unit of the row of units, if it has none of its own.
 
-    Raises UnitsError where the two differ.
+    Parameters
+    ----------
+    heading
+        As it was understood.
+    unit
+        Of the row of units; None: it has none there.
+
+    Raises
+    ------
+    UnitsError
+        Where the two differ.
     """
     if unit is None or heading.unit == unit:
         return heading

@@ -117,7 +117,22 @@ class Measurements(Result, shown="views.measured"):
     def plot(
         self, ax: Axes | None = None, channel: str | None = None, over: str | None = None
     ) -> Axes:
-        """Draw a channel (the first) over a setting (load); ResultError where there is none."""
+        """Draw a channel over a setting.
+
+        Parameters
+        ----------
+        ax
+            Axes of matplotlib to draw into; new ones without it.
+        channel
+            sinkage, resistance, drawbar_pull or torque; the first that was measured if not given.
+        over
+            The setting; the load if not given.
+
+        Raises
+        ------
+        ResultError
+            Where there is no such column.
+        """
         return self._drawn(ax, channel, over)
 
     @property
@@ -212,7 +227,13 @@ def codes_of(column: NDArray[Any]) -> tuple[list[Any], NDArray[np.intp]]:
 
 
 def over_half(sinkage: Array, diameter: Array) -> Mask:
-    """Whether a wheel is deeper than its axle."""
+    """Whether a wheel is deeper than its axle, shape (rows,).
+
+    Parameters
+    ----------
+    sinkage, diameter
+        m, shape (rows,).
+    """
     return np.asarray(sinkage > 0.5 * diameter * (1.0 + 1e-9))
 
 

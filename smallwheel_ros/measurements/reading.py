@@ -124,7 +124,15 @@ class TableColumns:
         return name in self.headings and name in self.numbers
 
     def values(self, name: str, default: float = np.nan) -> Array:
-        """Numbers of the column, the default throughout where there is none; shape (rows,)."""
+        """Numbers of a column, shape (rows,).
+
+        Parameters
+        ----------
+        name
+            Of the column.
+        default
+            Stands throughout where there is no such column.
+        """
         return self.numbers.get(name, np.full(self.lines.size, default))
 
     def sound(self, name: str) -> Mask:
@@ -143,7 +151,17 @@ class TableColumns:
     def add(
         self, message: str, column: str | None = None, rows: Iterable[int] | None = None
     ) -> None:
-        """Add a problem of these rows; without rows it is one of the header."""
+        """Add a problem.
+
+        Parameters
+        ----------
+        message
+            What is wrong, and what was expected.
+        column
+            Its header as it stands in the table; None: of the whole table.
+        rows
+            Numbers of the rows that it is of; None: of the header.
+        """
         rows = [] if rows is None else list(rows)
         lines = [int(self.lines[row]) for row in rows]
         first = lines[0] if lines else self.header
@@ -160,7 +178,17 @@ class TableColumns:
         self.found.append(f"{', '.join(where)}: {message}" if where else message)
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
-        """Add a problem of a column: of its header, or of these rows if there are any."""
+        """Add a problem of a column, if it is of any rows.
+
+        Parameters
+        ----------
+        message
+            What is wrong, and what was expected.
+        name
+            Our name of the column.
+        rows
+            A mask of shape (rows,), or their numbers; None: of the header.
+        """
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
         if at is None or at.size:
             mask = self.faulty.setdefault(name, np.zeros(self.lines.size, dtype=bool))
@@ -170,7 +198,19 @@ class TableColumns:
             self.add(message, title, None if at is None else at.tolist())
 
     def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
-        """Add a problem for the values of these rows, if there are any; wanted: in the first."""
+        """Add a problem for values that a column may not have, if there are any.
+
+        Parameters
+        ----------
+        name
+            Our name of the column.
+        values
+            Its values, SI units, shape (rows,).
+        rows
+            Where they are wrong, shape (rows,).
+        wanted
+            What was expected in the first of these rows.
+        """
         if rows.any():
             row = int(np.argmax(rows))
             cell, unit = shown(self.cells[name][row]), shown_unit(self.headings[name].unit)
@@ -186,14 +226,30 @@ class TableColumns:
             self.add(message + ("" if i else hint))
 
     def leave_out(self, name: str, known: int) -> None:
-        """Go on without a column that nobody needs; its problems, those since so many, are said."""
+        """Go on without a column that nobody needs; its problems are said as a warning.
+
+        Parameters
+        ----------
+        name
+            Its header.
+        known
+            How many problems there were before its own.
+        """
         why, self.found = self.found[known], self.found[:known]
         self.warnings.append(f"column '{clipped(name)}' is left out, and not needed: {why}")
         for kept in (self.headings, self.cells, self.numbers, self.units, self.texts, self.faulty):
             kept.pop(name, None)
 
     def count(self, rows: Mask, what: str) -> str:
-        """How many rows these are, what is reported of them, and where the first is."""
+        """How many rows these are, what is reported of them, and where the first is, in words.
+
+        Parameters
+        ----------
+        rows
+            Shape (rows,), one at least.
+        what
+            Is reported of them.
+        """
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
 
@@ -220,8 +276,17 @@ def listed(names: Sequence[str]) -> str:
 def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     """Every column of the table, checked cell by cell.
 
-    mapping: our name -> their header, where words do not say it. Raises MeasurementsError where there
-    is no table.
+    Parameters
+    ----------
+    grid
+        The cells.
+    mapping
+        By our name, the table's header, where words do not say it.
+
+    Raises
+    ------
+    MeasurementsError
+        Where there is no table.
     """
     try:
         layout = find_layout(grid)
@@ -465,7 +530,19 @@ def weigh(columns: TableColumns) -> None:
 def check_range(
     columns: TableColumns, name: str, spec: ColumnSpec, values: Array, rows: Mask
 ) -> None:
-    """Add a problem for values of these rows that no wheel or plate has."""
+    """Add a problem for values that no wheel or plate has.
+
+    Parameters
+    ----------
+    columns
+        Of the table, which get the problem.
+    name, spec
+        Our name of the column, and what its values may be.
+    values
+        SI units, shape (rows,).
+    rows
+        Which of them count, shape (rows,).
+    """
     no_unit = columns.headings[name].unit is None
     bad = spec.bad(values) & rows
     if no_unit and name in ("diameter", "width"):
@@ -505,7 +582,17 @@ def _check_cells(columns: TableColumns, name: str, parsed: Numbers) -> None:
 
 
 def take_size(columns: TableColumns, name: str, size: float) -> None:
-    """Take a diameter or width (m) for all rows."""
+    """Take a diameter or width for all rows.
+
+    Parameters
+    ----------
+    columns
+        Of the table, which get it.
+    name
+        diameter or width.
+    size
+        m.
+    """
     size, spec = float(size), COLUMNS[name]
     if np.isnan(size) or spec.bad(np.array([size])).any():
         columns.add(f"{name} given as {size!r} m, expected {spec.expected()}")

@@ -117,6 +117,13 @@ def cluster(values: Array, tolerance: float) -> Index:
     Neighbours are joined over the narrowest gap first, while the span allows (complete linkage in
     one dimension). So values that lie within the tolerance and further than it from all others get
     one code, wherever they lie; bins of a fixed grid would split some of them. NaN has code -1.
+
+    Parameters
+    ----------
+    values
+        Shape (values,).
+    tolerance
+        In their unit.
     """
     codes = np.full(values.size, -1, dtype=np.intp)
     known = np.isfinite(values)
@@ -199,7 +206,17 @@ def _set_points(values: Array, tolerance: float) -> Index:
 
 
 def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
-    """Least and largest value of each run, shape (count,), NaN left out; of none inf and -inf."""
+    """Least and largest value of each run, shape (count,); inf and -inf of a run that has none.
+
+    Parameters
+    ----------
+    values
+        Shape (rows,); NaN is left out.
+    run
+        Number of each row's run, shape (rows,).
+    count
+        How many runs there are.
+    """
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.fmin.at(low, run, values)
     np.fmax.at(high, run, values)
@@ -223,8 +240,13 @@ def repeats_of_rows(measurements: Measurements) -> Index:
 def curves_of_rows(tracks: Sequence[Array], other: Callable[[int, int], bool]) -> Index:
     """Number of the curve that each row is of, where rows stand one curve after the other.
 
-    tracks: what rises along a curve: it begins anew where all of them fall under half of what they
-    had reached. other: whether a row (second) cannot be of the curve that begins with another (first).
+    Parameters
+    ----------
+    tracks
+        What rises along a curve, shape (rows,) each: it begins anew where all of them fall under half of what
+        they had reached.
+    other
+        Whether a row (second) cannot be of the curve that begins with another (first).
     """
     curve = np.zeros(len(tracks[0]), dtype=np.intp)
     first, reached = 0, [track[0] for track in tracks]

@@ -69,7 +69,15 @@ class Typed(NamedTuple):
 
 
 def levels_of(name: str, value: Setting) -> Typed:
-    """Values of a setting in SI units."""
+    """Values of a setting in SI units.
+
+    Parameters
+    ----------
+    name
+        Of the setting.
+    value
+        A number, several, or a text as `typed` takes it.
+    """
     if isinstance(value, str):
         return typed(name, value, unit_of(name) or None)
     try:
@@ -107,7 +115,20 @@ def weighed(levels: Mapping[str, Typed]) -> dict[str, Typed]:
 
 
 def number_of(name: str, given: float | str) -> Typed:
-    """One number in SI units. Raises RangeError where it is none, or several."""
+    """One number in SI units.
+
+    Parameters
+    ----------
+    name
+        Of the setting, which an error names.
+    given
+        A number, or a text with a unit.
+
+    Raises
+    ------
+    RangeError
+        Where it is none, or several.
+    """
     read = (
         Typed(np.array([given]))
         if isinstance(given, (int, float))
@@ -119,12 +140,27 @@ def number_of(name: str, given: float | str) -> Typed:
 
 
 def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Typed:
-    """Values in the SI unit named (None: in SI whatever the unit).
+    """Values that were typed, in SI units.
 
     `a`, `a,b,c`, `start:stop:step` (stop included) or `low..high` (with the middle), a unit behind it
     where it is not SI. A comma separates values. It is a decimal mark where it can be nothing else: in one
-    value (several: false), beside semicolons, and where no such list can be meant. Raises RangeError naming
-    the option.
+    value, beside semicolons, and where no such list can be meant.
+
+    Parameters
+    ----------
+    name
+        Of the option, which an error names.
+    text
+        As it was typed.
+    unit
+        The SI unit of the values; None: in SI whatever the unit.
+    several
+        Whether it may be more than one value.
+
+    Raises
+    ------
+    RangeError
+        Where it is none of that.
     """
     text = text.strip()
     if not several:
@@ -216,9 +252,21 @@ def _expanded(name: str, piece: Sequence[str], ends: Sequence[float]) -> Array:
 def limits_of(
     can: Levels | None, measurements: Measurements, told: Callable[[str], object] = unheard
 ) -> dict[str, list[float]]:
-    """Levels by setting that can be set, in SI units. told: how one was read, where that is to be said.
+    """Levels by setting that can be set, in SI units.
 
-    Raises ArgumentError where the table has no such setting, or the levels are no numbers.
+    Parameters
+    ----------
+    can
+        Levels by name of a setting; None: none are given.
+    measurements
+        The table, which has these settings.
+    told
+        Called with how one was read, where that is to be said.
+
+    Raises
+    ------
+    ArgumentError
+        Where the table has no such setting, or the levels are no numbers.
     """
     found: dict[str, list[float]] = {}
     known = ("load", "diameter", "width", *measurements.conditions.covariates)

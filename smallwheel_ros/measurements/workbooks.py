@@ -63,7 +63,20 @@ class _Book(NamedTuple):
 
 
 def workbook_grid(data: bytes, wanted: str | None) -> CellGrid:
-    """One sheet of an xlsx, xls or ods workbook: the one that has the table."""
+    """One sheet of an xlsx, xls or ods workbook.
+
+    Parameters
+    ----------
+    data
+        The file's content.
+    wanted
+        Name of the sheet; None: the one that has the table.
+
+    Raises
+    ------
+    MeasurementsError
+        Where there is no such sheet, or several have tables.
+    """
     try:
         parts = _parts(data) if data.startswith(b"PK") else {}
         xlsx = any(name.endswith("workbook.xml") for name in parts)

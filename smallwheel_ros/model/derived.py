@@ -35,7 +35,17 @@ class DerivedNumber:
 def derived_numbers(
     soil: Soil, names: Sequence[str], covariance: Array
 ) -> tuple[DerivedNumber, ...]:
-    """k and the shear deformation modulus. names, covariance: of parameters, `SOIL.n`, shape (names,) * 2."""
+    """k and the shear deformation modulus with their deviations, to first order.
+
+    Parameters
+    ----------
+    soil
+        The soil as fitted.
+    names
+        Parameters that the covariance is of, as `SOIL.n`; those of other soils may be among them.
+    covariance
+        Of these parameters, shape (names, names), in the square of their units.
+    """
     # ln k = ln p_ref - n ln z_ref - m ln D_ref
     of_k = {
         "log_reference_pressure": soil.k,

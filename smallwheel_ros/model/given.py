@@ -65,7 +65,20 @@ def registry_of(own: OwnEffects | None) -> Registry:
 
 
 def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
-    """Ids of effects, `unknown` among them. Raises EffectError for one that does not exist."""
+    """Ids of effects, `unknown` among them.
+
+    Parameters
+    ----------
+    without
+        One id, or several.
+    known
+        Effects that there are.
+
+    Raises
+    ------
+    EffectError
+        For an effect that does not exist.
+    """
     names = (without,) if isinstance(without, str) else tuple(without)
     for name in names:
         if name != "unknown":
@@ -74,9 +87,19 @@ def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
 
 
 def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
-    """The model that was given, with what is known of its uncertainty. known: effects of a model file.
+    """The model that was given, with what is known of its uncertainty.
 
-    Raises ArgumentError, ModelFileError.
+    Parameters
+    ----------
+    given
+        A model, a soil, their name, a model file, or a result that has a model.
+    known
+        Effects that a model file may name; those of the package and of installed ones without it.
+
+    Raises
+    ------
+    ArgumentError, ModelFileError
+        Where it is nothing of that, or the file cannot be used.
     """
     from smallwheel_ros.model.model import CalibratedModel, Model
     from smallwheel_ros.model.model_file import as_calibrated, read_model
@@ -100,7 +123,15 @@ def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
 
 
 def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
-    """Effects to start a fit from: what only scales is set from the conditions where it is not given."""
+    """Effects to start a fit from.
+
+    Parameters
+    ----------
+    given
+        Ids, effects, classes of effects or Python files with them; one or several.
+    conditions
+        Of the measurements: what only scales an effect is set from them where it is not given.
+    """
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)
     )
@@ -127,7 +158,20 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
 
 
 def list_of(name: str, given: Any) -> list[Any]:
-    """One or several things as a list. Raises ArgumentError."""
+    """One or several things as a list.
+
+    Parameters
+    ----------
+    name
+        Of the argument, for the message.
+    given
+        Anything that can be gone through.
+
+    Raises
+    ------
+    ArgumentError
+        Where it cannot.
+    """
     try:
         return list(given)
     except TypeError:

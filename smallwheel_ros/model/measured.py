@@ -130,7 +130,16 @@ class Measured:
         return {**standard, **self.ranges}
 
     def beyond(self, name: str, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows of which a setting is beyond those measured. Gravity is standard where none is given."""
+        """Rows in which a setting is beyond what was measured, shape (rows,).
+
+        Parameters
+        ----------
+        name
+            Of the setting: load, diameter, width, gravity or a covariate; one that is not known is nowhere
+            beyond.
+        conditions
+            Settings, SI units; gravity is standard where they have none.
+        """
         if name in conditions:
             values = conditions[name]
         elif name == "gravity":

@@ -109,8 +109,17 @@ class Model(Result, shown="model.model_file"):
     def load(cls, path: str | PathLike[str], effects: Registry | None = None) -> CalibratedModel:
         """Read a model file, with what it says of its own uncertainty.
 
-        effects: those of your own that the file names (`smallwheel_ros.effects.load`). Raises
-        ModelFileError naming file, key, what was found and what was expected.
+        Parameters
+        ----------
+        path
+            The file, YAML.
+        effects
+            Effects of your own that the file names (`smallwheel_ros.effects.load`).
+
+        Raises
+        ------
+        ModelFileError
+            Naming file, key, what was found and what was expected.
         """
         read = cls._view("read_model")
         assert read is not None
@@ -337,9 +346,21 @@ def predict(
 ) -> Prediction:
     """Predict sinkage, resistance and drawbar pull of each row.
 
-    The load of `conditions` is what the load cell shows. with_forces: whether thrust, pull and torque
-    are wanted, which take a third of the time. soil: `SOIL_NUMBERS` of each row, shape (rows,), in place of
-    the model's. Raises ModelError where an effect's covariate is missing or a row's soil is not the model's.
+    Parameters
+    ----------
+    model
+        Law, strength and effects.
+    conditions
+        Settings, SI units, shape (rows,) each; the load is what the load cell shows.
+    with_forces
+        Whether thrust, pull and torque are wanted, which take a third of the time.
+    soil
+        `SOIL_NUMBERS` of each row, shape (rows,), in place of the model's.
+
+    Raises
+    ------
+    ModelError
+        Where an effect's covariate is missing, or a row's soil is not the model's.
     """
     effects = model.acting(conditions)
     _check_covariates(model, effects, conditions)

@@ -58,7 +58,20 @@ def as_calibrated(model: Model) -> CalibratedModel:
 
 
 def write_model(path: str | Path, model: Model) -> None:
-    """Write a model file, whole or not at all. Raises OutputError where that is not possible."""
+    """Write a model file, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Where to; a file that is there is replaced.
+    model
+        What is to be written, with its covariance where it has one.
+
+    Raises
+    ------
+    OutputError
+        Where that is not possible.
+    """
     write_bytes(path, text(model).encode())
 
 
@@ -150,7 +163,13 @@ def _effect_entry(effect: Effect, calibrated: CalibratedModel) -> dict[str, Any]
 
 
 def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Name what a covariance can speak of: each parameter of each soil and effect."""
+    """Name what a covariance can be of: each parameter of each soil and effect, as `SOIL.n` and `EFFECT.a`.
+
+    Parameters
+    ----------
+    soils, effects
+        Of a model, in its order.
+    """
     of_soils = (f"{soil.name}.{name}" for soil in soils for name in SOIL_PARAMETERS)
     of_effects = (f"{effect.id}.{p.name}" for effect in effects for p in effect.parameters())
     return (*of_soils, *of_effects)
@@ -309,8 +328,17 @@ def _is_covariance(matrix: Array) -> bool:
 def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedModel:
     """Read a model file.
 
-    effects: all that it may name; those of the package and of installed ones if not given.
-    Raises ModelFileError naming file, key, what was found and what was expected.
+    Parameters
+    ----------
+    path
+        The file, YAML.
+    effects
+        All that it may name; those of the package and of installed ones if not given.
+
+    Raises
+    ------
+    ModelFileError
+        Naming file, key, what was found and what was expected.
     """
     file, registry = Path(path), effects or default_registry()
     try:

@@ -35,9 +35,23 @@ def neighbours(
 ) -> Prediction:
     """What `model.predict` says of wheels in soils, and beside each of the law and load for `slopes`.
 
-    laws: rows of ln K at `REFERENCE_DIAMETER`, n and m, shape (rows, 3). shear: cohesion (Pa), friction
-    angle (rad) and shear displacement (m), for the effects. The prediction has nine rows
-    for each, of which the first (rows,) are the wheels as they are.
+    Parameters
+    ----------
+    laws
+        ln K (Pa/m^n) at `REFERENCE_DIAMETER`, n and m of each row, shape (rows, 3).
+    conditions
+        Settings of the wheels, SI units, shape (rows,) each.
+    effects
+        Of the model.
+    shear
+        Cohesion (Pa), friction angle (rad), shear displacement (m) of each row, for the effects; empty: none.
+    geometry
+        How load and sinkage belong together.
+
+    Returns
+    -------
+    Prediction
+        Nine rows for each; the first (rows,) are the wheels as they are.
     """
     steps = STEP * np.eye(4)
     steps[1, 0] = -STEP * _LOG_DEPTH  # n turns about the reference sinkage

@@ -49,10 +49,14 @@ class NearbySinkage:
             self._log_z = np.log(self._solved.sinkage)
 
     def log_sinkage(self, soil: Soil, *added: Effect) -> Array:
-        """Give ln of what the instrument would show (m), shape (rows,).
+        """ln of what the instrument would show (m), shape (rows,); NaN where there is no sinkage.
 
-        soil: near to the one at the start. added: effects of little strength. NaN where there is no
-        sinkage.
+        Parameters
+        ----------
+        soil
+            Near to the one at the start.
+        added
+            Effects of little strength.
         """
         turned = any(
             "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added

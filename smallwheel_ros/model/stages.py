@@ -52,7 +52,22 @@ class Stages:
         return [effect for effect in self.effects if stage in effect.acts]
 
     def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
-        """Call one effect at a stage; `neutral` stands where a body at rest has no covariate."""
+        """Call one effect at a stage, and check what it gives.
+
+        Parameters
+        ----------
+        effect, stage
+            Which method of which effect.
+        neutral
+            Stands where a body at rest has no covariate.
+        arguments
+            Of the method before the conditions.
+
+        Raises
+        ------
+        EffectError
+            Where it fails, or gives no numbers of the shape of its first argument.
+        """
         value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
         first = arguments[0] if arguments else None
         expected = first.shape if isinstance(first, np.ndarray) else (len(self.conditions),)
@@ -70,9 +85,17 @@ class Stages:
         return np.where(~self.rolling & np.isnan(value), neutral, value)
 
     def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> LoadedRows:
-        """What the effects make of load, wheel and soil (k, n, m) before the contact is solved.
+        """What the effects make of load, wheel and soil before the contact is solved.
 
-        Raises EffectError where they make a load or a diameter that no wheel has.
+        Parameters
+        ----------
+        k, n, m
+            The law's numbers; k in Pa/m^(n+m), one for all rows or of shape (rows,).
+
+        Raises
+        ------
+        EffectError
+            Where the effects make a load or a diameter that no wheel has.
         """
         load = _positive("load", self.change("normal_load", self.conditions.load))
         diameter = _positive("diameter", self.change("wheel_diameter", self.conditions.diameter))
@@ -93,12 +116,28 @@ class Stages:
         return np.asarray(np.ones_like(depth) * self.product("pressure_factor", depth))
 
     def product(self, stage: str, *arguments: Any) -> Any:
-        """Product of what the effects give at a stage, 1 where none acts."""
+        """Product of what the effects give at a stage, 1 where none acts.
+
+        Parameters
+        ----------
+        stage
+            Name of the method, such as `modulus_factor`.
+        arguments
+            Of the method before the conditions.
+        """
         calls = (self.call(e, stage, 1.0, *arguments) for e in self.acting_at(stage))
         return math.prod(calls, start=1.0)
 
     def total(self, stage: str, *arguments: Any) -> Any:
-        """Sum of what the effects give at a stage, 0 where none acts."""
+        """Sum of what the effects give at a stage, 0 where none acts.
+
+        Parameters
+        ----------
+        stage
+            Name of the method, such as `added_resistance`.
+        arguments
+            Of the method before the conditions.
+        """
         return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
     def change(self, stage: str, value: Array) -> Array:
@@ -106,6 +145,13 @@ class Stages:
 
         What digs or compacts further does so because the wheel rolls; a pressed body does not, and
         has no resistance to show.
+
+        Parameters
+        ----------
+        stage
+            Name of the method, such as `sinkage`.
+        value
+            What is changed, in SI units, shape (rows,).
         """
         everywhere = self.all_rolling or stage not in ROLLING_STAGES
         for effect in self.acting_at(stage):
@@ -125,10 +171,22 @@ def _positive(name: str, column: Array) -> Array:
 
 
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call an effect's method; what it raises names the effect. Raises EffectError.
+    """Call an effect's method; what it raises names the effect.
 
     What is no number is refused by who asks for the prediction, with row and setting: numpy's own
     warning would be a second message.
+
+    Parameters
+    ----------
+    effect, stage
+        What an error names.
+    function, arguments
+        The method, and what it is called with.
+
+    Raises
+    ------
+    EffectError
+        For whatever the method raises.
     """
     try:
         with np.errstate(all="ignore"):

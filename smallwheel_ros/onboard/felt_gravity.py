@@ -13,7 +13,15 @@ _UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
 
 
 def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
-    """What a mean specific force (its length, m/s^2) is that is not gravity, in words; "" where it is."""
+    """What a mean specific force is that is not gravity, in words; "" where it is gravity.
+
+    Parameters
+    ----------
+    strength
+        Length of the mean specific force, m/s^2.
+    gravity
+        Where the vehicle drives, m/s^2.
+    """
     if _WEAKEST < strength / gravity < _STRONGEST:
         return ""
     expected = f"expected {gravity:.3g} m/s^2"

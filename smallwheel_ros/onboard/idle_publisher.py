@@ -28,9 +28,14 @@ class IdlePublisher:
         self._away = _NEVER  # ns, of the last message in which the joint was away from 0
 
     def idle(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
-        """Which messages are of a publisher that knows nothing of the joint.
+        """Which messages are of a publisher that knows nothing of the joint, shape (messages,).
 
-        stamps: ns. velocity, position: rad/s and rad, NaN where a message has none; all (messages,).
+        Parameters
+        ----------
+        stamps
+            ns, in the order in which the messages came, shape (messages,).
+        velocity, position
+            rad/s and rad, NaN where a message has none, shape (messages,).
         """
         zero = (position == 0.0) & ((velocity == 0.0) | np.isnan(velocity))
         turns = (np.abs(position) > _AWAY) | ((np.abs(velocity) > _TURNS) & (position != 0.0))

@@ -48,9 +48,14 @@ class VelocityUnit:
         self._agreed = False
 
     def usable(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
-        """Which messages, in the order in which they came, may be used: not those of a wrong velocity.
+        """Which messages may be used, shape (messages,): not those of a velocity in another unit.
 
-        stamps: ns. velocity, position: rad/s and rad, NaN where a message has none; all (messages,).
+        Parameters
+        ----------
+        stamps
+            ns, in the order in which the messages came, shape (messages,).
+        velocity, position
+            rad/s and rad, NaN where a message has none, shape (messages,).
         """
         found = np.ones(stamps.size, dtype=bool)
         rows = zip(stamps.tolist(), velocity.tolist(), position.tolist(), strict=True)

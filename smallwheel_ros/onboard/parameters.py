@@ -57,6 +57,13 @@ def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]
 
     Sections `/**` and those of the node count, in the order of the file.
 
+    Parameters
+    ----------
+    path
+        The file, YAML.
+    node
+        The node's name, without a namespace.
+
     Raises
     ------
     ParametersError
@@ -125,7 +132,15 @@ def wheel_names(value: object) -> list[str]:
 
 
 def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> list[str]:
-    """Say of each parameter that is not used what might have been meant."""
+    """Say of each parameter that is not used what might have been meant.
+
+    Parameters
+    ----------
+    values
+        As they are given, by full name.
+    wheels
+        Names of the wheels, which have parameters of their own.
+    """
     known = [p.name for p in parameters_for(wheels)]
     found = []
     for name in values:
@@ -193,7 +208,15 @@ def _length(value: object) -> float | None:
 
 
 def elsewhere(places: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
-    """Say of each of these places of wheels (m) that a track or wheelbase puts the wheel elsewhere."""
+    """Say of places of wheels that a track or wheelbase puts the wheel elsewhere.
+
+    Parameters
+    ----------
+    places
+        m, by full name of the parameter, as `front_left.lateral_position`.
+    values
+        Parameters with `vehicle.track` and `vehicle.wheelbase` (m), by full name.
+    """
     found = []
     for name, by_size in places_of(values).items():
         own = places.get(name)

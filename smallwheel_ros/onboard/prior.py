@@ -114,6 +114,13 @@ class SoilPrior:
         `soil.SOILS` differ by 0.9 in ln pressure (one standard deviation; a factor of 2 is 0.7) and
         by 0.2 in n, all soils by 0.4 in n; the three published m (0.39, 0, -0.49) by 0.4. That of n is
         0.3 or, near the ends of n's range, half the way to the nearer end.
+
+        Parameters
+        ----------
+        soil
+            Its k, n and m are the means.
+        geometry
+            How load and sinkage belong together.
         """
         n_std = min(0.3, 0.5 * soil.n, 0.5 * (3.0 - soil.n))
         return cls(soil, soil.log_reference_pressure, soil.n, soil.m, 0.7, n_std, 0.4, geometry)

@@ -106,15 +106,26 @@ def needs_description(given: Mapping[str, object]) -> list[str]:
 
 
 def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
-    """Return what a robot description (URDF) says of the parameters of wheels that are silent.
+    """What a robot description (URDF) says of the parameters of wheels that are not given.
 
     Diameter and width come from the cylinder of the link that the wheel's joint moves, places from
     the chain of joints between it and the base frame (all at zero) and the cylinder's middle, the
     joint's sign from its axis: 1 where that points along +y of the base frame, -1 along -y; its
-    frame is that link. What steers it is the nearest joint above that turns about the vertical. given:
-    as in `silent_parameters`. Raises RobotDescriptionError if the text is no URDF or that of a
-    vehicle of which one joint carries and steers several wheels, ParametersError if the wheels have no usable
-    names.
+    frame is that link. What steers it is the nearest joint above that turns about the vertical.
+
+    Parameters
+    ----------
+    text
+        The URDF.
+    given
+        Parameters that are given, by full name, as in `silent_parameters`.
+
+    Raises
+    ------
+    RobotDescriptionError
+        If the text is no URDF, or that of a vehicle of which one joint carries and steers several wheels.
+    ParametersError
+        If the wheels have no usable names.
     """
     urdf, filled, silent = Urdf(text), Filled(), silent_parameters(given)
     given = for_each_wheel(given)

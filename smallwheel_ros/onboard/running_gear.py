@@ -94,7 +94,15 @@ class _Turning(NamedTuple):
 
 
 def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
-    """Where a wheel's middle is in the base frame, (3,), m: that of its cylinder where it has one."""
+    """A wheel's middle in the base frame, shape (3,), m: that of its cylinder where it has one.
+
+    Parameters
+    ----------
+    urdf, joint
+        The robot's description, and the joint that turns the wheel.
+    base
+        Name of the base frame's link.
+    """
     pose = urdf.pose(joint.child, base)
     with suppress(RobotDescriptionError):
         pose = pose @ urdf.cylinder(joint.child)[2]
@@ -102,7 +110,15 @@ def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
 
 
 def axis_of(urdf: Urdf, joint: Joint, base: str) -> Array:
-    """Direction in the base frame that a joint turns about, (3,)."""
+    """Direction in the base frame that a joint turns about, shape (3,), of length 1.
+
+    Parameters
+    ----------
+    urdf, joint
+        The robot's description and the joint.
+    base
+        Name of the base frame's link.
+    """
     return np.asarray(urdf.pose(joint.child, base)[:3, :3] @ joint.axis)
 
 
@@ -187,9 +203,21 @@ def _is_steer(name: str, one: _Turning) -> bool:
 def steering_of(
     urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading | None = None
 ) -> Steering | None:
-    """What steers the wheel of a joint; None where nothing does. Raises RobotDescriptionError.
+    """What steers the wheel of a joint; None where nothing does.
 
-    heading: which way the vehicle looks; None: along the base frame's x.
+    Parameters
+    ----------
+    urdf, joint
+        The robot's description, and the joint that turns the wheel.
+    base
+        Name of the base frame's link.
+    heading
+        Which way the vehicle looks; None: along the base frame's x.
+
+    Raises
+    ------
+    RobotDescriptionError
+        Where the description has no such place.
     """
     heading = heading or VehicleHeading(0)
     above = {j.name: _turning(urdf, j, base) for j in _above(urdf, joint, base)}
@@ -206,7 +234,19 @@ def steering_of(
 
 
 def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str) -> list[str]:
-    """Return the wheels that a steering joint carries, by their names."""
+    """The wheels that a steering joint carries, by their names.
+
+    Parameters
+    ----------
+    urdf
+        The robot's description.
+    steering
+        Name of the steering joint.
+    wheels
+        By a wheel's name, the joint that turns it.
+    base
+        Name of the base frame's link.
+    """
     return [
         name
         for name, joint in wheels.items()
@@ -215,7 +255,15 @@ def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str
 
 
 def articulated(joint: str, wheels: Iterable[str]) -> str:
-    """Words of a joint that carries several wheels."""
+    """Words on a joint that carries several wheels.
+
+    Parameters
+    ----------
+    joint
+        Its name.
+    wheels
+        Names of the wheels.
+    """
     return (
         f"joint {joint!r} turns about the vertical and carries the wheels of {', '.join(wheels)}: a"
         " vehicle that is steered by an axle or in its middle (articulated) is not estimated"
@@ -225,7 +273,19 @@ def articulated(joint: str, wheels: Iterable[str]) -> str:
 def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHeading:
     """Which way the vehicle looks in its base frame, by the axes of its wheels' joints and by names.
 
-    wheels: by a wheel's name, its joint. Raises RobotDescriptionError where a wheel's place is not known.
+    Parameters
+    ----------
+    urdf
+        The robot's description.
+    wheels
+        By a wheel's name, the joint that turns it.
+    base
+        Name of the base frame's link.
+
+    Raises
+    ------
+    RobotDescriptionError
+        Where a wheel's place is not known.
     """
     centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
     axes = [axis_of(urdf, joint, base) for joint in wheels.values()]
@@ -251,7 +311,19 @@ def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHea
 def contradicting(
     urdf: Urdf, wheels: Mapping[str, Joint], base: str, heading: VehicleHeading
 ) -> list[str]:
-    """Return the wheels that are elsewhere than their names say."""
+    """The wheels that are elsewhere than their names say.
+
+    Parameters
+    ----------
+    urdf
+        The robot's description.
+    wheels
+        By a wheel's name, the joint that turns it.
+    base
+        Name of the base frame's link.
+    heading
+        Which way the vehicle looks.
+    """
     centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
     placed = called_by_place({n: _xy(heading.turned(c)) for n, c in centres.items()})
     if placed is None:

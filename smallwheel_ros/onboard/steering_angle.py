@@ -66,10 +66,17 @@ class SteeringAngle:
         self._last, self._since = math.nan, 0  # rad; ns, since when it has been the same
 
     def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
-        """Which of some messages (stamps in ns, angles in rad) have an angle.
+        """Which of some messages have an angle, shape (messages,).
 
         NaN is left to those who keep the rows. What is over a whole turn again and again is in degrees: then
         what is under it is, too, and no message is used any more.
+
+        Parameters
+        ----------
+        stamps
+            ns, shape (messages,).
+        angles
+            rad, shape (messages,).
         """
         beyond = np.abs(angles) > _MOST
         count = self._beyond + np.cumsum(beyond)

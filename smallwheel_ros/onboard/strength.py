@@ -25,7 +25,15 @@ _FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_shar
 
 
 def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
-    """Strength of a soil of a model, and whether it was measured: whether its friction angle was fitted."""
+    """Strength of a soil of a model, and whether it was measured: whether its friction angle was fitted.
+
+    Parameters
+    ----------
+    model
+        Names of its parameters, and their covariance.
+    soil
+        One of its soils.
+    """
     usual = _with_or_without_lugs(usual_strength(soil))
     measured = [name for name in _FITTED if f"{soil.name}.{name}" in model.names]
     if "friction_angle" not in measured:

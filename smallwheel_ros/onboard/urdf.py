@@ -111,7 +111,13 @@ class Urdf:
         return BASE if BASE in self.links else self.root(link)
 
     def pose(self, link: str, frame: str) -> Array:
-        """Return the pose of a link in the frame of another one, with all joints at zero."""
+        """Pose of a link in the frame of another one, with all joints at zero, shape (4, 4), m.
+
+        Parameters
+        ----------
+        link, frame
+            Their names.
+        """
         poses = []
         for each in (frame, link):
             pose = np.eye(4)

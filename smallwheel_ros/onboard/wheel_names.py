@@ -88,7 +88,17 @@ def _read(name: str) -> tuple[set[str], bool]:
 
 
 def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
-    """The name that looks most like that of a wheel's input; None where none does, or two alike."""
+    """The name that looks most like that of a wheel's input; None where none does, or two alike.
+
+    Parameters
+    ----------
+    wheel
+        The wheel's name.
+    kind
+        What the input is, such as `sinkage`; "" of an input of the vehicle.
+    names
+        Topics or joints to choose from.
+    """
     scored = sorted(((_likeness(wheel, kind, name), name) for name in names), reverse=True)
     if not scored or scored[0][0] < _FAIR:
         return None
@@ -98,7 +108,15 @@ def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
 
 
 def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
-    """The only one of these names, or the one that looks most like an input of the vehicle."""
+    """The only one of these names, or the one that looks most like an input of the vehicle.
+
+    Parameters
+    ----------
+    name
+        Of the input, such as `odom`.
+    names
+        Topics to choose from.
+    """
     return names[0] if len(names) == 1 else best_match(name, "", names)
 
 
@@ -118,8 +136,15 @@ def wheels_named_by(
 ) -> dict[str, str]:
     """By wheel, the one of these topics or joints that is of it: each is of another wheel.
 
-    A wheel is called by its place: as its name tells it, or, where names tell less, as it is by where (by
-    name, x ahead and y to the left, m). Else it is called by the words that tell the names apart.
+    A wheel is called by its place: as its name tells it, or, where names tell less, as it is by `where`. Else
+    it is called by the words that tell the names apart.
+
+    Parameters
+    ----------
+    names
+        Topics or joints.
+    where
+        By name, its place in m: x ahead and y to the left.
     """
     words = _words_of_all(names)
     found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}

@@ -125,7 +125,12 @@ def _slope_exponent(exponent: Array, coefficients: Array, ratio: Array, value: A
 def shape_integral(exponent: ArrayLike, ratio: ArrayLike) -> ShapeIntegral:
     """I(n, z/D) of the contact integral, with d ln I / d ln(z/D) and d ln I / dn.
 
-    exponent: n > 0. ratio: z/D, 0 .. 0.5 (not checked: the callers clip).
+    Parameters
+    ----------
+    exponent
+        n > 0.
+    ratio
+        z/D, 0 to 0.5; not checked: the callers clip. Both broadcast.
     """
     n, epsilon = np.broadcast_arrays(
         np.asarray(exponent, dtype=float), np.asarray(ratio, dtype=float)
@@ -230,9 +235,20 @@ def contact_sinkage(
 ) -> ContactSinkage:
     """Sinkage (m) of a rolling wheel under a normal load, by the contact integral.
 
-    load: W > 0, N. diameter, width: m. modulus: K = k D^m, Pa/m^n. exponent: n > 0. Arguments
-    broadcast; they are not checked here (`model.predict` and the readers do). with_exponent: whether
-    `slope_exponent` is wanted, which takes a third of the time.
+    Arguments broadcast; they are not checked here (`model.predict` and the readers do).
+
+    Parameters
+    ----------
+    load
+        W > 0, N.
+    diameter, width
+        D and b, m.
+    modulus
+        K = k D^m, Pa/m^n.
+    exponent
+        n > 0.
+    with_exponent
+        Whether `slope_exponent` is wanted, which takes a third of the time.
     """
     w, d, b, modulus_array, n = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (load, diameter, width, modulus, exponent))

@@ -25,7 +25,15 @@ def shear_strength(normal_stress: ArrayLike, cohesion: ArrayLike, friction: Arra
 
 
 def rising_share(displacement: ArrayLike, modulus: float) -> Array:
-    """tau / tau_max = 1 - exp(-j / K) (Janosi and Hanamoto 1961). displacement: j >= 0, modulus: K, m."""
+    """tau / tau_max = 1 - exp(-j / K) (Janosi and Hanamoto 1961).
+
+    Parameters
+    ----------
+    displacement
+        j >= 0, m.
+    modulus
+        K, m.
+    """
     return np.asarray(-np.expm1(-np.asarray(displacement, dtype=float) / modulus))
 
 
@@ -33,8 +41,16 @@ def peaked_share(displacement: ArrayLike, modulus: float, residual: float) -> Ar
     """tau / tau_max of a soil whose strength peaks and falls to a residual one.
 
     tau / tau_max = K_r {1 + [1 / (K_r (1 - 1/e)) - 1] exp(1 - j / K_w)} [1 - exp(-j / K_w)]
-    (Wong and Preston-Thomas 1983; Wong 2008, chapter 2). modulus: K_w, displacement near the peak, m;
-    residual: K_r, residual over peak strength, 0 .. 1.
+    (Wong and Preston-Thomas 1983; Wong 2008, chapter 2).
+
+    Parameters
+    ----------
+    displacement
+        j >= 0, m.
+    modulus
+        K_w, displacement near the peak, m.
+    residual
+        K_r, residual over peak strength, over 0 to 1.
     """
     x = np.asarray(displacement, dtype=float) / modulus
     hump = 1.0 / (residual * (1.0 - np.exp(-1.0))) - 1.0

@@ -264,6 +264,15 @@ def solve_layered(
 
     Inverse quadratic steps (Chandrupatla 1997) in ln W over ln z, where a pressure law is nearly a straight
     line; halves where it has a wall, as at a hard layer.
+
+    Parameters
+    ----------
+    load
+        W > 0, N, shape (rows,).
+    upper
+        The deepest that a wheel may sink, m, shape (rows,).
+    load_at
+        Load (N) that the soil carries at sinkages (m), both of shape (rows,).
     """
     target, top = np.log(load), np.log(upper)
     x1, x2 = top, top - 25.0  # the newest, and the other end

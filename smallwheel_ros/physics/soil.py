@@ -118,14 +118,27 @@ def k_from_reference(log_reference_pressure: ArrayLike, n: ArrayLike, m: ArrayLi
 
 
 def effective_modulus(k: ArrayLike, m: ArrayLike, diameter: ArrayLike) -> Array:
-    """K = k D^m, Pa/m^n: the soil's modulus as a wheel of this diameter (m) meets it (eq. 9)."""
+    """K = k D^m, Pa/m^n: the soil's modulus as a wheel of this diameter meets it (eq. 9).
+
+    Parameters
+    ----------
+    k, m
+        Of the law; k in Pa/m^(n+m).
+    diameter
+        D, m.
+    """
     return np.asarray(np.asarray(k) * np.asarray(diameter, dtype=float) ** np.asarray(m))
 
 
 def bekker_modulus(kc: ArrayLike, kphi: ArrayLike, width: ArrayLike) -> Array:
     """Bekker's modulus kc/b + kphi, Pa/m^n (Bekker 1956; eq. 5).
 
-    kc: Pa/m^(n-1), kphi: Pa/m^n, width: b, m.
+    Parameters
+    ----------
+    kc, kphi
+        Pa/m^(n-1) and Pa/m^n.
+    width
+        b, m.
     """
     return np.asarray(np.asarray(kc) / np.asarray(width) + np.asarray(kphi))
 

@@ -198,7 +198,15 @@ class ArcRows(NamedTuple):
 
 
 def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc:
-    """Nodes of the contact. factor: multiplies the pressure, by the depth (m), shape (nodes, rows)."""
+    """Nodes of the contact.
+
+    Parameters
+    ----------
+    rows
+        Wheels on soils, SI units, shape (rows,) each.
+    factor
+        Multiplies the pressure by the depth (m), shape (nodes, rows); None: 1.
+    """
     r, u = 0.5 * rows.diameter, speed_ratio(rows.slip)
     deep = np.clip(rows.sinkage / r, 1e-6, DEEPEST)
     entry = np.arccos(1.0 - deep)

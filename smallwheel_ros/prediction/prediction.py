@@ -89,7 +89,12 @@ class PredictionTable(Result, shown="views.prediction"):
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage") -> Axes:
         """Draw a quantity over the setting of most values, a curve for each combination of the others.
 
-        quantity: sinkage, resistance, drawbar_pull, torque, thrust or compaction_resistance.
+        Parameters
+        ----------
+        ax
+            Axes of matplotlib to draw into; new ones without it.
+        quantity
+            sinkage, resistance, drawbar_pull, torque, thrust or compaction_resistance.
         """
         return self._drawn(ax, quantity)
 
@@ -119,7 +124,15 @@ class PredictionTable(Result, shown="views.prediction"):
 
 
 def cell(row: Mapping[str, Any], quantity: str) -> str:
-    """A quantity as it is shown, with four digits whatever the size of the wheel."""
+    """A quantity as it is shown, with four digits whatever the size of the wheel.
+
+    Parameters
+    ----------
+    row
+        A row of `PredictionTable.rows`, in SI units.
+    quantity
+        Name of one of its columns, with a unit in `SHOWN`.
+    """
     value, std, factor = row[quantity], row.get(f"{quantity}_std"), SHOWN[quantity][1]
     if value is None:
         return "-"
@@ -131,9 +144,21 @@ def cell(row: Mapping[str, Any], quantity: str) -> str:
 
 
 def on_one_soil(calibrated: CalibratedModel, name: str | None, source: str) -> CalibratedModel:
-    """Keep one soil of a model, by its name; None where the model has but one.
+    """Keep one soil of a model.
 
-    Raises PredictionError, naming `source`, where the soil is not there or must be chosen.
+    Parameters
+    ----------
+    calibrated
+        The model, with one soil or several.
+    name
+        Of the soil to keep; None where the model has but one.
+    source
+        What an error names: the file, or "the model".
+
+    Raises
+    ------
+    PredictionError
+        Where the soil is not there or must be chosen.
     """
     model = calibrated.model
     names = [soil.name for soil in model.soils]
@@ -225,7 +250,20 @@ def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with its deviations, and in words what it rests on that was not measured."""
+    """A prediction with its deviations, and in words what it rests on that was not measured.
+
+    Parameters
+    ----------
+    calibrated
+        The model; with rivals, their mixture is predicted.
+    conditions
+        Settings, SI units, one row for each prediction.
+
+    Raises
+    ------
+    ModelError
+        Where a covariate of an effect is missing, or a row's soil is not the model's.
+    """
     notes = []
     if calibrated.rivals:
         notes.append(
@@ -247,9 +285,18 @@ def predict_conditions(
 def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) -> PredictionTable:
     """Predict every combination of the settings.
 
-    settings: load, diameter, width (N, m) and any covariate by name, each of shape (values,).
-    Raises PredictionError, ConditionsError or ModelError where a value is missing or wrong, and
-    where an effect of the user's own gives no number.
+    Parameters
+    ----------
+    calibrated
+        The model, on one soil.
+    settings
+        load (N), diameter, width (m) and any covariate (SI) by name, each of shape (values,).
+
+    Raises
+    ------
+    PredictionError, ConditionsError, ModelError
+        Where a value is missing or wrong, for more than 200,000 combinations, and where an effect of the
+        user's own gives no number.
     """
     count = int(np.prod([v.size for v in settings.values()]))
     if count > _MOST:
@@ -274,7 +321,17 @@ def predict_table(calibrated: CalibratedModel, settings: Mapping[str, Array]) ->
 def predict_rows(calibrated: CalibratedModel, table: Measurements) -> PredictionTable:
     """Predict each row of a table, in its order.
 
-    Raises PredictionError for more than 200,000 rows, and as `predict_table` does.
+    Parameters
+    ----------
+    calibrated
+        The model; with several soils, each row says on which it is.
+    table
+        Settings of each row, and what it has measured, if anything.
+
+    Raises
+    ------
+    PredictionError
+        For more than 200,000 rows, and as `predict_table` does.
     """
     if len(table) > _MOST:
         raise PredictionError(

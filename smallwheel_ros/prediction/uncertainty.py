@@ -92,15 +92,30 @@ class _Sloped:
 def predict_with_uncertainty(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> UncertainPrediction:
-    """Predict, with the deviations that follow from the parameters, to first order."""
+    """Predict, with the deviations that follow from the parameters, to first order.
+
+    Parameters
+    ----------
+    calibrated
+        The model; the covariance is that of its parameters `names`.
+    conditions
+        Settings, SI units, shape (rows,) each.
+    """
     found = _sloped(calibrated, conditions)
     return UncertainPrediction(found.prediction, found.deviations())
 
 
 def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> UncertainPrediction:
-    """Predict with both deviations; a model with rivals as their mixture.
+    """Predict with both deviations, of the law and of one run; a model with rivals as their mixture.
 
     Strength that the model's covariance lacks has the deviations of usual soils (`with_usual_strength`).
+
+    Parameters
+    ----------
+    calibrated
+        The model, or several that the data could not tell apart.
+    conditions
+        Settings, SI units, shape (rows,) each.
     """
     if calibrated.rivals:
         return _mixture(
@@ -147,9 +162,21 @@ def _sloped(calibrated: CalibratedModel, conditions: Conditions) -> _Sloped:
 
 
 def with_parameter(model: Model, name: str, change: float) -> Model:
-    """The model with one parameter, named as in a model file, changed by an amount.
+    """The model with one parameter changed.
 
-    Raises ModelError where the model has no such parameter.
+    Parameters
+    ----------
+    model
+        Stays as it is.
+    name
+        Of the parameter as in a model file: `SOIL.n`, `EFFECT.a`.
+    change
+        Added to it, in the unit that its deviation has.
+
+    Raises
+    ------
+    ModelError
+        Where the model has no such parameter.
     """
     owner, _, parameter = name.rpartition(".")
     for i, soil in enumerate(model.soils):

@@ -62,9 +62,11 @@ _SINKAGE_SCALE_STD = (
 LEAST_SHARE = 0.15  # of the shown sinkage and load that is the wheel's, whatever the zero
 LOG_DEPTH = math.log(REFERENCE_SINKAGE)
 N_RANGE = 0.05, 2.9
-# What a single sensor is off by, over what all are. Half a millimetre of zero where nothing is said: m lives
-# on what wheels of two sizes differ by.
-_EACH_ZERO, _EACH_LOAD = 1.0 / 6.0, 0.5
+# What a single sensor is off by besides, over what all are: m lives on what wheels of two sizes differ by.
+# How a zero is taken moves all sensors alike, by up to a centimetre. What is left of each is how it is
+# mounted and read, which a worse way of taking the zero does not change: half a millimetre at most.
+_EACH_ZERO, _EACH_LOAD = 0.25, 0.5
+_EACH_ZERO_MOST = 5e-4  # m
 _LEAST_SLIP_FACTOR, _TINY = 0.2, 1e-9
 _AXLE = 0.5  # of the diameter
 
@@ -184,7 +186,8 @@ class LawModel:
             settings.sinkage_zero_std,
             _SINKAGE_SCALE_STD,
         )
-        each = _EACH_ZERO * settings.sinkage_zero_std, _EACH_LOAD * _LOAD_SCALE_STD
+        own_zero = min(_EACH_ZERO * settings.sinkage_zero_std, _EACH_ZERO_MOST)
+        each = own_zero, _EACH_LOAD * _LOAD_SCALE_STD
         deviations = np.array([0.0] * LAW + [*nuisances] + [*each] * len(wheels))
         self.soil_covariance = np.diag(np.square(np.maximum(deviations, _TINY)))
         back = np.linalg.inv(self.law(self.mean)[1][:, :LAW])

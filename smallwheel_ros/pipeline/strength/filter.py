@@ -6,6 +6,7 @@ State x, with the standard deviations of its prior:
     c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; of
                       ln K as well what forms of the shear curve differ by     0.3
                       of phi for the margin as well what any ground differs by 0.25
+                      and c for the margin is any ground's        500 Pa, 500 Pa or more
     rho               motion resistance that the law does not give, over load  0.02
     d                 error of the measured slips, common to all wheels        0.025 in each step
     eta, mu           share of rolling in the shear, rim's friction over the soil's  as configured

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.effects.base import Effect
-from smallwheel_ros.physics.wheel import GRAVITY, Strength, Wheel
+from smallwheel_ros.onboard.strength import any_strength
+from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
 from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import Array, Integers
 from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
@@ -27,12 +28,26 @@ _DRAG = 0.2  # of the load on a wheel that is only dragged along
 RECENT = 2.0  # s: a step that ended longer ago says nothing of now
 
 
+def of_any_ground(strength: Strength) -> Strength:
+    """The strength that a margin begins with where only the kind of soil is known.
+
+    What a wheel gains by slipping and sinking further rests on cohesion times an area that it has not met
+    yet, and c is the number that soils of one name differ in most (dry sand 0.2 to 2.3 kPa). So c is any
+    ground's, or the soil's own where that is less, and the soil's own is within two deviations.
+    """
+    any_ground, own = any_strength().cohesion, strength.cohesion.value
+    value = min(own, any_ground.value)
+    cohesion = Quantity(value, max(any_ground.standard_deviation, 0.5 * (own - value)))
+    return replace(strength, cohesion=cohesion).wider(friction_angle=_ANY_FRICTION_STD)
+
+
 class Strengths:
     """Uses steps of the path for the strength. believed: versions, the newest last.
 
     Two filters: `now`, of everything, from the prior of the soil that is named, for the present pull;
-    `reserve`, for the margin, from that of any ground, and of the balance alone once there is one: a wheel's
-    torque or pull tells of its own place. measured: whether the strength was, and is that of this ground.
+    `reserve`, for the margin, from that of any ground (`of_any_ground`), and of the balance alone once there
+    is one: a wheel's torque or pull tells of its own place. measured: whether the strength was, and is that
+    of this ground.
     """
 
     def __init__(
@@ -44,7 +59,7 @@ class Strengths:
         self._order[rolling] = np.arange(rolling.size)
         self._sizes = np.array([(wheel.diameter, wheel.width) for wheel in wheels]).reshape(-1, 2)
         self._own = tuple(wheels[i] for i in rolling.tolist())
-        any_ground = strength if measured else strength.wider(friction_angle=_ANY_FRICTION_STD)
+        any_ground = strength if measured else of_any_ground(strength)
         self._priors = strength, any_ground
         self.measured, self._gravity = measured, gravity
         self._peak = strength.pressure_peak.value

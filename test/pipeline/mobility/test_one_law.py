@@ -70,8 +70,11 @@ def on_board(wheel: dict[str, float], **parameters: object) -> Estimates:
     )
 
 
-def assert_one_number(wheel: dict[str, float], model: object, found: Estimates) -> None:
-    row = predict(model=model, **wheel).to_frame().iloc[0]
+def assert_one_number(
+    wheel: dict[str, float], model: object, found: Estimates, gravity: float | None = None
+) -> None:
+    under = {} if gravity is None else {"gravity": gravity}
+    row = predict(model=model, **wheel, **under).to_frame().iloc[0]
     if row["status"] != "ok":
         assert np.isnan(found.sinkage[0])
         assert np.isnan(found.drawbar_pull[0])
@@ -89,6 +92,7 @@ def assert_one_number(wheel: dict[str, float], model: object, found: Estimates) 
     own=soils(),
     effects=EFFECTS,
     geometry=st.sampled_from(["contact_integral", "closed_form"]),
+    gravity=st.sampled_from([9.80665, 1.62, 24.8]),
 )
 def test_bench_and_robot_give_one_number(
     tmp_path_factory: pytest.TempPathFactory,
@@ -96,10 +100,35 @@ def test_bench_and_robot_give_one_number(
     own: Soil,
     effects: tuple[str, ...],
     geometry: Geometry,
+    gravity: float,
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "model.yaml"
     write_model(path, Model(own, geometry, effects))
-    assert_one_number(wheel, path, on_board(wheel, model_file=str(path)))
+    assert_one_number(wheel, path, on_board(wheel, model_file=str(path), gravity=gravity), gravity)
+
+
+def test_so_they_do_for_wheels_of_several_sizes_of_one_robot(tmp_path: Path) -> None:
+    sizes = {"a": (0.12, 0.06, 0.4, 0.25), "b": (0.3, 0.1, 0.4, -0.25), "c": (0.5, 0.2, -0.4, 0.25)}
+    given: dict[str, object] = {"wheels": list(sizes), **of_file(tmp_path, Model("moist_earth"))}
+    for name, (diameter, width, ahead, left) in sizes.items():
+        given |= {
+            f"{name}.diameter": diameter, f"{name}.width": width, f"{name}.sinkage_topic": "",
+            f"{name}.longitudinal_position": ahead, f"{name}.lateral_position": left,
+        }  # fmt: skip
+    pipeline = Pipeline(settings_from(given).onboard)
+    slips, loads = (0.05, 0.3, 0.6), (15.0, 60.0, 140.0)
+    for i in range(1, 120):
+        stamp = 20_000_000 * i + 10**9
+        pipeline.streams.add("odom", stamp, (SPEED, 0, 0.02 * SPEED * i, 0, 1, 0, 0, 0, 0, 0))
+        for (name, (diameter, *_)), slip, load in zip(sizes.items(), slips, loads, strict=True):
+            rim = SPEED / (1.0 - slip)
+            pipeline.streams.add(f"{name}/wheel_speed", stamp, (rim / (0.5 * diameter),))
+            pipeline.streams.add(f"{name}/load", stamp, (load,))
+    found = Estimates.joined([turn.estimates for turn in pipeline.turns(last=True)])
+    for i, (diameter, width, *_) in enumerate(sizes.values()):
+        wheel = {"load": loads[i], "diameter": diameter, "width": width, "slip": slips[i]}
+        own = found.take(found.wheel == i).take(slice(-1, None))
+        assert_one_number(wheel, tmp_path / "model.yaml", own)
 
 
 @pytest.mark.parametrize("name", SOILS)
