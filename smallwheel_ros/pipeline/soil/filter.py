@@ -204,29 +204,35 @@ class SoilFilter:
 
     def _update(self, rows: Stretches) -> Array:
         """Iterated update of the filters; their first innovations: miss, variances, slopes, (12, 5, rows)."""
-        count, z = len(rows), rows.sinkage
-        each = Stretches.joined([rows] * len(self.bank))
+        count, z, many = len(rows), rows.sinkage, len(self.bank)
+        each, power = Stretches.joined([rows] * many), self._power
         before = [(member.kalman.x, member.kalman.P) for member in self.bank]
-        about, close = [member.x for member in self.bank], [False] * len(self.bank)
-        first, noise = [], []
+        about, close = [member.x for member in self.bank], [False] * many
+        first, noise = np.empty((many, 5, count)), np.empty((many, count))
         for step in range(_ITERATIONS):
             shown = self.model.h(np.repeat(about, count, axis=0), each)
+            value, H = shown.value.reshape(many, count), shown.H.reshape(many, count, -1)
+            if step == 0:
+                alone, counts, base = self.scatter.noise(each, shown)
+                noise[:] = counts.reshape(many, count)
+                first[:, 0] = z - value
+                first[:, 2:] = (
+                    np.stack([alone, base, shown.by_load]).reshape(3, many, count).swapaxes(0, 1)
+                )
             for i, member in enumerate(self.bank):
                 if close[i]:
                     continue
-                own = shown.take(slice(i * count, (i + 1) * count))
                 if step == 0:
-                    miss, (alone, counts, base) = z - own.value, self.scatter.noise(rows, own)
-                    state, counts = _weighted(member, own.H, miss, alone, counts, self._power)
-                    first.append(np.stack([miss, state, state + alone, base, own.by_load]))
-                    noise.append(counts)
+                    miss, _, own, _, _ = first[i]
+                    first[i, 1], noise[i] = _weighted(member, H[i], miss, own, noise[i], power)
+                    first[i, 2] += first[i, 1]
                 member.kalman.x, member.kalman.P = before[i]
-                member.correct(about[i], own.value, own.H, z, noise[i])
+                member.correct(about[i], value[i], H[i], z, noise[i])
                 close[i] = abs(member.x[U] - about[i][U]) < _CLOSE
                 about[i] = member.x
             if all(close):
                 break
-        return np.array(first)
+        return first
 
     def _again(self) -> float:
         """Take all stretches of this soil again, linearised about the newest estimates.
@@ -240,6 +246,7 @@ class SoilFilter:
         rows = Stretches.joined(self._store)
         sizes = [len(part) for part in self._store]
         started, self._travelled = self._started
+        power = self._power
         abouts = [member.x for member in self.bank]
         shown = [self.model.h(about, rows) for about in abouts]
         noise = [self.scatter.noise(rows, one) for one in shown]
@@ -253,7 +260,7 @@ class SoilFilter:
             ):
                 value, H, z = one.value[part], one.H[part], rows.sinkage[part]
                 miss = z - value - H @ (member.x - about)
-                _, used = _weighted(member, H, miss, alone[part], counts[part], self._power)
+                _, used = _weighted(member, H, miss, alone[part], counts[part], power)
                 member.correct(about, value, H, z, used)
             first += size
         self._believe()
