@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
+    "table_directive",
     "ros_messages",
 ]
 exclude_patterns = ["_build"]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes config/template.yaml and docs/parameters.md from the declarations of the node's parameters.
+"""Writes config/template.yaml from the declarations of the node's parameters.
 
-`python docs/parameter_pages.py` writes both anew.
+`python docs/parameter_pages.py` writes it anew. The site shows the same as tables (code_tables.py).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from smallwheel_ros.common.node_parameter import WHEEL, NodeParameter, Value, written
+from smallwheel_ros.common.node_parameter import Value, written
 from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL
 
 _EXAMPLE_WHEEL = "front_left"
@@ -18,25 +18,6 @@ _EXAMPLES: dict[str, Value] = {
     f"{_EXAMPLE_WHEEL}.diameter": 0.25,
     f"{_EXAMPLE_WHEEL}.width": 0.10,
 }
-_INTRODUCTION = (
-    "Made by `python docs/parameter_pages.py` from `smallwheel_ros/onboard/declared.py`, as"
-    " [config/template.yaml](../config/template.yaml) is. An integer is taken where a `double` is meant."
-    " `all_wheels.`*name* gives each wheel a parameter that has none of its own; `<wheel>` in a text is the"
-    " wheel's name. Then counts the robot's description, then `vehicle.track` and `vehicle.wheelbase`, then"
-    " the default. A name"
-    " that is unknown is a warning; one that is missing or wrong is an error: the node is not configured, a"
-    " replay has exit code 2. *At start*: only from a"
-    " file or the command line."
-)
-
-
-def _span(parameter: NodeParameter) -> str:
-    """What a value may be, in words; empty: anything."""
-    if parameter.choices:
-        return " or ".join(map(str, parameter.choices))
-    if parameter.low is None or parameter.high is None:
-        return ""
-    return f"{parameter.low:g} to {parameter.high:g}"
 
 
 def template() -> str:
@@ -56,9 +37,10 @@ def template() -> str:
         if above and above[0] != group:
             group = above[0]
             lines += ["", f"    {'' if group in needed else '# '}{group}:"]
-        words, span = parameter.description, _span(parameter)
+        words, allowed = parameter.description, parameter.allowed
         words += f" [{parameter.unit}]" if parameter.unit else ""
-        words += f" {span}." if span else ""
+        words += f" {allowed}." if allowed else ""
+        words += " At start." if parameter.at_start else ""
         lines += [f"{indent}# {line}" for line in textwrap.wrap(words, 92 - len(indent))]
         value = _EXAMPLES.get(parameter.name, parameter.default)
         text = "" if value is None else f" {written(value)}"
@@ -66,37 +48,11 @@ def template() -> str:
     return "\n".join(lines) + "\n"
 
 
-def reference() -> str:
-    """Return docs/parameters.md."""
-    lines = [
-        "# Parameters of `mobility_estimator`",
-        "",
-        *textwrap.wrap(_INTRODUCTION, 100, break_on_hyphens=False, break_long_words=False),
-        "",
-    ]
-    for title, table in (("General", GENERAL), ("Of each wheel", PER_WHEEL)):
-        lines += [f"## {title}", "", "| name | type | default | range | meaning |"]
-        lines.append("| --- | --- | --- | --- | --- |")
-        for p in table:
-            default = "*required*" if p.required else "*optional*"
-            if p.default is not None:
-                default = f"`{written(p.default)}`"
-            unit = f" [{p.unit}]" if p.unit else ""
-            at_start = " *At start.*" if p.at_start else ""
-            row = (p.name, p.kind, default, _span(p), f"{p.description}{unit}{at_start}")
-            lines.append(f"| {' | '.join(row)} |".replace(WHEEL, "*wheel*"))
-        lines.append("")
-    return "\n".join(lines)
-
-
 def main() -> None:
-    """Write template and documentation into the checkout."""
-    root = Path(__file__).resolve().parent.parent
-    for name, text in (("config/template.yaml", template()), ("docs/parameters.md", reference())):
-        path = root / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        print(path)
+    """Write the template into the checkout."""
+    path = Path(__file__).resolve().parent.parent / "config" / "template.yaml"
+    path.write_text(template(), encoding="utf-8")
+    print(path)
 
 
 if __name__ == "__main__":

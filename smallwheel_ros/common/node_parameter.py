@@ -106,14 +106,22 @@ class NodeParameter:
         return float(value) if self.kind == "double" and type(value) is int else value
 
     @property
+    def allowed(self) -> str:
+        """Its choices or its range, in words; empty: anything of its kind."""
+        if self.choices:
+            return " or ".join(map(str, self.choices))
+        if self.low is None or self.high is None:
+            return ""
+        return f"{self.low:g} to {self.high:g}"
+
+    @property
     def expected(self) -> str:
         """What a value must be, in words."""
         if self.choices:
             return " or ".join(repr(choice) for choice in self.choices)
         article = "an" if self.kind == "integer" else "a"
         words = f"{article} {self.kind}".replace("string_array", "list of texts")
-        if self.low is not None and self.high is not None:
-            words += f" from {self.low:g} to {self.high:g}"
+        words += f" from {self.allowed}" if self.allowed else ""
         return words + (f" {self.unit}" if self.unit not in ("", "1") else "")
 
     def problem(self, value: object) -> str | None:

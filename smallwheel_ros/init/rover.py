@@ -115,7 +115,7 @@ class Rover:
         missing = self.missing
         lines = [
             f"# Parameters of mobility_estimator, made by `smallwheel init` from {self.origin}.",
-            "# docs/parameters.md explains all there are.",
+            "# config/template.yaml explains all there are.",
         ]
         if missing:
             lines.append(f"# {FILL_IN} stands where a number has to come from you.")

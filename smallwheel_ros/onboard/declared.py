@@ -2,8 +2,8 @@
 """The node's parameters, each declared once.
 
 The node's ROS descriptors, the values that node and replay accept and the settings that they become,
-config/template.yaml and docs/parameters.md all come from here. A new one is a field below; `python
-docs/parameter_pages.py` writes the pages anew. What the pipeline is to see of it belongs into
+config/template.yaml and the tables of docs/parameters.md all come from here. A new one is a field below;
+`python docs/parameter_pages.py` writes the template anew. What the pipeline is to see of it belongs into
 `DriveParameters` or one of its groups. `<wheel>` stands for a wheel's name.
 """
 

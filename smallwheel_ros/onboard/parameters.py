@@ -132,7 +132,7 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
         if name in (*known, *_FOREIGN):
             continue
         meant, sign, _ = nearest(name, known).partition("?")
-        mend = f": {meant}?" if sign else " (see docs/parameters.md)"
+        mend = f": {meant}?" if sign else " (see config/template.yaml)"
         found.append(f"parameter {name} is unknown and not used{mend}")
     return found
 

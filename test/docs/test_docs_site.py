@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import importlib.util
 import re
 import subprocess
@@ -13,7 +14,9 @@ from typing import Any
 import pytest
 from chromium import CHROMIUM, Browser
 
+from smallwheel_ros.common.node_parameter import WHEEL
 from smallwheel_ros.effects.registry import families
+from smallwheel_ros.onboard.declared import GENERAL, PER_WHEEL
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -26,11 +29,22 @@ def text_of(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
+def headings(page: Path) -> set[str]:
+    """The headings of a page as links name them."""
+    lines = re.findall(r"^#+ (.*)$", text_of(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in lines}
+
+
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.name)
 def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#\s]+)", text_of(page)):
-        if "://" not in target:
-            assert (page.parent / target).exists(), target
+    for target in re.findall(r"\]\(([^)\s]+)", text_of(page)):
+        if "://" in target:
+            continue
+        file, _, heading = target.partition("#")
+        there = page.parent / file if file else page
+        assert there.exists(), target
+        if heading and there.suffix == ".md":
+            assert heading in headings(there), target
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:
@@ -139,7 +153,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_library_has_its_functions(site: Path) -> None:
     thrust = text_of(site / "_api" / "physics.html")
     assert 'id="smallwheel_ros.physics.traction.thrust"' in thrust
-    assert "shear_displacement: kappa, m." in thrust
+    assert re.search(r"shear_displacement</strong>.*?kappa, m\.", thrust, re.DOTALL)
     assert 'href="_api/physics.html"' in text_of(site / "api.html")
 
 
@@ -148,6 +162,26 @@ def test_messages_have_every_field(site: Path) -> None:
     shown = re.findall(r'<span class="pre">(\w+)</span>', text_of(site / "messages.html"))
     for file in (ROOT / "msg").glob("*.msg"):
         assert set(re.findall(r"^[\w/\[\]]+ (\w+)", text_of(file), re.MULTILINE)) <= set(shown)
+
+
+@pytest.mark.slow
+def test_effects_have_every_form(site: Path) -> None:
+    page = text_of(site / "effects.html")
+    shown = html.unescape(re.sub(r"<[^>]+>", "", page)).replace("’", "'")  # as Sphinx sets it
+    for forms in families().values():
+        for form in forms:
+            assert form.formula in shown
+            assert form.source in shown
+            for known in form.parameters():
+                if known.published:
+                    assert f"({known.published[0]:g} to {known.published[1]:g})" in shown
+
+
+@pytest.mark.slow
+def test_parameters_are_all_listed(site: Path) -> None:
+    shown = re.sub(r"<[^>]+>", "", text_of(site / "parameters.html"))
+    for parameter in (*GENERAL, *PER_WHEEL):
+        assert parameter.name.removeprefix(f"{WHEEL}.") in shown
 
 
 @pytest.mark.slow

@@ -393,19 +393,11 @@ def test_a_wrong_joint_is_answered_with_those_that_are_there(tmp_path: Path) -> 
     assert f"joint rl): topic /joint_states {has}" in said
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "husky_snow",
-        "pathfinder_flat",
-        "warthog_grass_pose_only",
-        "warthog_ice",
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in ("husky_wetgrass", "warthog_grass", "warthog_gravel", "warthog_sand1")
-        ),
-    ],
-)
+FAST = ("husky_snow", "pathfinder_flat", "warthog_grass_pose_only")
+SLOW = ("husky_wetgrass", "warthog_grass", "warthog_gravel", "warthog_ice", "warthog_sand1")
+
+
+@pytest.mark.parametrize("name", [*FAST, *(pytest.param(n, marks=pytest.mark.slow) for n in SLOW)])
 def test_a_real_drive_needs_five_numbers(name: str, shared_data: Path, tmp_path: Path) -> None:
     bag, config = shared_data / "real_drives" / name, tmp_path / "rover.yaml"
     if not bag.exists():

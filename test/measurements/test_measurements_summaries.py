@@ -27,10 +27,11 @@ def read(folder: Path, text: str) -> Measurements:
     return read_measurements(path)
 
 
-def test_no_measurement_of_made_tables_is_taken_for_a_statistic(tmp_path: Path) -> None:
-    """2000 tables of eight structures and five kinds of names; a third end in their own centre."""
+@pytest.mark.parametrize("seeds", [400, pytest.param(2000, marks=pytest.mark.slow)])
+def test_no_measurement_of_made_tables_is_taken_for_a_statistic(tmp_path: Path, seeds: int) -> None:
+    """Tables of eight structures and five kinds of names; a third end in their own centre."""
     lost, tables = [], 0
-    for seed in range(2000):
+    for seed in range(seeds):
         cells, grid, kind = made.measured(seed)
         data = read(tmp_path, made.text(cells, kind != "none"))
         tables += 1

@@ -83,7 +83,7 @@ def assert_one_number(wheel: dict[str, float], model: object, found: Estimates) 
         assert value == pytest.approx(row[name], rel=1e-6, abs=1e-6 * size), name
 
 
-@settings(max_examples=examples(200), deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     wheel=WHEELS,
     own=soils(),

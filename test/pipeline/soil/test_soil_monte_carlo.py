@@ -45,7 +45,7 @@ def error(task: tuple[str, int]) -> float:
 
 
 def test_a_few_drives_are_not_further_off_than_they_say() -> None:
-    assert np.mean([error(("zero known", seed)) for seed in range(20, 24)]) < band(4, 0.999)
+    assert np.mean([error(("zero known", seed)) for seed in (20, 21)]) < band(2, 0.999)
 
 
 @pytest.mark.slow
