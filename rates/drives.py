@@ -145,7 +145,7 @@ def _any_wrong(line: Line) -> bool:
 
 def _judged(line: Line) -> int:
     """Of ground that is no power of depth nothing is judged."""
-    return int("error" in line)
+    return int(bool(line.get("error")))
 
 
 def _determined_at_the_end(line: Line) -> int:

@@ -176,7 +176,8 @@ def test_drives_that_are_not_replayed_again_keep_their_rows(tmp_path: Path) -> N
             name,
             "60 s, 20 m",
             known,
-            "-",
+            "-",  # in its band
+            "-",  # stated over median error
             "0.4 ± 0.7",
             "2, 1; 3",
             "0",

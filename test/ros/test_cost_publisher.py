@@ -18,6 +18,8 @@ pytest.importorskip("rclpy")
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.wheel import Wheel
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
+from smallwheel_ros.pipeline.tables import Estimates, none_of
 from smallwheel_ros.ros.cost_publisher import CostPublisher
 
 WHEEL = Wheel("front", 0.2, 0.1)
@@ -101,9 +103,7 @@ def test_a_frame_that_is_told_of_once_and_before_any_odometry_is_placed(
     publisher.on_static_transforms(transforms(10.0, 0.0))
     publisher.map.add(WHEEL, "odom", Pose(0.2, 0.2, 0.0), 0.0, None)
     assert publisher.map.problem.startswith("the saved cost map is in frame map")
-    estimates = SimpleNamespace(stamp=np.array([5]))
-    publisher._ground = SimpleNamespace(add=lambda *_: None)
-    publisher.add(estimates, "odom")
+    publisher.take(none_of(Estimates), none_of(VehicleEstimates), "odom")
     assert publisher.map.problem == ""
     grid = publisher.map.grids().bare
     assert grid.cells[grid.cell(0.7, 0.7)] == 77
