@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -255,13 +256,15 @@ def lacking() -> Diagnosis:
     return diagnose(PlainRig(slip_growth=2.0).measure(rolled(0), 1))
 
 
-def test_the_text_has_a_line_for_each_channel_and_the_table_in_its_command() -> None:
+def test_the_text_has_a_line_for_each_channel_and_what_to_do_next() -> None:
     text = lacking().text()
     assert re.search(
         r"^  Sinkage: [\d.]+ mm -> [\d.]+ mm with what is named\.$", text, re.MULTILINE
     )
     assert re.search(r"^  Resistance: ", text, re.MULTILINE)
-    assert "smallwheel diagnose 'made up' --apply" in text
+    assert ".save('MODEL.yaml')" in text
+    following = {"apply": "smallwheel diagnose 'made up' --apply -o MODEL.yaml", "learn": ""}
+    assert f"`{following['apply']}`" in replace(lacking(), following=following).text()
 
 
 def test_no_text_has_a_raw_name_of_an_effect() -> None:
