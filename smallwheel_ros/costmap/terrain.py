@@ -94,8 +94,8 @@ class ClassPrior:
 # and snow pull goes on rising to 0.5 and more (Wong, chapter 2). Resistance: rolling resistance of tyres,
 # asphalt 0.013, gravel 0.02, earth road 0.05 (Wong, chapter 1), loose sand 0.1 to 0.3 (Carvill 1993; Wong),
 # snow 0.02 to 0.12 (CRREL TR-01-16, table 11). Deviation: half of what these differ by. Recorded drives on
-# grass, gravel, sand, snow and a floor (129 m on which a margin is learnt from slip) are within two
-# deviations of them, but only since they leave the margin unsure by 0.33: they neither confirm nor refute.
+# grass, gravel, sand, snow and a floor (129 m that teach a margin) are within two deviations, but only since
+# they leave the margin unsure by 0.33: they neither confirm nor refute.
 PRIORS: Mapping[str, ClassPrior] = {
     "asphalt": ClassPrior(0.9, 0.03, 0.015, 0.12),
     "gravel": ClassPrior(0.6, 0.06, 0.03, 0.12),
