@@ -71,7 +71,8 @@ def test_all_parameters_are_named() -> None:
 
 
 def test_what_counts_as_named() -> None:
-    whole = '"""Do.\n\n    Parameters\n    ----------\n    a, b\n        m.\n    how : text\n        c.\n    """'
+    section = "Parameters\n    ----------\n    a, b\n        m.\n    how : text\n        c.\n"
+    whole = f'"""Do.\n\n    {section}    """'
     head = "def f(self, a, b, *, how=1):\n    "
     assert unnamed(head + whole) == []
     assert unnamed(head + whole.replace("a, b", "a")) == ["f: b"]
