@@ -83,7 +83,14 @@ from .rims import (
     RollingPair,
     TurnRule,
 )  # fmt: skip
-from .steering import SIGN_ANGLE, SIGN_OFF, SIGN_REMOVES, SIGN_STEERED, SteeringSign
+from .steering import (
+    SIGN_ANGLE,
+    SIGN_OFF,
+    SIGN_REMOVES,
+    SIGN_STEERED,
+    SIGN_SURE,
+    SteeringSign,
+)
 from .sums import Said
 from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
@@ -193,8 +200,9 @@ RULES: tuple[Rule, ...] = (
         " and more",
         "what rims, headings, gyro and the way of the poses leave over of the nearest rigid motion, less what"
         " is left with the other sign of some wheels, over their rims",
-        f"over {SIGN_OFF:g}, and under 1/{SIGN_REMOVES:g} of the squares are left",
-        "slips of wheels differ by 0.06, and no other sign removes that",
+        f"over {SIGN_OFF:g}; over {SIGN_REMOVES:g} of what a wrong sign leaves over, and {SIGN_SURE:g}"
+        " standard errors over 0",
+        "zeros of joints are off by 3 degrees; no other sign removes what slips differ by",
         "steering_sign, or steering_joint",
         SteeringSign,
     ),

@@ -5,6 +5,10 @@ Wheels that are steered roll about one point. Rims, headings, gyro and the way t
 shows are compared to the rigid motion nearest
 to all of them, with the signs as they are given and with those of some wheels turned over: by a wrong sign a
 wheel seems to go aside by twice its angle, and only the right sign removes that.
+
+How much a wrong sign leaves over is known beforehand: what the signs as given leave over of a vehicle that
+moves as the other signs say. Of a wrong sign as much is removed (1), of a right one nothing (0); what slips
+differ by stays, whatever the signs are. So speed, the size of angles, and slip have no part in the verdict.
 """
 
 from __future__ import annotations
@@ -19,15 +23,25 @@ from .rigid_motion import ACROSS, rows_across, rows_along
 from .sums import Said
 from .window import MOVES, CheckedWheels, Window
 
-SIGN_ANGLE, SIGN_OFF, SIGN_REMOVES, SIGN_STEERED = 0.1, 0.1, 2.0, 2.0  # rad, 1, 1, m
+SIGN_ANGLE = 0.1  # rad: twice the 3 degrees by which zeros of joints are off
+# Of the speed: a zero off by 3 degrees makes a wheel seem to go aside by so much.
+SIGN_OFF = 0.05
+SIGN_REMOVES = 0.5  # of what a wrong sign leaves over: half way between none wrong and wrong
+SIGN_SURE = 3.0  # standard errors over 0, by how much spans differ
+SIGN_STEERED = 2.0  # m
 _FEWEST = 4  # wheels, of which one of three more than a rigid motion has is wrong
-_ALIKE = 1.2  # of the best: of those that explain as much the one with the fewest wheels is meant
+_SPANS = 3  # by which they can be seen to differ
+_REST = 0.1  # of what the best set removes: the smallest set that leaves no more is meant
 _MOST = 6  # steered wheels of which all sets are tried; of more each alone, and all of them
 _APART = 0.1  # s between rows: wheels are not steered faster
+_NOTHING = 1e-12  # m^2/s^2: of signs that have no part in how the vehicle moves
 
 
 class SteeringSign:
-    """Squares of what is left over by the signs as given, and with those of sets of wheels turned over."""
+    """What other signs of sets of wheels remove, and what they should remove if they are right.
+
+    Sums over spans of squares (m^2/s^2), by set: `removed`, `expected` and their products.
+    """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
@@ -38,8 +52,9 @@ class SteeringSign:
         for row, one in zip(signs, self.sets, strict=True):
             row[list(one)] = -1.0
         self._signs = signs
-        self.left = np.zeros(len(self.sets))  # m^2/s, over time
-        self.rims = np.zeros(len(vehicle.names))  # m^2/s likewise, of each rim
+        self.removed, self.expected, self._rr, self._re, self._ee = np.zeros((5, len(self.sets)))
+        self.rims = np.zeros(len(vehicle.names))  # m^2/s^2 likewise, of each rim
+        self.spans = 0
         self.way = 0.0  # m while wheels are steered
 
     def take(self, window: Window) -> list[Said]:
@@ -60,46 +75,75 @@ class SteeringSign:
         return self._judged()
 
     def _add(self, rims: Array, angles: Array, turn: Array, way: Array) -> None:
-        x, y = self.vehicle.x, self.vehicle.y
-        half = max(0.5 * float(np.ptp(y)), 0.05)
+        half = max(0.5 * float(np.ptp(self.vehicle.y)), 0.05)
         known = np.isfinite(turn)
         # A direction that odometry shows counts as much as the headings of all wheels.
-        told = np.where(np.isfinite(way), ACROSS * np.sqrt(len(x)), 0.0)
+        told = np.where(np.isfinite(way), ACROSS * np.sqrt(rims.shape[1]), 0.0)
         way = np.nan_to_num(way)
-        for k, signs in enumerate(self._signs):
-            turned = signs * angles
-            seen = np.zeros((len(rims), 2, 3))
-            seen[:, 0, :2] = (told * np.stack([-np.sin(way), np.cos(way)])).T
-            seen[:, 1, 2] = np.where(known, half, 0.0)
-            parts = rows_along(x, y, turned), ACROSS * rows_across(x, y, turned), seen
-            design = np.concatenate(parts, axis=1)
-            shown = np.zeros(design.shape[:2])
-            shown[:, : rims.shape[1]] = rims
-            shown[:, -1] = np.where(known, half * turn, 0.0)
-            normal = np.einsum("tri,trj->tij", design, design)
-            right = np.einsum("tri,tr->ti", design, shown)
-            best = np.linalg.solve(normal, right[..., None])[..., 0]
-            off = shown - np.einsum("tri,ti->tr", design, best)
-            self.left[k] += float((off**2).sum())
+        seen = np.zeros((len(rims), 2, 3))
+        seen[:, 0, :2] = (told * np.stack([-np.sin(way), np.cos(way)])).T
+        seen[:, 1, 2] = np.where(known, half, 0.0)
+        given = self._design(angles, seen)
+        shown = np.zeros(given.shape[:2])
+        shown[:, : rims.shape[1]] = rims
+        shown[:, -1] = np.where(known, half * turn, 0.0)
+        left = float(((shown - _nearest(given, shown)) ** 2).sum())
+        removed, expected = np.zeros((2, len(self.sets)))
+        for k, signs in enumerate(self._signs[1:], 1):
+            moved = _nearest(self._design(signs * angles, seen), shown)
+            removed[k] = left - float(((shown - moved) ** 2).sum())
+            expected[k] = float(((moved - _nearest(given, moved)) ** 2).sum())
+        self.removed += removed
+        self.expected += expected
+        self._rr += removed**2
+        self._re += removed * expected
+        self._ee += expected**2
         self.rims += (rims**2).sum(axis=0)
+        self.spans += 1
+
+    def _design(self, angles: Array, seen: Array) -> Array:
+        """Rows of what is compared to a rigid motion, (instants, rows, 3)."""
+        x, y = self.vehicle.x, self.vehicle.y
+        parts = rows_along(x, y, angles), ACROSS * rows_across(x, y, angles), seen
+        return np.concatenate(parts, axis=1)
+
+    def _share(self, k: int) -> tuple[float, float]:
+        """Return what a set removes over what it should, and the standard error of that by spans.
+
+        Source: Cochran 1977, "Sampling Techniques", 6.4 (a ratio of sums).
+        """
+        expected = max(float(self.expected[k]), _NOTHING)
+        share = float(self.removed[k]) / expected
+        squares = self._rr[k] - 2.0 * share * self._re[k] + share**2 * self._ee[k]
+        error = np.sqrt(max(float(squares), 0.0) * self.spans / (self.spans - 1)) / expected
+        return share, float(error)
 
     def _judged(self) -> list[Said]:
-        if self.way < SIGN_STEERED:
+        if self.way < SIGN_STEERED or self.spans < _SPANS:
             return []
-        least = float(self.left.min())
-        # Sets come by their size.
-        alike = self.left <= _ALIKE * least
-        chosen = list(next(one for one, near in zip(self.sets, alike, strict=True) if near))
-        if not chosen or least * SIGN_REMOVES >= self.left[0]:
+        # Sets come by their size; the first, of no wheel, removes nothing.
+        most = float(self.removed.max())
+        k = int(np.argmax(self.removed >= (1.0 - _REST) * most))
+        if k == 0:
             return []
-        share = float(np.sqrt((self.left[0] - least) / self.rims[chosen].sum()))
-        if share <= SIGN_OFF:
+        chosen = list(self.sets[k])
+        share, error = self._share(k)
+        off = float(np.sqrt(self.removed[k] / self.rims[chosen].sum()))
+        if share < SIGN_REMOVES or share < SIGN_SURE * error or off <= SIGN_OFF:
             return []
         names = [self.vehicle.names[i] for i in chosen]
         text = (
             f"its steering angle is off the motion of all wheels, and with the other sign it is not (by"
-            f" {share:.2f} of the speed): check steering_sign and steering_joint; until then its slip is not"
+            f" {off:.2f} of the speed): check steering_sign and steering_joint; until then its slip is not"
             " known"
         )
         streams = tuple(f"{name}/steering" for name in names)
-        return [Said(" and ".join(names), share, text, streams, taught=True)]
+        return [Said(" and ".join(names), off, text, streams, taught=True)]
+
+
+def _nearest(design: Array, shown: Array) -> Array:
+    """What the rigid motion nearest to rows that are shown (instants, rows) makes of these rows."""
+    normal = np.einsum("tri,trj->tij", design, design)
+    right = np.einsum("tri,tr->ti", design, shown)
+    best = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(np.einsum("tri,ti->tr", design, best))

@@ -43,6 +43,24 @@ def test_a_wrong_sign_is_named_within_twenty_metres(way, wheels, wrong) -> None:
     assert np.isnan(rows.slip[last & mine]).all()
 
 
+@pytest.mark.parametrize("wrong", [(), ("front_left",), ("front_left", "front_right")])
+def test_small_angles_and_slips_that_differ_hide_no_sign(wrong) -> None:
+    """Angles up to 0.15 rad, slips that differ by 0.14; odometry is no witness, the gyro is."""
+    drive = steered_drive(
+        weave(), FOUR, seconds=60.0, wrong=wrong, slip=0.2, spread=0.14, odometry="wheels"
+    )
+    pipeline, _, _ = drive.run(2 * SECOND)
+    said = [set(t.split(":")[0].split(" and ")) for t in pipeline.findings if "steering_sign" in t]
+    assert said == ([set(wrong)] if wrong else [])
+
+
+def test_on_wheels_that_are_hardly_steered_nothing_is_said() -> None:
+    """Within 0.04 rad a zero that is off by 2 degrees is as good a reason as a wrong sign."""
+    drive = steered_drive(weave(radius=5.0), FOUR, wrong=("front_left", "front_right"))
+    pipeline, _, _ = drive.run(2 * SECOND)
+    assert not [text for text in pipeline.findings if "steering_sign" in text]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_no_good_steering_is_accused(seed) -> None:
     way, wheels = [(weave(), ROVER), (weave(), CAR), (bend(1.0), SIX_OF_SIX), (crab(0.4), FOUR)][
