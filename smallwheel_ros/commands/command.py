@@ -164,7 +164,15 @@ def command(
 
 
 def with_what_was_typed(function: Function, *more: str) -> str:
-    """The command of a function, with table and options of the one that runs. more: further words."""
+    """The command of a function, with table and options of the one that runs.
+
+    Parameters
+    ----------
+    function
+        The function that the command calls; it has the command's name.
+    more
+        Words of further options.
+    """
     names = {*kinds_of(function), *_OF_TABLE}
     return f"smallwheel {function.__name__} {typed_again(names, *more)}"
 

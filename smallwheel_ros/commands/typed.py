@@ -15,7 +15,15 @@ class RememberedCommand(click.Command):
     """A command that remembers its words, as they were typed."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As click does."""
+        """Keep the words, then do as click does.
+
+        Parameters
+        ----------
+        ctx
+            The context of the command, which keeps them.
+        args
+            The words after the command's name.
+        """
         ctx.meta[_TYPED] = list(args)
         return super().parse_args(ctx, args)
 
@@ -23,8 +31,15 @@ class RememberedCommand(click.Command):
 def typed_again(names: Collection[str], *more: str) -> str:
     """The words of the running command that belong to parameters of these names, quoted for a shell.
 
-    more: words of further options. Unnamed ones come first, then options in the order of `--help`; unnamed
-    ones come last where one begins as an option does.
+    Unnamed ones come first, then options in the order of `--help`; unnamed ones come last where one begins
+    as an option does.
+
+    Parameters
+    ----------
+    names
+        Names of the parameters whose words are kept.
+    more
+        Words of further options.
     """
     context = click.get_current_context()
     parser = context.command.make_parser(context)

@@ -94,7 +94,17 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
 
 
 def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
-    """The document, but for what to measure next. seed: of the test of where the base fails."""
+    """The document, but for what to measure next.
+
+    Parameters
+    ----------
+    evidence
+        What was collected.
+    verdict
+        What was decided.
+    seed
+        Of the test of where the base fails.
+    """
     problem, found, told = evidence.problem, evidence.found, evidence.told
     judged, measurements = problem.judged, problem.points.measurements
     points, fitter = judged.points, judged.fitter

@@ -42,8 +42,13 @@ def verdict_sentences(
 ) -> list[str]:
     """The verdict, what speaks for it, how sure it is, and what to do next.
 
-    following: commands that go on from here, `apply` if what is named is in no model file yet, and `learn`;
-    None where there are none.
+    Parameters
+    ----------
+    document
+        The document of the diagnosis.
+    following
+        Commands that go on from here: `apply` if what is named is in no model file yet, and `learn`; None
+        where there are none.
     """
     verdict = document["verdict"]
     if verdict == "unknown_effect" and document["candidates"]:

@@ -67,6 +67,15 @@ class GroundMapper:
 
         Those of which nothing is known but what holds on any ground: each has the margin of the class where
         the vehicle was just before its stamp, as it is expected after all wheels' rows up to there.
+
+        Parameters
+        ----------
+        found
+            Rows of the wheels since the last call, in the order of their stamps.
+        vehicle
+            Rows of the vehicle over the same time.
+        frame
+            Frame of the places of both.
         """
         if self.map.ahead.class_grid is None:
             self.add(found, frame)

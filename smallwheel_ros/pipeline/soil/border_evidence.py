@@ -49,7 +49,17 @@ class Border(NamedTuple):
 
 
 def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
-    """By stretches of leading wheels that the law has not used."""
+    """The likeliest border by stretches of leading wheels that the law has not used.
+
+    Parameters
+    ----------
+    law
+        The law before the border.
+    rows
+        Stretches ahead of what the law has used, (rows,).
+    wheels
+        Number of wheels of the vehicle.
+    """
     rows = rows.take(np.argsort(-rows.place, kind="stable"))
     miss, state, variance, by_load = law.innovations(rows)
     if not (by_load > 0.0).all():
@@ -68,7 +78,17 @@ def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
 
 
 def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
-    """By all stretches since a law that has used none of them."""
+    """The likeliest border by all stretches since a law that has used none of them.
+
+    Parameters
+    ----------
+    law
+        The law as it was kept some metres ago.
+    rows
+        All stretches since, (rows,).
+    wheels
+        Number of wheels of the vehicle.
+    """
     rows = rows.take(np.argsort(-rows.place, kind="stable"))
     miss, covariance, by_load = law.together(rows)
     if not (by_load > 0.0).all():

@@ -229,13 +229,13 @@ class LawModel:
 
     def h(self, x: Array, rows: Stretches) -> Shown:
         """What the sensors of wheels show. x: (size,), or one for each row, (rows, size)."""
-        whole = np.broadcast_to(x, (len(rows), self.size))
+        whole = np.broadcast_to(x, (rows.wheel.size, self.size))
         sunk = self.sinkage(whole, rows)
         scale = np.exp(whole[:, SCALE])
         value = scale * sunk.value
         row = scale[:, None] * sunk.H
         zero = WHEELS + EACH * rows.wheel
-        index = np.arange(len(rows))
+        index = np.arange(rows.wheel.size)
         row[:, PITCH] = rows.pitch
         row[:, ZERO] += 1.0
         row[index, zero] = 1.0

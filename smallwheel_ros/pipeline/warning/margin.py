@@ -138,7 +138,15 @@ class GroundMargin:
         self.crossed *= kept
 
     def cross(self, metres: float, asked: float) -> None:
-        """Take a way that the vehicle got over, m, and the pull over load that it was asked for there."""
+        """Take a way that the vehicle got over.
+
+        Parameters
+        ----------
+        metres
+            Its length, m.
+        asked
+            Pull over load that the vehicle was asked for there, 1.
+        """
         self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
