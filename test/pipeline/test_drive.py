@@ -91,7 +91,7 @@ def test_it_finds_what_is_true(drive: Drive, whole: tuple[Pipeline, Readings, Es
     log_pressure = math.log(true.k * 0.01**true.n * 0.2**true.m)
     deviation = math.sqrt(soil.log_covariance[0, 0])
     assert abs(soil.log_pressure - log_pressure) < 3 * deviation
-    assert deviation < 0.18  # of it 0.05 (n + 1/2) is the scale of the sinkage sensors
+    assert deviation < 0.21  # of it 0.05 (n + 1/2) is the scale of the sinkage sensors
     assert abs(soil.n - true.n) < 3 * math.sqrt(soil.covariance[1, 1])
     assert abs(soil.m - true.m) < 3 * math.sqrt(soil.covariance[2, 2])
     assert 7.75 < soil.distance < 8.1  # the last of its stretches of 0.25 m may be open
