@@ -134,6 +134,7 @@ class CostMap:
         demand: float = math.nan,
         shown: float = -math.inf,
         course: float = 0.0,
+        measured: bool = True,
     ) -> None:
         """Take what the vehicle, at its pose after so much travel, has found where a wheel is.
 
@@ -158,6 +159,9 @@ class CostMap:
             Margin that the ground there has shown it has: what was asked for where it got over.
         course
             rad, by which the vehicle goes to the left of its heading.
+        measured
+            Whether the margin is of that ground, not that of any ground: of the latter a terrain class that
+            has a prior of its own learns nothing.
         """
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)
@@ -188,8 +192,9 @@ class CostMap:
         self.changed |= self._ground.cross(wheel.name, across, travel, cost, mark)
         if margin is not None and not stuck:
             x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
-            terrain = self.ahead.class_at(self.frame, x, y)
-            self.changed |= self.ahead.classes.learn(wheel.name, x, y, terrain, margin, beyond)
+            terrain, classes = self.ahead.class_at(self.frame, x, y), self.ahead.classes
+            if measured or not classes.has_prior(terrain):
+                self.changed |= classes.learn(wheel.name, x, y, terrain, margin, beyond)
 
     # --- What is expected
 

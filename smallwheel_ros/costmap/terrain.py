@@ -192,6 +192,10 @@ class TerrainClasses:
         self._last: dict[str, tuple[int, float, float]] = {}
         self._stuck: dict[int, int] = {}
 
+    def has_prior(self, terrain: int) -> bool:
+        """Whether something is known of a class before any wheel was on it."""
+        return terrain in self._priors
+
     def learn(
         self, wheel: str, x: float, y: float, terrain: int, margin: Quantity, beyond: float = 0.0
     ) -> bool:

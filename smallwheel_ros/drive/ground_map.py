@@ -20,7 +20,7 @@ from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Sta
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import risk_of
-from smallwheel_ros.pipeline.warning.margin import LAW, scatter_ahead, unknown_ground
+from smallwheel_ros.pipeline.warning.margin import LAW, is_prior, scatter_ahead, unknown_ground
 
 from .messages import margin_before_driving
 
@@ -144,6 +144,7 @@ class GroundMapper:
             found.demand,
             self._shown(found, stuck | (risk > 0.0)),
             found.course,
+            found.margin_by_soil | ~is_prior(found.margin_std, self._reference_slip),
         )
         margins, beyond = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, beyond, strict=True)
@@ -160,6 +161,7 @@ class GroundMapper:
             demand,
             shown,
             course,
+            measured,
             margin,
             more,
         ) in rows if frame else ():
@@ -167,7 +169,7 @@ class GroundMapper:
                 self.map.add(
                     self._wheels[wheel], frame, Pose(x, y, heading), distance,
                     None if unknown else margin, stuck=held, risk=likely, slope=slope, demand=demand,
-                    shown=shown, beyond=more, course=course,
+                    shown=shown, beyond=more, course=course, measured=measured,
                 )  # fmt: skip
         known = [k for k, one in enumerate(margins) if one is not None]
         if known:
