@@ -68,8 +68,22 @@ def test_cuts_do_not_matter(name: str, cuts: list[float]) -> None:
     check_cuts(STAGES[name], believed(), [end for end in ends if end < done])
 
 
-@pytest.mark.parametrize("name", STAGES)
-@pytest.mark.parametrize("stream", [ODOMETRY, IMU, SPEED, "fl/load", "fl/sinkage"])
+# Ten columns of odometry and imu through whole chains take seconds each: two chains of them are fast tests.
+LONG_CHAINS = [name for name in STAGES if name in ("steps", "strengths", "vehicle", "twist")]
+
+
+@pytest.mark.parametrize(
+    ("stream", "name"),
+    [
+        pytest.param(
+            stream,
+            name,
+            marks=pytest.mark.slow if stream in (ODOMETRY, IMU) and name in LONG_CHAINS else (),
+        )
+        for stream in (ODOMETRY, IMU, SPEED, "fl/load", "fl/sinkage")
+        for name in STAGES
+    ],
+)
 def test_what_is_not_known_is_not_a_number_and_no_error(name: str, stream: str) -> None:
     for column in range(believed().streams[stream].values.shape[1]):
         check_unknown(STAGES[name], believed(), stream, column)

@@ -29,9 +29,8 @@ def slow(*names: str) -> list[object]:
     "name",
     [
         "zero known",
-        "outliers 5 %",
-        "right x3, equal",
         *slow(
+            "outliers 5 %", "right x3, equal",
             "nominal", "rough 3 mm", "turning", "firm", "delay 200 ms", "zero +5 mm",
             "ruts z x1.23, equal", "pitch error", "another law of the rim",
         ),
