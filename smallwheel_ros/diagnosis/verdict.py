@@ -111,14 +111,16 @@ def decide(evidence: Evidence) -> Verdict:
     mixed, stray, flat, scatter = _of_misfit(evidence.misfit)
     if word not in ("adequate", "missing_effect"):
         stray = []
-    flat = [*([still] if (still := stuck(evidence.problem.points)) else []), *flat]
+    still = stuck(evidence.problem.points)
+    flat = [*([still] if still else []), *flat]
     reasons = [*mixed, *reasons, *stray, *flat, *scatter]
     undescribed = bool(mixed or stray or flat or (word == "adequate" and any(scatter.values())))
     if undescribed:
         word = "unknown_effect"
     unconfirmed = not (undescribed or said.unknown) and len(rivals) == 1
     if word == "unknown_effect" and not unconfirmed:
-        closest, named, rivals = (*closest, *named, *rivals), (), ()
+        # Of a gauge that does not move no effect is the closest description.
+        closest, named, rivals = (() if still else (*closest, *named, *rivals)), (), ()
     steps, probabilities = held.steps if named else held.steps[:1], said.probabilities
     if told is not None:
         name = told.part.id

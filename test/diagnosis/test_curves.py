@@ -106,4 +106,5 @@ def test_a_gauge_that_never_moves_is_no_soil(wheel: bool) -> None:
     found = sw.diagnose(frame)
     assert found.verdict == "unknown_effect"
     assert "does not rise while the load rises" in found.document["reason"]
+    assert found.document["closest"] == []  # not a zero of the sensor, nor another effect
     assert any("does not rise" in note for note in sw.fit(frame).notes)
