@@ -20,7 +20,7 @@ from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Sta
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import risk_of
-from smallwheel_ros.pipeline.warning.margin import LAW, is_prior, scatter_ahead, unknown_ground
+from smallwheel_ros.pipeline.warning.margin import LAW, information, is_prior, scatter_ahead
 
 from .messages import margin_before_driving
 
@@ -46,7 +46,6 @@ class GroundMapper:
     def __init__(self, cost_map: CostMap, wheels: tuple[Wheel, ...]) -> None:
         self.map, self._wheels = cost_map, wheels
         self._reference_slip = cost_map.reference_slip
-        self._any_ground = unknown_ground(cost_map.reference_slip)[1]
         self.clear()
 
     def clear(self) -> None:
@@ -91,8 +90,8 @@ class GroundMapper:
             margin = self._of_class(int(vehicle.stamp[row]))
             if margin is not None:
                 spread = margin.standard_deviation
-                information = max(1.0 - (spread / self._any_ground) ** 2, 0.0)
-                values = margin.value, spread, MarginSource.CLASS, information
+                known = information(spread, self._reference_slip)
+                values = margin.value, spread, MarginSource.CLASS, known
                 for name, value in zip(_OF_MARGIN, values, strict=True):
                     columns[name][row] = value
         self.add(found.take(slice(begin, None)), frame)

@@ -36,13 +36,12 @@ from smallwheel_ros.pipeline.tables import (
 from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.margin import unknown_ground
+from smallwheel_ros.pipeline.warning.margin import MEASURED, information
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .answer import STALE
 from .status import MarginSource
 
-_SURE = 0.5  # of the information, over which a margin is no prior any more
 _PAUSE = 10 * SECOND  # ns: after so long without any message the drive goes on with the next one
 _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 
@@ -105,7 +104,6 @@ class VehicleState:
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
-        self._prior = unknown_ground(settings.reference_slip)[1] ** 2
         self._wheels = none_of(
             Estimates
         )  # of the last seconds: an instant may be before the newest
@@ -195,8 +193,8 @@ class VehicleState:
         slips = self._slips(instants)
         wheels = _Newest(every, numbers, instants.stamp, len(self.settings.wheels))
         margin, margin_std = wheels.margin
-        information = np.clip(1.0 - margin_std**2 / self._prior, 0.0, 1.0)
-        source = np.where(information > _SURE, MarginSource.MEASURED, MarginSource.ANY_GROUND)
+        known = information(margin_std, self.settings.reference_slip)
+        source = np.where(known > MEASURED, MarginSource.MEASURED, MarginSource.ANY_GROUND)
         ahead, across, asked = _felt(stamps, felt, instants.stamp, self.settings.gravity)
         return VehicleEstimates(
             stamp=instants.stamp, level=level, slip_warned=warned.slip, speed=instants.speed,
@@ -204,7 +202,7 @@ class VehicleState:
             slip=slips[0], slip_std=slips[1], slip_left=slips[2], slip_left_std=slips[3],
             slip_right=slips[4], slip_right_std=slips[5],
             margin=margin, margin_std=margin_std,
-            margin_source=np.where(wheels.by_soil, MarginSource.SOIL, source), information=information,
+            margin_source=np.where(wheels.by_soil, MarginSource.SOIL, source), information=known,
             slope_ahead=ahead, slope_across=across, demand=asked, risk=wheels.risk,
             energy=wheels.energy, soil=wheels.soil, at_border=wheels.at_border,
         )  # fmt: skip

@@ -59,6 +59,7 @@ _EXACT = 1e-9  # standard deviation of what is given as exact
 POINTS = 4096  # a step in under 2 ms
 ASKED = 1.0  # m, over which what is asked for is averaged
 STEP = SECOND  # ns
+MEASURED = 0.5  # of the information, over which a margin is no prior any more
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
@@ -70,9 +71,23 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 )  # m/s, 1, slip, slip, instants of a step
 
 
+def information(deviation: Array | float, reference_slip: float) -> Array:
+    """How much is known of a margin beyond what holds on any ground, 0 to 1; NaN of NaN.
+
+    Parameters
+    ----------
+    deviation
+        Standard deviation of the margin, 1, of any shape.
+    reference_slip
+        At which the margin is asked for, 1.
+    """
+    prior = unknown_ground(reference_slip)[1]
+    return np.asarray(np.clip(1.0 - np.square(deviation) / prior**2, 0.0, 1.0))
+
+
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
     """Whether a margin of any ground is its prior's still: over half of the prior's variance is left."""
-    return np.asarray(np.square(deviation) > 0.5 * unknown_ground(reference_slip)[1] ** 2)
+    return np.asarray(information(deviation, reference_slip) < MEASURED)
 
 
 def scatter_ahead(margin: Array | float) -> Array:
