@@ -127,8 +127,11 @@ class SteeringSign:
         if k == 0:
             return []
         chosen = list(self.sets[k])
+        rims = float(self.rims[chosen].sum())
+        if not rims:  # wheels that never turned say nothing of their angles
+            return []
         share, error = self._share(k)
-        off = float(np.sqrt(self.removed[k] / self.rims[chosen].sum()))
+        off = float(np.sqrt(self.removed[k] / rims))
         if share < SIGN_REMOVES or share < SIGN_SURE * error or off <= SIGN_OFF:
             return []
         names = [self.vehicle.names[i] for i in chosen]
