@@ -134,11 +134,10 @@ class Power(_Moisture, PowerLaw):
 class Optimum(_Moisture):
     """k is largest at a water content: menisci bind grains, and water that fills the pores does not."""
 
+    # J. Geotech. Eng. 110(9), known from secondary sources.
     form = "optimum"
     formula = "k = k0 exp(-fall (x - optimum)^2), x = (w - reference) / scale"
-    source = (
-        "Wu, Gray and Richart (1984), J. Geotech. Eng. 110(9): stiffest at 5 to 20 % of saturation"
-    )
+    source = "Wu, Gray and Richart 1984 (unverified): stiffest at 5 to 20 % of saturation"
 
     fall: float = parameter(0.3, (0.0, 6.0), "fall of ln k one scale away from the optimum")
     optimum: float = parameter(

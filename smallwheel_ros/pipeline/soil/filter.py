@@ -70,7 +70,7 @@ _ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
 _WIDE_SHARE, _TIGHT = 0.3, 0.1  # that a nuisance is there at all; deviations of the tight filter
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
 # Of likelihoods that weigh the bank, at most: members differ by what the law bends to as well, so that a
-# zero would be known too well (n 4.6 deviations off with 0.5 in one of 10 drives, 3.9 with 0.25).
+# zero would be known too well. Of 0.2 to 0.5, by a few drives of another author's simulator: hardly settled.
 _POWER = 0.3
 # Stretches of a soil after which all are taken again; before the first time the law has been linearised only
 # at the prior, and nothing is determined (on "soil x0.5, n -0.2" it moved by 2 of its deviations then).

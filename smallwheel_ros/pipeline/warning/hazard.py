@@ -41,10 +41,8 @@ SLIP_PER_PULL = 2.0  # d slip / d (pull / weight) of soft ground: slip 0.4 for a
 # Of a slope. By the law of slip alone it counts nothing once slip has answered; of 17 immobilisations in snow
 # the whole slope brought a little more in time (12.3 for 11.6), and on climbs half of all false warnings.
 OF_SLOPE = 0.5
-FIRST, SECOND_LEVEL = (
-    0.4,
-    0.5,
-)  # of the hazard, and of slip alone: by the 17 in snow, on even ground
+# Of the hazard, and of slip alone: by the 17 in snow, on even ground.
+FIRST, SECOND_LEVEL = 0.4, 0.5
 HOLDS = 0.1  # of the hazard under its level, down to which a level goes on: noise of slip made several of one
 SLIPS, SURELY = 0.3, 2.0  # slip that is of the first level by itself, by so many deviations
 # Deviations by which slip has to be over 0. They are what 0.8 of the errors keep to, and those of odometries
@@ -55,10 +53,8 @@ MAY_BE_NONE = 3.0
 GROWS, LOSES, GROWTH_S = 0.05, 0.10, 2.0
 DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
 DEVIATIONS = 1.0  # of the hazard, that are taken off
-ROLLED, START_S = (
-    0.30,
-    3.0,
-)  # slip under which a start is over; s, after which it is: rims run up within two
+# Slip under which a start is over; s, after which it is: rims run up within two.
+ROLLED, START_S = 0.30, 3.0
 BRAKES = 0.30  # of g: wheels that pull cannot brake so
 GAINS = 0.10  # m/s^2: what gains speed so fast is not getting stuck
 LOSS_S, UNFELT, SEEN = (
