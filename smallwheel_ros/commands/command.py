@@ -55,7 +55,20 @@ def kinds_of(function: Function) -> dict[str, tuple[Kind, Any]]:
 
 
 def options_of(function: Function, *names: str) -> Decorator:
-    """Options for the parameters of a function, all if none is named; with `data` come those of `read`."""
+    """Options for parameters of a function; with `data` come those of `read`.
+
+    Parameters
+    ----------
+    function
+        A function of the API, with a numpydoc docstring.
+    *names
+        Parameters that get an option; all if none is named.
+
+    Returns
+    -------
+    callable
+        Decorator of a click command.
+    """
     kinds = kinds_of(function)
     wanted = names or tuple(kinds)
 
@@ -133,9 +146,23 @@ def command(
 ) -> click.Command:
     """The command of a function of the API: it reads the table, calls the function, and shows the result.
 
-    outputs: options beside those of the function, which `begin` checks before the work and `finish` gets
-    after it. words: behind those of the docstring. bar: of the progress, as `progress_bar` has it. heard:
-    what else the function tells, by its arguments' names, made of the options.
+    Parameters
+    ----------
+    function
+        A function of the API; its docstring is the help.
+    *outputs
+        Options besides those of the function, checked by `begin` before the work and passed to
+        `finish`.
+    words
+        Further paragraph of the help.
+    begin
+        Called with all options before the work.
+    finish
+        Called with the result and the options that the function does not take.
+    bar
+        Arguments of `progress_bar`.
+    heard
+        Gives further arguments of the function, such as callbacks, from the options.
     """
     kinds = kinds_of(function)
     listens = "progress" in inspect.signature(function).parameters
@@ -182,7 +209,25 @@ def _is_unnamed(function: Function, name: str, kind: Kind) -> bool:
 
 
 def taken(function: Function, options: Given) -> Given:
-    """Take a function's arguments, and those of `read`, out of what was typed; none that was not."""
+    """Move a function's arguments, and those of `read`, out of the options; those not given are left out.
+
+    Parameters
+    ----------
+    function
+        A function of the API.
+    options
+        Options of the command; what is taken is removed.
+
+    Returns
+    -------
+    dict
+        Arguments by name; `how` has those of `read`.
+
+    Raises
+    ------
+    CommandError
+        If NAME=VALUE repeats a parameter.
+    """
     parameters = inspect.signature(function).parameters
     names = [name for name in parameters if name in options]
     given = {name: options.pop(name) for name in names}
@@ -199,7 +244,25 @@ def taken(function: Function, options: Given) -> Given:
 
 
 def with_table(function: Function, given: Given) -> Given:
-    """The arguments with the table, or the tables of a lab, in place of the names of their files."""
+    """Read the table, or the tables of a lab, and put it in place of the file's name.
+
+    Parameters
+    ----------
+    function
+        A function of the API.
+    given
+        Its arguments, as `taken` returns them.
+
+    Returns
+    -------
+    dict
+        Arguments with which the function can be called.
+
+    Raises
+    ------
+    CommandError
+        If an argument does not fit the table or the folder.
+    """
     if "how" not in given:
         return given
     arguments = dict(given)

@@ -30,7 +30,17 @@ __all__ = ["HTML", "JSON", "PATH", "PLOTS", "check_outputs", "finish", "output",
 
 
 def output(text: str, name: str = "output", required: bool = False) -> Decorator:
-    """The option -o. name: `model_file` of one that may replace the model that is read."""
+    """The option -o.
+
+    Parameters
+    ----------
+    text
+        Its help.
+    name
+        Of the parameter; `model_file` may be the model file that is read.
+    required
+        Whether it has to be given.
+    """
     return click.option(
         "-o", "--output", name, type=PATH, required=required, metavar="FILE", help=text
     )
@@ -39,7 +49,17 @@ def output(text: str, name: str = "output", required: bool = False) -> Decorator
 def check_outputs(given: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
     """Refuse outputs that cannot be written, or would destroy what is read, before a long computation.
 
-    given: arguments, of which files are read. asked: options, of which files are written. Raises OutputError.
+    Parameters
+    ----------
+    given
+        Arguments, among them the files that are read.
+    asked
+        Options, among them the files that are written.
+
+    Raises
+    ------
+    OutputError
+        If a target cannot be written, or is read as well.
     """
     inputs: list[str | Path] = []
     for name, value in given.items():
@@ -59,7 +79,22 @@ def check_outputs(given: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
 def progress_bar(
     what: str, total: int | None = None, unit: str = "it"
 ) -> Iterator[Callable[..., None]]:
-    """A bar on a terminal, to be told a step in words, how many are done and of how many, or all three."""
+    """A progress bar on a terminal.
+
+    Parameters
+    ----------
+    what
+        Words before the bar.
+    total
+        Steps in all; None if not known yet.
+    unit
+        Of a step.
+
+    Yields
+    ------
+    callable
+        Called with a step's name, with the numbers done and in all, or with all three.
+    """
     from tqdm import tqdm
 
     with tqdm(total=total, desc=what, unit=unit, disable=None, leave=False) as bar:
@@ -80,8 +115,16 @@ def finish(
 ) -> None:
     """Write what was asked for, then show the result.
 
-    asked: html, plots, json_file; model_file: of the result's model; output: the result itself. text: what is
-    printed; the result's own if not given. written: files that are there already.
+    Parameters
+    ----------
+    result
+        The result.
+    asked
+        Options html, plots, output, json_file; model_file is where the result's model goes.
+    text
+        What is printed; the result's own text if not given.
+    written
+        Files that are written already.
     """
     written = list(written)
     if (path := asked.get("model_file")) is not None:

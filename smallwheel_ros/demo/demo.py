@@ -52,12 +52,32 @@ def run_demo(
 ) -> tuple[dict[str, Any], str]:
     """Simulate a drive that ends stuck on a slope, play it into the node, draw what it finds.
 
-    folder: for everything that is made; files of an earlier run are replaced. distance: m before the
-    slope that ends the drive. rate: times as fast as real time, at most. Returns what was made as plain
-    values, and what was found in words; each step is reported on standard error.
+    Each step is reported on standard error.
 
-    Raises NodeProcessError if there is no ROS, PlayError if the node dies or does not answer,
-    DemoError if the folder cannot be used.
+    Parameters
+    ----------
+    folder
+        For all files; those of an earlier run are replaced.
+    seed
+        Of the simulated drive.
+    distance
+        m before the slope that ends the drive.
+    rate
+        Times as fast as real time, at most.
+
+    Returns
+    -------
+    document, text : dict, str
+        What was written and found as plain values, and in words.
+
+    Raises
+    ------
+    NodeProcessError
+        If there is no ROS.
+    PlayError
+        If the node dies or does not answer.
+    DemoError
+        If the folder cannot be used.
     """
     start = time.monotonic()
     check_ros()
@@ -131,10 +151,25 @@ def recorded(
 ) -> PlayedRecording:
     """Run the node in a process of its own, play a bag into it, and record its answers.
 
-    parameters: the node's parameter files; later ones win. folder: for the node's log.
-    overrides: further parameters. rate: as in `drive_through`.
+    Parameters
+    ----------
+    bag
+        The bag.
+    parameters
+        The node's parameter files; later ones win.
+    folder
+        For the node's log.
+    rate
+        Times as fast as real time, at most.
+    overrides
+        Further parameters by name; they win over the files.
 
-    Raises NodeProcessError if there is no ROS, PlayError if the node dies or does not answer.
+    Raises
+    ------
+    NodeProcessError
+        If there is no ROS.
+    PlayError
+        If the node dies or does not answer.
     """
     check_ros()
     from smallwheel_ros.ros.play import drive_through  # needs ROS
@@ -165,7 +200,15 @@ def _own_ros(log_folder: Path) -> Iterator[None]:
 
 
 def clip_of(recording: PlayedRecording, epoch: int) -> Clip:
-    """The answers as tables; epoch: ns at which their time begins."""
+    """The node's answers as tables.
+
+    Parameters
+    ----------
+    recording
+        The answers.
+    epoch
+        Stamp at which the tables' time is 0, ns.
+    """
     mobility = _mobility_table(recording.mobility, epoch)
     return Clip(mobility, _soil_table(recording.soil, epoch), recording, epoch)
 
@@ -200,7 +243,15 @@ def _soil_table(rows: list[dict[str, Any]], epoch: int) -> pd.DataFrame:
 
 
 def summary(full: Clip, answer: dict[str, Any]) -> str:
-    """What the node found, against what was true."""
+    """What the node estimated, compared with the truth.
+
+    Parameters
+    ----------
+    full
+        The node's answers.
+    answer
+        Truth of the simulated drive.
+    """
     found = full.recording
     latencies = np.array(found.latencies) * 1e3
     lines = [

@@ -45,7 +45,16 @@ class Clip(NamedTuple):
 def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], path: Path) -> None:
     """Write a PNG of a drive of four wheels that was played into the node.
 
-    truth: answer of the simulated drive. warned: times (s) at which the node warned of something.
+    Parameters
+    ----------
+    clip
+        The node's answers.
+    truth
+        Answer of the simulated drive.
+    warned
+        Times at which the node warned, s.
+    path
+        File of the picture.
     """
     wheels = sorted(truth["wheels"])
     figure = Figure(figsize=(13.0, 16.0), layout="constrained")

@@ -49,7 +49,15 @@ class DriveDiagnosis:
 
 
 def diagnosed(table: pd.DataFrame, path: Path) -> DriveDiagnosis:
-    """Diagnose a table of steady stretches. path: of its file."""
+    """Diagnose a table of steady stretches.
+
+    Parameters
+    ----------
+    table
+        One row for each stretch, in the columns of measurements.csv.
+    path
+        Its file, for the commands to run next.
+    """
     if len(table) < _FEWEST:
         return _none(table, f"there are {len(table)}, and it needs {_FEWEST}")
     from smallwheel_ros.diagnosis.pipeline import chance_of_nothing, diagnosis_of, start_of

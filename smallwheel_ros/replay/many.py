@@ -47,9 +47,19 @@ class Outcome:
 
 
 def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
-    """Return one replay for each bag, each into a folder of its own in `like`'s.
+    """Return one replay for each bag, each into its own folder below that of `like`.
 
-    Raises ReplayError if two bags have one name.
+    Parameters
+    ----------
+    bags
+        The bags.
+    like
+        The replay whose other fields they share.
+
+    Raises
+    ------
+    ReplayError
+        If two bags have the same name.
     """
     named: dict[str, ReplaySpec] = {}
     for spec in (replace(like, bag=bag) for bag in bags):
@@ -65,12 +75,29 @@ def specs_of(bags: Sequence[Path], like: ReplaySpec) -> list[ReplaySpec]:
 def replay_all(
     specs: Sequence[ReplaySpec], stop: Stop, *, jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[Outcome]:
-    """Replay bag by bag; outcomes as they come. What is done already is not done again.
+    """Replay bag by bag, and yield outcomes as they come; what is done already is skipped.
 
-    stop: those at work end with what they have when somebody asks for it, and no further one begins.
-    jobs: processes at a time. scheduler: address of a Dask cluster, which gets one bag a task. The
-    workers need this package, and the bags, the parameter file and the output folder under the same
-    paths as here. Raises ReplayError if dask.distributed is not installed, or nothing answers there.
+    Parameters
+    ----------
+    specs
+        The replays.
+    stop
+        When it is set, those running end with what they have, and no further one begins.
+    jobs
+        Processes at a time.
+    scheduler
+        Address of a Dask cluster, which gets one bag a task. Its workers need this package, and
+        bags, parameter file and output folder under the same paths as here.
+
+    Yields
+    ------
+    Outcome
+        Of each bag.
+
+    Raises
+    ------
+    ReplayError
+        If dask.distributed is not installed, or the scheduler does not answer.
     """
     left = []
     for spec in specs:
@@ -123,7 +150,17 @@ def _in_a_process(spec: ReplaySpec, stop: Stop | None = None) -> str:
 
 
 def outcome_of(spec: ReplaySpec, error: str = "", *, before: bool = False) -> Outcome:
-    """What became of a bag, as its folder says; error: what went wrong instead."""
+    """The outcome of a bag, from the summary in its folder.
+
+    Parameters
+    ----------
+    spec
+        The replay.
+    error
+        What went wrong; empty if nothing did.
+    before
+        Whether it was done by an earlier command.
+    """
     bag, folder, found = str(spec.bag), str(spec.folder), read_summary(spec.folder)
     if error:
         return Outcome(bag, folder, "failed", error)
@@ -154,11 +191,23 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """Put estimates and measurements of all bags into one table each; return the files' names.
+    """Join estimates and measurements of all bags into one table each.
 
     Estimates get a column `bag`; runs and soils of the measurements begin with the bag's name,
-    since no two drives share them. Of the measurements' columns those stay that all bags have: not
-    every drive tells the pass number.
+    since no two drives share them. Of the measurements' columns those stay that all bags have: the
+    pass number is not known in every drive.
+
+    Parameters
+    ----------
+    folder
+        Where the tables go.
+    outcomes
+        Of the bags, with their folders.
+
+    Returns
+    -------
+    dict
+        Names of the files by what they hold.
     """
     target, measured = folder / FILES["estimates_csv"], []
     for i, outcome in enumerate(outcomes):
@@ -178,10 +227,30 @@ def merge(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
 
 
 def merge_maps(folder: Path, outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """Lay the cost maps of all bags into one, the newest on top; return the files' names.
+    """Join the cost maps of all bags, the newest on top.
 
-    Where any of them has 100 it stays: a robot was stuck there. Raises ReplayError, CostMapError,
-    OutputError if there is no map, if they are not in one frame, or if one cannot be read or written.
+    Where any of them has 100 it stays: a robot was stuck there.
+
+    Parameters
+    ----------
+    folder
+        Where the map goes.
+    outcomes
+        Of the bags, with their folders.
+
+    Returns
+    -------
+    dict
+        Names of the files by what they hold.
+
+    Raises
+    ------
+    ReplayError
+        If there is no map, or they are not in one frame.
+    CostMapError
+        If one cannot be read.
+    OutputError
+        If the map cannot be written.
     """
     found: dict[str, Grid] = {}  # by the bag's path, the newest last
     for outcome in sorted(outcomes, key=lambda one: float((one.summary or {})["start"])):

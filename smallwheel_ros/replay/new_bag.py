@@ -90,8 +90,18 @@ class NewBag(BagWriter):
     ) -> None:
         """Write the fields of both messages, row by row.
 
-        columns: of MobilityEstimate. soils: fields of SoilEstimate of each row. times: of recording. frame:
-        that of odometry.
+        Parameters
+        ----------
+        rows
+            The estimates.
+        columns
+            Fields of MobilityEstimate by name, each of shape (rows,).
+        soils
+            Fields of SoilEstimate of each row.
+        times
+            Recording times, shape (rows,), ns.
+        frame
+            Frame of the odometry.
         """
         names, stamps = list(columns), rows.stamp.tolist()
         values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
@@ -108,7 +118,17 @@ class NewBag(BagWriter):
             self._write_pose(stamp, poses[i], time, frame)
 
     def write_vehicle(self, stamps: Integers, columns: Mapping[str, Any], times: Integers) -> None:
-        """Write the fields of VehicleMobility, row by row. times: of recording."""
+        """Write the fields of VehicleMobility, row by row.
+
+        Parameters
+        ----------
+        stamps
+            Shape (rows,), ns.
+        columns
+            Fields by name, each of shape (rows,).
+        times
+            Recording times, shape (rows,), ns.
+        """
         values = [c.tolist() if hasattr(c, "tolist") else c for c in columns.values()]
         for stamp, time, *row in zip(stamps.tolist(), times.tolist(), *values, strict=True):
             fields = dict(zip(columns, row, strict=True))
@@ -124,7 +144,17 @@ class NewBag(BagWriter):
             self._soil_waits = None
 
     def write_twists(self, rows: Twists, settings: TwistSettings, times: Integers) -> None:
-        """Write the vehicle's twist at each row."""
+        """Write the vehicle's twist at each row.
+
+        Parameters
+        ----------
+        rows
+            The twists.
+        settings
+            Their covariance's settings.
+        times
+            Recording times, shape (rows,), ns.
+        """
         topic = f"{self.prefix}/twist"
         if not self.has_twists:
             self.add(topic, _TWIST)
@@ -140,7 +170,15 @@ class NewBag(BagWriter):
             self.write(topic, _TWIST, int(times[i]), message)
 
     def is_due(self, what: str, time: int, period: int) -> bool:
-        """Whether a period (ns) has passed since this was last said, or time went back."""
+        """Whether a period has passed since this was last written, or time went back.
+
+        Parameters
+        ----------
+        what
+            What is written now and then.
+        time, period
+            ns.
+        """
         sent = self._sent.get(what)
         due = sent is None or not sent <= time < sent + period
         if due:
@@ -148,7 +186,15 @@ class NewBag(BagWriter):
         return due
 
     def write_grids(self, grids: CostGrids, stamp: int, time: int) -> None:
-        """Write the cost grids; stamp and time of recording in ns."""
+        """Write the cost grids.
+
+        Parameters
+        ----------
+        grids
+            In the order of the topics.
+        stamp, time
+            Stamp, and time of recording, ns.
+        """
         for name, grid in zip(COST_TOPICS, grids, strict=True):
             self._write_grid(f"{self.prefix}/{name}", grid, stamp, time)
 

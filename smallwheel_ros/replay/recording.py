@@ -101,9 +101,21 @@ class Recording:
         each: Callable[[RawMessage], object] | None = None,
         block: int = _BLOCK,
     ) -> Iterator[Iterator[Turn]]:
-        """The pipeline's turns, to be taken block by block, the last when nothing more comes.
+        """The turns of the pipeline, block by block; the last when nothing more comes.
 
-        also: topics that are read besides; each: is given every message.
+        Parameters
+        ----------
+        also
+            Topics that are read besides the inputs.
+        each
+            Called with every message.
+        block
+            Messages in a block, at most.
+
+        Yields
+        ------
+        iterator of Turn
+            The turns of a block.
         """
         begin, chunk = self.time, list[Message]()
         by_recording = self._by_clock and not self._has_clock
@@ -176,10 +188,30 @@ def turns_of(
     clock: bool = True,
     remap: Mapping[str, str] | None = None,
 ) -> Iterator[Turn]:
-    """Turns of a bag, one after the other; for the arguments see `Recording`.
+    """Turns of a bag, one after the other.
 
-    remap: names of topics in the bag by those that the parameters have. Raises BagError where the bag
-    cannot be read, or, behind the turns of what can be, where it is damaged.
+    Parameters
+    ----------
+    bag
+        The bag.
+    settings
+        The node's settings.
+    block
+        Messages in a block, at most.
+    clock
+        Whether /clock of the bag is the time, as with `use_sim_time`.
+    remap
+        Names of topics in the bag by those in the parameters.
+
+    Yields
+    ------
+    Turn
+        In the order of time.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read; if it is damaged, after the turns of its readable part.
     """
     names = {resolved(name): resolved(other) for name, other in (remap or {}).items()}
     with BagReader(bag) as reader:

@@ -70,14 +70,25 @@ def replay(
     progress: Progress = lambda _done, _all: None,
     report: Report = lambda _result, _folder: None,
 ) -> Replayed:
-    """Replay one bag into the spec's folder; also one that is damaged, or until somebody interrupts.
+    """Replay one bag into the spec's folder, even a damaged one, to its end or until interrupted.
 
-    progress: called now and then with the messages done and all. report: writes a page, before the
-    replay counts as done.
+    Parameters
+    ----------
+    spec
+        Bag, parameters, folder and options.
+    progress
+        Called now and then with the messages done and all.
+    report
+        Writes a page, before the replay counts as done.
 
-    Raises BagError if nothing can be read, or the new bag cannot be written; ParametersError if the
-    parameter file cannot be used; ReplayError if nothing can be estimated from the bag, or a file cannot
-    be written.
+    Raises
+    ------
+    BagError
+        If nothing can be read, or the new bag cannot be written.
+    ParametersError
+        If the parameter file cannot be used.
+    ReplayError
+        If nothing can be estimated from the bag, or a file cannot be written.
     """
     stop = Stop()
     with BagReader(spec.bag) as reader, stop.listening():

@@ -76,18 +76,51 @@ _SOIL = (
 
 
 def page(result: Replayed, pictures: bool = True, folder: Path | None = None) -> Page:
-    """All of a replay. folder: where its table is; the spec's where it is not given."""
+    """The page of a replay.
+
+    Parameters
+    ----------
+    result
+        The replay.
+    pictures
+        Whether to draw.
+    folder
+        Where its tables are; the spec's folder if not given.
+    """
     summary = result.to_dict(folder)
     return _page(summary, drive_blocks(summary, folder or result.spec.folder) if pictures else [])
 
 
 def save_page(result: Replayed, folder: Path) -> None:
-    """Write the page into the folder of a replay that is about to be done."""
+    """Write the page into the folder of a replay.
+
+    Parameters
+    ----------
+    result
+        The replay.
+    folder
+        Its folder, which may still be a draft.
+    """
     page(result, folder=folder).write(folder / FILES["report"])
 
 
 def draw(axes: Axes, replayed: Replayed, quantity: str) -> None:
-    """One column of the estimates over time, a curve for each wheel. Raises ResultError."""
+    """Draw one column of the estimates over time, one curve for each wheel.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    replayed
+        The replay.
+    quantity
+        Name of the column.
+
+    Raises
+    ------
+    ResultError
+        If there is no such column of numbers.
+    """
     table = replayed.to_frame()
     numbers = [str(name) for name in table.select_dtypes("number").columns]
     if quantity not in numbers:
@@ -250,7 +283,15 @@ def _times(count: int) -> str:
 
 
 def drive_blocks(summary: dict[str, Any], folder: Path) -> list[Block]:
-    """The way as a map, wheels and soil over time."""
+    """The path as a map; wheels and soil over time.
+
+    Parameters
+    ----------
+    summary
+        As in summary.json.
+    folder
+        Where the tables are.
+    """
     counts = [wheel["estimates"] for wheel in summary["wheels"].values()]
     every = max(1, math.ceil(max(counts) / _MOST_POINTS))
     courses = read_courses(folder / FILES["estimates_csv"], every)
@@ -452,9 +493,19 @@ def _needed(column: Any) -> bool:
 
 
 def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
-    """Return every so many-th row of each wheel of a table of estimates (CSV), by wheel.
+    """Read every n-th row of each wheel of a table of estimates.
 
-    With a column `used`: whether the measured sinkage was used for the soil.
+    Parameters
+    ----------
+    table
+        CSV file of estimates.
+    every
+        n.
+
+    Returns
+    -------
+    dict of DataFrame
+        By wheel, with a column `used`: whether the soil was updated by the row's sinkage.
     """
     rows = pd.read_csv(table, usecols=_needed)
     rows["used"] = is_used(rows)

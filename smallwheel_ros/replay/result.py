@@ -201,7 +201,20 @@ class Replayed(Result, shown="replay.report"):
         return pandas.read_csv(self.spec.folder / FILES["estimates_csv"])
 
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage_predicted") -> Axes:
-        """Draw a column of the estimates over time, one curve for each wheel."""
+        """Draw a column of the estimates over time, one curve for each wheel.
+
+        Parameters
+        ----------
+        ax
+            Where to draw; new axes if not given.
+        quantity
+            Name of the column.
+
+        Raises
+        ------
+        ResultError
+            If there is no such column of numbers.
+        """
         return self._drawn(ax, quantity)
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:

@@ -161,10 +161,24 @@ def check_parameters(spec: ReplaySpec) -> list[str]:
 
 
 def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, list[str]]:
-    """Read the parameter file, and what it does not give from the bag's robot description.
+    """Read the parameter file, and from the bag's robot description what the file does not give.
 
-    Returns settings and notes: what in the file is not known, and what came of the description. Raises
-    ParametersError if the file cannot be read, or a parameter is missing or wrong.
+    Parameters
+    ----------
+    spec
+        The replay.
+    reader
+        Of its bag.
+
+    Returns
+    -------
+    settings, notes : NodeSettings, list of str
+        Notes are unknown parameters, and what was taken from the description.
+
+    Raises
+    ------
+    ParametersError
+        If the file cannot be read, or a parameter is missing or wrong.
     """
     values = read_parameters(spec.config)
     notes: list[str] = []
@@ -233,10 +247,25 @@ def inputs_of(
     reader: BagReader,
     unusable: Mapping[Key, str],
 ) -> tuple[Input, ...]:
-    """Say by which topic each stream of the estimate comes, and why not where it does not.
+    """By which topic each stream of the estimate comes, and if none, why.
 
-    unusable: topics and types of which the bag's definition cannot be used, and why. Raises ReplayError
-    if a remap names no input of the node.
+    Parameters
+    ----------
+    spec
+        The replay.
+    topics
+        The node's input topics.
+    settings
+        The node's settings.
+    reader
+        Of the bag.
+    unusable
+        By topic and type, why the bag's message definition cannot be used.
+
+    Raises
+    ------
+    ReplayError
+        If a remap names no input of the node.
     """
     # The robot description is no stream, but may be remapped too.
     names = [*(topic.name for topic in topics), settings.robot_description_topic]
@@ -278,7 +307,22 @@ def _detail(stream: str, settings: NodeSettings) -> str:
 
 
 def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagReader) -> None:
-    """Raise ReplayError, which says what to do, unless a wheel has what an estimate needs."""
+    """Check that a wheel has what an estimate needs.
+
+    Parameters
+    ----------
+    wheels
+        Their names.
+    inputs
+        All streams, with what is lacking.
+    reader
+        Of the bag.
+
+    Raises
+    ------
+    ReplayError
+        If none has; it lists what is missing and what to do.
+    """
     missing = [item for item in inputs if item.lacking]
     lost = {item.stream for item in missing}
     if any(not {f"{wheel}/load", f"{wheel}/sinkage"} & lost for wheel in wheels):

@@ -120,7 +120,21 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         soils: Sequence[Mapping[str, Any]],
         soil_of: Integers,
     ) -> None:
-        """Take rows. speed: of each wheel, m/s. columns: of the message. soils, soil_of: fields, which."""
+        """Add rows.
+
+        Parameters
+        ----------
+        rows
+            The estimates.
+        speed
+            Of each row's wheel, shape (rows,), m/s.
+        columns
+            Fields of MobilityEstimate by name, each of shape (rows,).
+        soils
+            Fields of SoilEstimate of each soil of these rows.
+        soil_of
+            Index in `soils`, shape (rows,).
+        """
         if not len(rows):
             return
         self._blocks.append(
@@ -250,7 +264,15 @@ class VehicleTable:
         self._blocks: list[pd.DataFrame] = []
 
     def add(self, stamps: Integers, columns: Mapping[str, Any]) -> None:
-        """Take rows: their stamps (ns), and the fields of their messages."""
+        """Add rows.
+
+        Parameters
+        ----------
+        stamps
+            Shape (rows,), ns.
+        columns
+            Fields of VehicleMobility by name, each of shape (rows,).
+        """
         block = pd.DataFrame({"stamp": stamps, "time": (stamps - self._start) / SECOND, **columns})
         for flag, names in VEHICLE_VALID.items():
             about = [*names, *(f"{name}_standard_deviation" for name in names)]
@@ -314,7 +336,15 @@ class SteadyStretches:
         self._soil += 1
 
     def add(self, rows: Readings, changing: Flags) -> None:
-        """Take readings. changing: at which of them the soil just did."""
+        """Add readings.
+
+        Parameters
+        ----------
+        rows
+            Readings, in order of time.
+        changing
+            At which of them the soil changed just then, shape (rows,).
+        """
         if not len(rows):
             return
         begins = changing & ~np.concatenate([[self._changing], changing[:-1]])

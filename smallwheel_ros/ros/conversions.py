@@ -38,12 +38,28 @@ def time_message(stamp: int) -> Time:
 
 
 def header_of(stamp: int, frame: str) -> Header:
-    """A header; stamp in ns."""
+    """A message header.
+
+    Parameters
+    ----------
+    stamp
+        ns.
+    frame
+        Its frame_id.
+    """
     return Header(stamp=time_message(stamp), frame_id=frame)
 
 
 def grid_message(grid: Grid, stamp: int) -> OccupancyGrid:
-    """Turn a grid into its message; stamp in ns."""
+    """Turn a grid into its message.
+
+    Parameters
+    ----------
+    grid
+        The grid.
+    stamp
+        ns.
+    """
     message = OccupancyGrid(header=header_of(stamp, grid.frame))
     info = message.info
     info.map_load_time = message.header.stamp

@@ -66,9 +66,21 @@ class CostPublisher:
         self._ground = GroundMapper(self.map, settings.onboard.wheels)
 
     def take(self, estimates: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Take rows of estimates; return those of the vehicle, with margins of terrain classes.
+        """Take rows of estimates into the map; return the vehicle's rows with margins of terrain classes.
 
-        frame: that of the odometry.
+        Parameters
+        ----------
+        estimates
+            Newer than those before.
+        vehicle
+            Rows of the vehicle of the same turn.
+        frame
+            Frame of the odometry.
+
+        Returns
+        -------
+        VehicleEstimates
+            The vehicle's rows, with margins of terrain classes.
         """
         self._stamp = max(self._stamp, int(estimates.stamp.max(initial=0)))
         vehicle = self._ground.take(estimates, vehicle, frame)

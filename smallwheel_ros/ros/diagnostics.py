@@ -32,7 +32,19 @@ _LEVELS = {
 def status(
     name: str, level: bytes, message: str, values: Mapping[str, str] | None = None
 ) -> DiagnosticStatus:
-    """Return one entry of the diagnostics."""
+    """Return one entry of the diagnostics.
+
+    Parameters
+    ----------
+    name
+        What it is about.
+    level
+        OK, WARN, ERROR or STALE.
+    message
+        The state in words.
+    values
+        Details by key, in words.
+    """
     return DiagnosticStatus(
         name=name,
         level=level,
@@ -43,7 +55,17 @@ def status(
 
 
 def entries(pipeline: Pipeline, newest: Estimates, cost: CostPublisher) -> list[DiagnosticStatus]:
-    """Return the diagnostics of an active node, but for its inputs. newest: a row of each wheel."""
+    """Return the diagnostics of an active node, except those of its inputs.
+
+    Parameters
+    ----------
+    pipeline
+        The node's pipeline.
+    newest
+        The newest row of each wheel.
+    cost
+        The cost map's publisher.
+    """
     said = statements(pipeline, newest)
 
     def of(entry: str, plain: str, values: Mapping[str, str]) -> DiagnosticStatus:
@@ -88,9 +110,19 @@ def _soil(pipeline: Pipeline) -> DiagnosticStatus:
 
 
 def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> dict[str, str]:
-    """The strength as it was measured, and in words what is not determined of it.
+    """The measured strength, and in words what is not determined of it.
 
-    lacking: what sources that are not in use need, and what they would bring.
+    Parameters
+    ----------
+    estimate
+        The strength, SI units and radians.
+    lacking
+        By source that is not in use, in words: what it needs, and what it would add.
+
+    Returns
+    -------
+    dict
+        Words by key.
     """
     values = {
         "strength": "; ".join(estimate.status) or "determined",

@@ -123,11 +123,18 @@ class Inputs:
         take_static: Callable[[Any], None],
         take_elevation: Callable[[Any], None],
     ) -> None:
-        """Subscribe to the topics. Where that fails, to none.
+        """Subscribe to all topics; where one subscription fails, to none.
 
-        take_elevation: called with a map of elevations, where there is a topic of it. take_classes,
-        take_transforms, take_static: called with a grid of terrain classes, and with what comes by /tf and
-        tf, and by /tf_static and tf_static, where tf2_msgs is installed.
+        Parameters
+        ----------
+        take_classes
+            Called with a grid of terrain classes.
+        take_transforms
+            Called with the messages of /tf and tf, where tf2_msgs is installed.
+        take_static
+            Called with those of /tf_static and tf_static.
+        take_elevation
+            Called with an elevation map, where such a topic is configured.
         """
         self.arrived = time.monotonic()
 
@@ -338,7 +345,20 @@ def _queued(subscription: Subscription, *, raw: bool) -> Iterator[tuple[Any, Map
 
 
 def part_of_message(stream: str, settings: NodeSettings) -> str:
-    """Which part of its topic's messages a stream is, in words; empty: all that is read of them."""
+    """Which part of its topic's messages a stream is, in words.
+
+    Parameters
+    ----------
+    stream
+        Name of the stream, WHEEL/KIND.
+    settings
+        The node's settings.
+
+    Returns
+    -------
+    str
+        Empty where the whole message is used.
+    """
     wheel, _, kind = stream.rpartition("/")
     own = settings.inputs.get(wheel)
     if own is None:
@@ -369,9 +389,14 @@ def input_lines(topics: Mapping[str, Topic]) -> list[str]:
 
 
 def estimates(settings: OnboardSettings, undeterminable: Sequence[str]) -> str:
-    """What is estimated, and of which wheels, once all inputs are here.
+    """What is estimated, and for which wheels, once all inputs have arrived.
 
-    undeterminable: what these wheels cannot determine of the soil, in words.
+    Parameters
+    ----------
+    settings
+        The pipeline's settings.
+    undeterminable
+        What these wheels cannot determine about the soil, in words.
     """
     if len(settings.without_sinkage) == len(settings.wheels):
         law = "nothing of the soil's law (no sinkage is measured)"

@@ -62,10 +62,16 @@ _EXAGGERATION = 10.0  # sinkages are small beside a vehicle
 
 
 def markers(newest: Estimates, wheels: Sequence[Wheel], frame: str) -> MarkerArray:
-    """A column under each wheel, ten times as high as it is deep, with its sinkage in words.
+    """A column under each wheel, ten times as high as its sinkage, with the sinkage in words.
 
-    newest: a row of each wheel, by which number markers go; one without a place has none. frame: of the
-    odometry.
+    Parameters
+    ----------
+    newest
+        A row of each wheel; those without a position have no marker.
+    wheels
+        By wheel number, which is the marker's id.
+    frame
+        Frame of the odometry.
     """
     array = MarkerArray()
     for i in range(len(newest)):
@@ -171,9 +177,14 @@ class Outputs:
         self._soil_sent = self._soil_waits = None
 
     def publish(self, turn: Turn, frame: str) -> None:
-        """Publish what a turn has made, and keep what goes out at rates of its own.
+        """Publish the results of a turn, and keep those that go out at rates of their own.
 
-        frame: that of the odometry.
+        Parameters
+        ----------
+        turn
+            A turn of the pipeline.
+        frame
+            Frame of the odometry.
         """
         # Before the first estimate there is nothing to forget: a map that was restored stays.
         if turn.starts_over and len(self.newest):
@@ -311,7 +322,15 @@ def _fields_of(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def newest_of(before: Estimates, found: Estimates) -> Estimates:
-    """The newest row of each wheel, in the order of their numbers. found: behind those before."""
+    """The newest row of each wheel, in the order of the wheels' numbers.
+
+    Parameters
+    ----------
+    before
+        Newest rows so far.
+    found
+        Newer rows.
+    """
     every = Estimates.joined([before, found])
     _, last = np.unique(every.wheel[::-1], return_index=True)
     return every.take(len(every) - 1 - last)

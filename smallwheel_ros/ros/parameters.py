@@ -281,7 +281,20 @@ class RobotDescription:
 
 
 def velocity_elsewhere(base: str, frame: str) -> list[str]:
-    """What to say of the frame of `velocity_topic`'s newest message; nothing where it is the base frame."""
+    """A warning where the newest message of `velocity_topic` is not in the base frame.
+
+    Parameters
+    ----------
+    base
+        The vehicle's base frame.
+    frame
+        Frame of the message; empty is the base frame.
+
+    Returns
+    -------
+    list of str
+        At most one sentence.
+    """
     if frame in ("", base):
         return []
     return [f"velocity_topic is in frame {frame!r}, expected {base!r}: publish it in that frame"]

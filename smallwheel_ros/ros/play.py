@@ -112,10 +112,23 @@ class PlayedRecording:
 def drive_through(
     bag: Path | str, *, rate: float = 1.0, alive: Callable[[], str | None] = lambda: None
 ) -> PlayedRecording:
-    """Play a bag into the node at most `rate` times as fast as recorded, and return its answers.
+    """Play a bag into the node and return its answers.
 
-    alive: says why the node is dead, None while it lives. Raises PlayError if the node does not listen,
-    dies or does not answer; BagError.
+    Parameters
+    ----------
+    bag
+        The bag.
+    rate
+        Times as fast as recorded, at most.
+    alive
+        Says why the node is dead; None while it lives.
+
+    Raises
+    ------
+    PlayError
+        If the node does not listen, dies or does not answer.
+    BagError
+        If the bag cannot be read.
     """
     if rclpy.ok():
         raise PlayError("rclpy is running in this process already: shut it down first")
@@ -266,9 +279,21 @@ class _Player:
 
 
 def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
-    """Publish a bag at its pace once somebody listens to it, at most after `wait` s.
+    """Publish a bag at its pace as soon as somebody listens to it.
 
-    Returns how many messages, and how a hole in the times of recording was bridged, in words.
+    Parameters
+    ----------
+    bag
+        The bag.
+    rate
+        Times as fast as recorded.
+    wait
+        Time after which it is published all the same, s.
+
+    Returns
+    -------
+    count, hole : int, str
+        Messages published; in words how a gap in the recording times was bridged.
     """
     with _Player(bag, lambda: None) as player:
         limit = time.monotonic() + wait

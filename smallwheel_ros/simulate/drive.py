@@ -172,7 +172,22 @@ def in_ground(soil: TruthSoil) -> TrueSoil:
 
 
 def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> tuple[Stretch, ...]:
-    """Draw what the rover drives over: `single` is one soil, `mixed` changes about every 10 m."""
+    """Draw what the rover drives over: `single` is one soil, `mixed` changes about every 10 m.
+
+    Parameters
+    ----------
+    terrain
+        `single` or `mixed`.
+    distance
+        Length of the drive, m.
+    rng
+        Where the draws come from.
+
+    Returns
+    -------
+    tuple of Stretch
+        Soils by the place where they begin; the first at 0 m.
+    """
 
     def draw(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
         return soil_of_pressure(
@@ -194,7 +209,20 @@ def draw_stretches(terrain: str, distance: float, rng: np.random.Generator) -> t
 
 
 def draw_patches(distance: float, rng: np.random.Generator) -> tuple[Started, ...]:
-    """Draw slippery places, one every 6 m or so, with 0.7 of the grip."""
+    """Draw slippery places, one every 6 m or so, with 0.7 of the grip.
+
+    Parameters
+    ----------
+    distance
+        Length of the drive, m.
+    rng
+        Where the draws come from.
+
+    Returns
+    -------
+    tuple of Started
+        Features of kind `grip`, each with its start and end (m).
+    """
     count = max(1, round(distance / 6.0))
     starts = (np.arange(count) + rng.uniform(0.3, 0.8, count)) * distance / count
     ends = starts + rng.uniform(0.9, 1.5, count)
@@ -208,6 +236,20 @@ def draw_finish(name: str, distance: float, rng: np.random.Generator) -> tuple[S
     """Draw the end of a drive, one of `FINISHES`, after `distance`.
 
     A slope of 2.5 to 4.5 degrees more in each metre; or grip that falls to a tenth.
+
+    Parameters
+    ----------
+    name
+        One of `FINISHES`.
+    distance
+        Where the end begins, m along the path.
+    rng
+        Where the draws come from.
+
+    Returns
+    -------
+    tuple of Started
+        One feature; none for any other name.
     """
     if name == "slope":
         rise = np.radians(rng.uniform(2.5, 4.5)) * _TO_BE_STUCK

@@ -39,6 +39,20 @@ def write_drive_bag(drive: Drive, path: Path | str, *, storage: Storage = "mcap"
 
     The folder appears when the bag is complete. A progress bar is shown on a terminal.
 
+    Parameters
+    ----------
+    drive
+        A simulated drive.
+    path
+        New folder of the bag.
+    storage
+        `mcap` or `sqlite3`.
+
+    Returns
+    -------
+    int
+        Messages written.
+
     Raises
     ------
     BagError

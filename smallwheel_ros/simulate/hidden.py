@@ -72,7 +72,20 @@ class HiddenEffect:
 
 
 def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
-    """Give what effects do in a stage, in their order."""
+    """Give what effects do in a stage, in their order.
+
+    Parameters
+    ----------
+    effects
+        Hidden effects, in the order in which they act.
+    stage
+        Name of the stage of the simulation.
+
+    Yields
+    ------
+    callable
+        The law of each effect of this stage, with its amplitude and numbers filled in.
+    """
     for effect in effects:
         if effect.law.stage == stage:
             yield partial(effect.law.does, effect.amplitude, **effect.numbers)
@@ -81,7 +94,24 @@ def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[...
 def shown_by_instrument(
     effects: Sequence[HiddenEffect], channel: str, value: Array, at: Circumstances
 ) -> Array:
-    """Let the faults of instruments have their say about `sinkage`, `resistance` or `load`."""
+    """Apply the faults of the instruments of a channel to its true value.
+
+    Parameters
+    ----------
+    effects
+        Hidden effects, in the order in which they act.
+    channel
+        `sinkage`, `resistance` or `load`.
+    value
+        True value, shape (rows,), m or N.
+    at
+        Circumstances of the rows.
+
+    Returns
+    -------
+    ndarray
+        What the instrument shows, same shape and unit.
+    """
     for shows in acting(effects, f"shown_{channel}"):
         value = shows(value, at)
     return value

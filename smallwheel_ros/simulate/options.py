@@ -32,7 +32,20 @@ def options_of(settings: type) -> dict[str, Option]:
 
 
 def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Command], Command]:
-    """Give a command the options of its settings, in their order but for those that come first."""
+    """Give a command the options of its settings, in their order but for those that come first.
+
+    Parameters
+    ----------
+    settings
+        Dataclass of settings, with defaults.
+    first
+        Names of the fields whose options come first.
+
+    Returns
+    -------
+    callable
+        Decorator of a click command.
+    """
     said = options_of(settings)
     order = [*first, *(name for name in said if name not in first)]
 

@@ -80,7 +80,22 @@ class RigDesign:
 def draw_design(
     effects: Sequence[HiddenEffect], tie: Sequence[str], rng: np.random.Generator
 ) -> RigDesign:
-    """Draw wheels and soil: four diameters, four widths, a sand or loam that carries them."""
+    """Draw wheels and soil: four diameters, four widths, a sand or loam that carries them.
+
+    Parameters
+    ----------
+    effects
+        Hidden effects; the columns that they need are varied, too.
+    tie
+        The pair of settings that are tied, leader first; empty for none.
+    rng
+        Where the draws come from.
+
+    Returns
+    -------
+    RigDesign
+        Soil (SI), wheels (m) and the range of each setting.
+    """
     diameters = np.array([0.13, 0.2, 0.3, 0.45]) * rng.uniform(0.9, 1.1, 4)
     widths = np.array([0.04, 0.07, 0.11, 0.17]) * rng.uniform(0.9, 1.1, 4)
     ranges = {name: RANGES[name] for name in CONTINUOUS}
@@ -130,9 +145,29 @@ def draw_runs(
 ) -> tuple[RunSettings, ...]:
     """Draw runs, each setting independent of the others (but for a tie).
 
-    Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn
-    again, as nothing is measured there; that leaves slight correlations of load, diameter and width.
-    Raises SimulationError if hardly any setting is left: the hidden effects are too strong.
+    Settings at which the truth sinks by less than 1 mm or more than 0.3 diameters are drawn again,
+    as nothing is measured there; that leaves slight correlations of load, diameter and width.
+
+    Parameters
+    ----------
+    design
+        Ranges of the settings, and the soil.
+    effects
+        Hidden effects.
+    count
+        Number of runs.
+    rng
+        Where the draws come from.
+
+    Returns
+    -------
+    tuple of dict
+        `count` settings by column name, SI units and radians.
+
+    Raises
+    ------
+    SimulationError
+        If hardly any setting is left: the hidden effects are too strong.
     """
     runs: list[RunSettings] = []
     tried = 0
@@ -231,6 +266,8 @@ def measure(
 
     Parameters
     ----------
+    truth
+        The rig: its soil, hidden effects and noise.
     runs
         For each run its settings by column name, SI units and radians. What is not given is as in
         the middle of the rig's range.
@@ -356,6 +393,13 @@ def _spoil(
 
 def write_table(table: pd.DataFrame, path: Path | str) -> None:
     """Write a table as CSV or Parquet, by its suffix, whole or not at all.
+
+    Parameters
+    ----------
+    table
+        Columns in SI units, as `simulate_rig` makes them.
+    path
+        File to write, ending in .csv or .parquet.
 
     Raises
     ------

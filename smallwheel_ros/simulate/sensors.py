@@ -27,7 +27,22 @@ _SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they
 
 
 def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
-    """Errors of deviation 1 of which a share `keep` is left in the next one; normal: draws them."""
+    """Correlated errors of deviation 1, a first-order autoregression.
+
+    Parameters
+    ----------
+    normal
+        Draws that many independent standard normal numbers.
+    count
+        Number of errors.
+    keep
+        Correlation of neighbours, 0 to 1.
+
+    Returns
+    -------
+    ndarray
+        Errors, shape (count,).
+    """
     shocks = math.sqrt(1.0 - keep**2) * normal(count)
     shocks[:1] = normal(min(count, 1))
     return np.asarray(lfilter([1.0], [1.0, -keep], shocks))

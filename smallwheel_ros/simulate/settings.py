@@ -26,7 +26,24 @@ class SimulationError(SmallwheelError):
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Raise `SimulationError` unless a setting is a number between two others, both allowed."""
+    """Check that a setting is a finite number between two others, both allowed.
+
+    Parameters
+    ----------
+    name
+        Name of the setting, for the message.
+    value
+        The setting.
+    low, high
+        Its bounds, in its own unit.
+    unit
+        Its unit, for the message.
+
+    Raises
+    ------
+    SimulationError
+        If it is not.
+    """
     if not (math.isfinite(value) and low <= value <= high):
         unit = f" {unit}" if unit else ""
         raise SimulationError(
@@ -152,7 +169,27 @@ def extra_column(column: str) -> tuple[str, float, float]:
 def draw_effects(
     hidden: Sequence[str], rng: np.random.Generator, strength: float = 1.0
 ) -> tuple[HiddenEffect, ...]:
-    """Draw the numbers of the named effects, in that order."""
+    """Draw the numbers of the named effects, in that order.
+
+    Parameters
+    ----------
+    hidden
+        Effects as they are asked for on the command line.
+    rng
+        Where the draws come from.
+    strength
+        Factor on the typical amplitudes.
+
+    Returns
+    -------
+    tuple of HiddenEffect
+        In the order of `hidden`.
+
+    Raises
+    ------
+    SimulationError
+        If an effect is unknown or asked for wrongly.
+    """
     texts = check_hidden(hidden)
     return tuple(_drawn(Asked.of(text), rng, strength) for text in texts)
 

@@ -30,7 +30,22 @@ class SteeredWheels:
         self.bend = self.crab = 0.0
 
     def bent(self, rim: float, turning: float, tick: float) -> float:
-        """Rate of turning (rad/s) that is reached in this tick, in place of the one that is commanded."""
+        """The rate of turning that the curvature's limited rate of change allows in this tick.
+
+        Parameters
+        ----------
+        rim
+            Commanded speed of the rims, m/s; at 0 the rate is not limited.
+        turning
+            Commanded rate of turning, rad/s.
+        tick
+            Length of the tick, s.
+
+        Returns
+        -------
+        float
+            Rate of turning that is reached, rad/s.
+        """
         if not rim:
             return turning
         wish, most = turning / rim, _BEND_RATE * tick
@@ -38,7 +53,24 @@ class SteeredWheels:
         return self.bend * rim
 
     def turn_to(self, rim: float, turning: float, crab: float, tick: float) -> bool:
-        """Turn the wheels; return whether they point as they have to for a speed and a rate of turning."""
+        """Turn the wheels by one tick towards the angles that a speed and a rate of turning need.
+
+        Parameters
+        ----------
+        rim
+            Speed of the rims, m/s.
+        turning
+            Rate of turning, rad/s.
+        crab
+            Course of the vehicle from its heading, rad.
+        tick
+            Length of the tick, s.
+
+        Returns
+        -------
+        bool
+            Whether the wheels stand near enough to their angles for the rover to drive.
+        """
         self.crab = crab
         if not rim and not turning:
             return True
@@ -51,7 +83,20 @@ class SteeredWheels:
         return ready
 
     def velocities(self, speed: float, rate: float) -> Array:
-        """Velocities of the wheels' places ahead and to the left, (2, wheels): speed along the course."""
+        """Velocities of the wheels' places, ahead and to the left.
+
+        Parameters
+        ----------
+        speed
+            Speed along the course, m/s.
+        rate
+            Rate of turning, rad/s.
+
+        Returns
+        -------
+        ndarray
+            Shape (2, wheels), m/s.
+        """
         ahead = speed * math.cos(self.crab) - rate * self.y
         return np.stack([ahead, speed * math.sin(self.crab) + rate * (self.x - self.pivot)])
 

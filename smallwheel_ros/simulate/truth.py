@@ -72,6 +72,20 @@ class Contact:
 
         With theta = theta_0 (1 - u^3) the integrand goes to zero like u^(3n+2) there, which suits
         Simpson's rule for every n that soils have.
+
+        Parameters
+        ----------
+        diameter
+            Shape (rows,), m.
+        sinkage
+            Shape (rows,), m, below the soil in front of the wheel.
+        rut
+            Depth of the rut that earlier wheels left, shape (rows,), m; none if not given.
+
+        Returns
+        -------
+        Contact
+            Points from the entry (first) to the lowest point of the rim (last).
         """
         u = np.linspace(0.0, 1.0, _NODES)
         simpson = np.full(_NODES, 2.0)
@@ -96,23 +110,76 @@ class Contact:
         return share
 
     def upward(self, stress: Array, width: Array) -> Array:
-        """Vertical component (N) of a stress (Pa) on these points."""
+        """Vertical component (N) of a stress (Pa) on these points.
+
+        Parameters
+        ----------
+        stress
+            Shape (rows, nodes), Pa.
+        width
+            Shape (rows,), m.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), N.
+        """
         return self.along(stress * np.cos(self.angle), width)
 
     def backward(self, stress: Array, width: Array) -> Array:
-        """Horizontal component (N) of a stress (Pa) on these points."""
+        """Horizontal component (N) of a stress (Pa) on these points.
+
+        Parameters
+        ----------
+        stress
+            Shape (rows, nodes), Pa.
+        width
+            Shape (rows,), m.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), N.
+        """
         return self.along(stress * np.sin(self.angle), width)
 
     def along(self, stress: Array, width: Array) -> Array:
-        """Sum (N) along the arc of a stress (Pa) on these points: its torque over the radius."""
+        """Sum (N) along the arc of a stress (Pa) on these points: its torque over the radius.
+
+        Parameters
+        ----------
+        stress
+            Shape (rows, nodes), Pa.
+        width
+            Shape (rows,), m.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), N.
+        """
         force: Array = width * self.diameter / 2 * np.sum(stress * self.weight, axis=1)
         return force
 
 
 def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array]) -> Array:
-    """Sinkage (m) at which `carried`, N at a sinkage, is the load; NaN where that is the axle.
+    """Sinkage at which `carried` equals the load.
 
     Solved for ln(load) over ln(sinkage), which is nearly a straight line.
+
+    Parameters
+    ----------
+    load
+        Shape (rows,), N.
+    diameter
+        Shape (rows,), m.
+    carried
+        Gives the load (N) that is carried at a sinkage (m), both of shape (rows,).
+
+    Returns
+    -------
+    ndarray
+        Sinkage, shape (rows,), m; NaN where it would reach the axle.
     """
 
     def excess(log_sinkage: Array) -> Array:
@@ -132,6 +199,20 @@ def bracketed_root(
     """Where rising functions are zero, one for each element, by regula falsi (Illinois rule).
 
     Never leaves the bracket; gives its nearer end where a function has no zero in it.
+
+    Parameters
+    ----------
+    function
+        Rising in its argument, each element by itself, shape (n,).
+    low, high
+        Ends of the brackets, shape (n,).
+    tolerance
+        Change of the root at which the iteration ends, in units of the argument.
+
+    Returns
+    -------
+    ndarray
+        Shape (n,).
     """
     at_low, at_high = function(low), function(high)
     below, above = at_high <= 0, at_low >= 0
@@ -178,7 +259,24 @@ class TruthSoil:
 
 
 def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: float) -> TruthSoil:
-    """Make a soil from its pressure (Pa) at 10 mm sinkage of a wheel of 0.25 m diameter."""
+    """Make a soil from its pressure at 10 mm sinkage of a wheel of 0.25 m diameter.
+
+    Parameters
+    ----------
+    name
+        Name of the soil.
+    pressure
+        Pa.
+    n, m
+        Exponents of sinkage and of diameter.
+    **rest
+        Further fields of `TruthSoil`, SI units.
+
+    Returns
+    -------
+    TruthSoil
+        Its k makes k z^n D^m that pressure.
+    """
     k = pressure / (_REFERENCE_SINKAGE**n * _REFERENCE_DIAMETER**m)
     return TruthSoil(name, k, n, m, **rest)
 
@@ -228,11 +326,39 @@ class Circumstances:
 
 
 def supported_load(law: PressureLaw, diameter: Array, width: Array, sinkage: Array) -> Array:
-    """Load (N) that a soil carries at a sinkage (m) where depth alone decides about pressure."""
+    """Load that a soil carries at a sinkage where its pressure depends on depth alone.
+
+    Parameters
+    ----------
+    law
+        Gives the pressure (Pa) at depths (m), shape (rows, nodes).
+    diameter, width, sinkage
+        Shape (rows,), m.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), N.
+    """
     contact = Contact.at(diameter, sinkage)
     return contact.upward(law(contact.depth), width)
 
 
 def static_sinkage(law: PressureLaw, load: Array, diameter: Array, width: Array) -> Array:
-    """Sinkage (m) at which the soil carries the load; NaN where the wheel sinks to its axle."""
+    """Sinkage at which the soil carries the load.
+
+    Parameters
+    ----------
+    law
+        Gives the pressure (Pa) at depths (m), shape (rows, nodes).
+    load
+        Shape (rows,), N.
+    diameter, width
+        Shape (rows,), m.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), m; NaN where the wheel would sink to its axle.
+    """
     return sinkage_under(load, diameter, lambda z: supported_load(law, diameter, width, z))

@@ -68,13 +68,39 @@ class Truth:
     stuck: float | None
 
     def at(self, time: Array, values: Array) -> Array:
-        """Values of the truth at other times (s); of wheels, shape (times, wheels), each by itself."""
+        """Interpolate values of the truth linearly to other times.
+
+        Parameters
+        ----------
+        time
+            Shape (times,), s.
+        values
+            At the truth's own times, shape (rows,) or (rows, wheels).
+
+        Returns
+        -------
+        ndarray
+            Shape (times,) or (times, wheels), in the unit of `values`.
+        """
         if values.ndim == 1:
             return np.interp(time, self.time, values)
         return np.stack([self.at(time, of_wheel) for of_wheel in values.T], axis=1)
 
     def felt(self, time: Array, lean: Array | tuple[float, float] = (0.0, 0.0)) -> Array:
-        """What an imu feels (m/s^2), shape (times, 3); lean: of its mounting, nose and left side up, rad."""
+        """Specific force that an IMU measures.
+
+        Parameters
+        ----------
+        time
+            Shape (times,), s.
+        lean
+            Error of its mounting, nose up and left side up, rad.
+
+        Returns
+        -------
+        ndarray
+            Ahead, left, up; shape (times, 3), m/s^2.
+        """
         climb, roll = self.at(time, self.climb), self.at(time, self.roll)
         turning = self.at(time, self.speed) * self.at(time, self.rate)
         ahead = GRAVITY * np.sin(climb + lean[0]) + self.at(time, self.acceleration)
@@ -82,7 +108,20 @@ class Truth:
         return np.stack([ahead, left, GRAVITY * np.cos(climb) * np.cos(roll)], axis=1)
 
     def travel(self, rover: SimulatedRover, wheel: int) -> Array:
-        """Speed of a wheel's place along the wheel's heading, m/s."""
+        """Speed of a wheel's place along the wheel's heading.
+
+        Parameters
+        ----------
+        rover
+            The rover that drove.
+        wheel
+            Number of the wheel.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), m/s.
+        """
         own, angle = rover.wheels[wheel], self.steering[:, wheel]
         lever = (own.x - rover.pivot) * np.sin(angle) - own.y * np.cos(angle)
         return np.asarray(np.cos(angle - self.crab) * self.speed + lever * self.rate)
@@ -212,7 +251,15 @@ class SimulatedVehicle:
             self.failed = self.time > until
 
     def step(self, rim: float, turning: float) -> None:
-        """One tick: rims are commanded to go at this speed (m/s) and rate (rad/s)."""
+        """Go on by one tick.
+
+        Parameters
+        ----------
+        rim
+            Commanded speed of the rims, m/s.
+        turning
+            Commanded rate of turning, rad/s.
+        """
         ground, sense = self.ground, -1.0 if rim < 0.0 else 1.0
         cells = ground.cells(self.place + self.x)
         here = int(ground.cells(np.array([self.place]))[0])

@@ -54,7 +54,25 @@ class RimStrength:
 def rim_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Curves of a wheel under a load (N), whose pressure z^exponent carries it at each depth."""
+    """Curves of a wheel whose pressure, in the shape depth^exponent, carries its load at each depth.
+
+    Parameters
+    ----------
+    diameter, width
+        m.
+    load
+        N.
+    exponent
+        Of depth, 1.
+    strength
+        Shear strength of the soil at the rim, SI units.
+
+    Returns
+    -------
+    Curves
+        Thrust, resistance, and torque over the radius, each as a share of the load, by depth and
+        slip.
+    """
     depth, slips = DEPTHS * diameter, SLIPS[1:-1]
     contact = Contact.at(np.full(depth.size, diameter), depth)
     shape = np.maximum(contact.depth, 0.0) ** exponent
@@ -113,7 +131,20 @@ class Stresses:
 
 
 def sinkage_of(sand: Sand, at: Circumstances) -> Array:
-    """A parabola's static sinkage, and what slip digs and skid ploughs, in forms of their own."""
+    """A parabola's static sinkage, and what slip digs and skid ploughs, in forms of their own.
+
+    Parameters
+    ----------
+    sand
+        The soil.
+    at
+        Circumstances of the rows.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), m, at most 0.45 diameters.
+    """
     still = (1.5 * at.load / (at.width * sand.k * np.sqrt(at.diameter))) ** (1.0 / (sand.n + 0.5))
     i, j = np.maximum(at.slip, 0.0), np.maximum(-at.slip, 0.0)
     dug = sand.dug * at.diameter * np.sinh(1.2 * i) / np.sinh(1.2)
@@ -123,7 +154,22 @@ def sinkage_of(sand: Sand, at: Circumstances) -> Array:
 
 
 def response_of(sand: Sand, at: Circumstances, shape: Stresses) -> tuple[Array, Array, Array]:
-    """Sinkage, pull and torque."""
+    """Sinkage, pull and torque.
+
+    Parameters
+    ----------
+    sand
+        The soil.
+    at
+        Circumstances of the rows.
+    shape
+        Shape of the stresses along the arc.
+
+    Returns
+    -------
+    sinkage, pull, torque : ndarray
+        Shape (rows,): m, N, N m.
+    """
     z, still = sinkage_of(sand, at), sinkage_of(sand, replace(at, slip=0.0 * at.slip))
     thrust, resistance, torque = _forces(sand, at, z, still, shape)
     return z, thrust - resistance + shape.bias * at.load, torque
@@ -170,7 +216,25 @@ def _forces(
 def peaked_curves(
     diameter: float, width: float, load: float, exponent: float, strength: RimStrength
 ) -> Curves:
-    """Curves of a wheel whose pressure peaks ahead, and whose soil falls after its shear's peak."""
+    """Curves of a wheel whose pressure peaks ahead, on a soil that loses strength after its peak.
+
+    Parameters
+    ----------
+    diameter, width
+        m.
+    load
+        N.
+    exponent
+        Of depth, 1.
+    strength
+        Shear strength of the soil at the rim, SI units.
+
+    Returns
+    -------
+    Curves
+        Thrust, resistance, and torque over the radius, each as a share of the load, by depth and
+        slip.
+    """
     depth, slip = (one.ravel() for one in np.meshgrid(DEPTHS * diameter, SLIPS, indexing="ij"))
     at = Circumstances.of(
         load=load, diameter=diameter, width=width, slip=np.clip(slip, -0.95, 0.95)
@@ -190,10 +254,26 @@ LAWS = {"rim": rim_curves, "peaked": peaked_curves}
 
 
 def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumstances) -> Array:
-    """Shear stress (Pa) along the arc, negative when skidding, after Janosi and Hanamoto.
+    """Shear stress along the arc, negative when skidding, after Janosi and Hanamoto.
 
     A wheel that has dug itself in presses on the soil with its load still, no more: the stress
-    (Pa, shape (rows, nodes)) over the longer arc is scaled to that.
+    over the longer arc is scaled to that.
+
+    Parameters
+    ----------
+    stress
+        Normal stress on the rim, shape (rows, nodes), Pa.
+    contact
+        The arc's points.
+    soil
+        The soil's strength, SI units.
+    at
+        Circumstances of the rows.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows, nodes), Pa.
     """
     # v / (r omega), from either definition of slip
     ratio = np.where(at.slip >= 0, 1.0 - at.slip, 1.0 / (1.0 + np.minimum(at.slip, 0.0)))
@@ -251,7 +331,20 @@ class WheelsOnSoil:
         return pressure
 
     def forces(self, sinkage: Array, rut: Array) -> tuple[Array, Array]:
-        """Load that is carried and horizontal force on the wheel, both N, at a sinkage (m)."""
+        """Load that is carried and horizontal force on the wheel at a sinkage.
+
+        Parameters
+        ----------
+        sinkage
+            Shape (rows,), m.
+        rut
+            Depth of the rut of earlier wheels, shape (rows,), m.
+
+        Returns
+        -------
+        load, resistance : ndarray
+            Shape (rows,), N; the second positive backward.
+        """
         diameter, width = self.at.diameter, self.at.width
         contact = Contact.at(diameter, sinkage, rut)
         stress = self.stress(contact)
@@ -281,7 +374,20 @@ class WheelsOnSoil:
         return rut
 
     def traction(self, depth: Array, rut: Array | None = None) -> tuple[Array, Array]:
-        """Thrust (N) and driving torque (N m) of the shear stress at a depth (m)."""
+        """Thrust and driving torque of the shear stress at a depth.
+
+        Parameters
+        ----------
+        depth
+            Sinkage of the rim, shape (rows,), m.
+        rut
+            Depth of the rut of earlier wheels, shape (rows,), m; none if not given.
+
+        Returns
+        -------
+        thrust, torque : ndarray
+            Shape (rows,): N, N m.
+        """
         diameter, width = self.at.diameter, self.at.width
         contact = Contact.at(diameter, depth, rut)
         shear = shear_stress(self.stress(contact), contact, self.soil, self.at)

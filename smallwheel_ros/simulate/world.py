@@ -64,7 +64,20 @@ _SIX = (0.36, 0.27, 0.20, 0.10), (0.0, 0.31, 0.20, 0.10), (-0.36, 0.27, 0.20, 0.
 
 
 def steered(wheels: tuple[RoverWheel, ...], *axles: str) -> tuple[RoverWheel, ...]:
-    """The same wheels, those of some axles steered."""
+    """The same wheels, those of some axles steered.
+
+    Parameters
+    ----------
+    wheels
+        Named AXLE_SIDE.
+    *axles
+        Axles whose wheels are steered.
+
+    Returns
+    -------
+    tuple of RoverWheel
+        In the same order.
+    """
     return tuple(
         replace(wheel, steered=True) if wheel.name.split("_")[0] in axles else wheel
         for wheel in wheels

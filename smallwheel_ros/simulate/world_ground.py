@@ -97,7 +97,20 @@ class TrueGround:
         return np.asarray(cells, dtype=np.intp)
 
     def value(self, what: str, places: Array) -> Array:
-        """Sum of the features of a kind at places."""
+        """Sum of the features of one kind at places along the path.
+
+        Parameters
+        ----------
+        what
+            Kind of the features.
+        places
+            m along the path, any shape.
+
+        Returns
+        -------
+        ndarray
+            Same shape, in the unit of the kind.
+        """
         found: Array = np.zeros(np.shape(places))
         for one in self.started:
             if one.what == what:
@@ -116,7 +129,22 @@ class Frame:
         self._diagonal = np.sign(x * y)
 
     def loads(self, climb: Any, roll: Any, gained: Any, twist: Any) -> Array:
-        """Load of each wheel (N), shape (..., wheels); gained: speed that it gains forward, m/s^2."""
+        """Load of each wheel.
+
+        Parameters
+        ----------
+        climb, roll
+            Of the vehicle, rad; positive nose up, left side up.
+        gained
+            Acceleration forward, m/s^2.
+        twist
+            Share of load that uneven ground shifts between the diagonals.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., wheels), N.
+        """
         rover = self._rover
         along = rover.gravity_x - rover.gravity_height * (np.tan(climb) + gained / GRAVITY)
         across = rover.gravity_y - rover.gravity_height * np.tan(roll)
@@ -134,7 +162,28 @@ def make_ground(
     started: Sequence[Started],
     rng: np.random.Generator,
 ) -> TrueGround:
-    """Draw the ground of a world; `rest` is not known yet (`settle`)."""
+    """Draw the ground of a world.
+
+    Parameters
+    ----------
+    world
+        What the world is to be like.
+    rover
+        The rover that drives on it.
+    soils
+        One for each of `starts`.
+    starts
+        Where each soil begins, m along the path, rising.
+    started
+        Features: grip, slope, floor and the like, each from a place on.
+    rng
+        Where the draws come from.
+
+    Returns
+    -------
+    TrueGround
+        `rest` is still zero, until `settle` is called.
+    """
     length = sum(abs(leg.metres) for leg in world.legs)
     at: Array = np.arange(-_BEFORE, length + _BEHIND, CELL, dtype=np.float64)
     names = [wheel.name for wheel in rover.wheels]
@@ -189,7 +238,22 @@ def settle(ground: TrueGround) -> None:
 
 
 def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[Array], Array]:
-    """Pressure (Pa) at depths (m) of each cell."""
+    """Pressure at depths in each cell.
+
+    Parameters
+    ----------
+    modulus
+        Shape (cells,), Pa m^-n.
+    n
+        Exponent of depth, shape (cells,).
+    hardpan
+        Depth of a hard layer, m; none if None.
+
+    Returns
+    -------
+    callable
+        Of depth (m), shape (cells, points), to pressure (Pa), same shape.
+    """
 
     def law(depth: Array) -> Array:
         deep = np.maximum(depth, 0.0)
@@ -205,7 +269,22 @@ def pressure_law(modulus: Array, n: Array, hardpan: float | None) -> Callable[[A
 def tilt(
     ground: TrueGround, cell: NDArray[np.intp] | int, yaw: Array | float
 ) -> tuple[Array, Array]:
-    """Climb and roll (rad; positive nose up, left side up) in a cell, looking along a yaw."""
+    """Climb and roll of the ground, as seen along a heading.
+
+    Parameters
+    ----------
+    ground
+        The ground.
+    cell
+        Number of a cell, or shape (rows,).
+    yaw
+        Heading, rad, shape () or (rows,).
+
+    Returns
+    -------
+    climb, roll : ndarray
+        rad; positive nose up, left side up.
+    """
     east, north, cosine, sine = ground.east[cell], ground.north[cell], np.cos(yaw), np.sin(yaw)
     return east * cosine + north * sine + ground.steepens[cell], north * cosine - east * sine
 
@@ -235,7 +314,22 @@ def _waves(
 
 
 def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
-    """Blocks of half a metre to two and a half, with edges of 0.2 m."""
+    """Values in blocks of 0.5 to 2.5 m, with edges smoothed over 0.2 m.
+
+    Parameters
+    ----------
+    rng
+        Where the draws come from.
+    at
+        Places along the path, `CELL` apart, shape (cells,), m.
+    deviation
+        Standard deviation, in the unit of the values.
+
+    Returns
+    -------
+    ndarray
+        Shape (cells,).
+    """
     edges = np.cumsum(rng.uniform(0.5, 2.5, at.size)) + at[0]
     values = deviation * rng.standard_normal(at.size + 1)
     found: Array = uniform_filter1d(values[np.searchsorted(edges, at)], round(0.2 / CELL))
@@ -243,7 +337,24 @@ def blocks(rng: np.random.Generator, at: Array, deviation: float) -> Array:
 
 
 def texture(rng: np.random.Generator, at: Array, deviation: float, length: float = 0.25) -> Array:
-    """Values along the way whose correlation falls exponentially over a length (m)."""
+    """Values along the path whose correlation falls exponentially with distance.
+
+    Parameters
+    ----------
+    rng
+        Where the draws come from.
+    at
+        Places along the path, `CELL` apart, shape (cells,), m.
+    deviation
+        Standard deviation, in the unit of the values.
+    length
+        Distance at which the correlation is 1/e, m.
+
+    Returns
+    -------
+    ndarray
+        Shape (cells,).
+    """
     keep, values = math.exp(-CELL / length), deviation * rng.standard_normal(at.size)
     for i in range(1, at.size):
         values[i] = keep * values[i - 1] + math.sqrt(1.0 - keep * keep) * values[i]

@@ -19,7 +19,15 @@ if TYPE_CHECKING:
 
 
 def page(found: Added, pictures: bool = True) -> Page:
-    """The page of an effect that was added."""
+    """The page of an effect that was added.
+
+    Parameters
+    ----------
+    found
+        What adding the effect did.
+    pictures
+        Whether to draw the errors.
+    """
     columns = [
         Column("held-out error", "channel", words), of_channel("before", "before"),
         of_channel("± s.e.", "before_std"), of_channel("after", "after"),
@@ -39,7 +47,17 @@ def page(found: Added, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Added, channel: str | None = None) -> None:
-    """Held-out error of one channel before and after, the first if not given."""
+    """Draw the held-out error of a channel before and after.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    found
+        What adding the effect did.
+    channel
+        The first one if not given.
+    """
     panels = {
         row["channel"]: panel for row, panel in zip(found.rows(), _panels(found), strict=True)
     }

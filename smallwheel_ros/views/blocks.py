@@ -48,34 +48,86 @@ class Column(NamedTuple):
 
 
 def count(header: str, key: str) -> Column:
-    """A column of whole numbers."""
+    """A column of whole numbers.
+
+    Parameters
+    ----------
+    header
+        Words above the column.
+    key
+        Key of the row's value.
+    """
     return Column(header, key, right=True)
 
 
 def of_channel(header: str, key: str, bar: Callable[[Row], float | None] | None = None) -> Column:
-    """A column of values of the row's `channel`, in millimetres or newtons."""
+    """A column of values of the row's `channel`, in millimetres or newtons.
+
+    Parameters
+    ----------
+    header
+        Words above the column.
+    key
+        Key of the row's value, SI.
+    bar
+        Gives the length of a row's bar, 0 to 1; no bars if not given.
+    """
     return Column(
         header, lambda row: shown_value(row["channel"], row.get(key)), right=True, bar=bar
     )
 
 
 def share_of(header: str, key: str) -> Column:
-    """A column of shares, in per cent."""
+    """A column of shares, in per cent.
+
+    Parameters
+    ----------
+    header
+        Words above the column.
+    key
+        Key of the row's value, 0 to 1.
+    """
     return Column(header, key, percent, right=True)
 
 
 def p_value(header: str, key: str) -> Column:
-    """A column of p values."""
+    """A column of p values.
+
+    Parameters
+    ----------
+    header
+        Words above the column.
+    key
+        Key of the row's value.
+    """
     return Column(header, key, p_text, right=True)
 
 
 def probability(header: str, key: str) -> Column:
-    """A column of probabilities, with bars."""
+    """A column of probabilities, with bars.
+
+    Parameters
+    ----------
+    header
+        Words above the column.
+    key
+        Key of the row's value, 0 to 1.
+    """
     return Column(header, key, probability_text, right=True, bar=lambda row: row.get(key))
 
 
 def plain_number(header: str, key: str | Callable[[Row], Any], digits: int = 3) -> Column:
-    """A column of numbers without a unit, or whose unit is in the header."""
+    """A column of numbers without a unit, or whose unit is in the header.
+
+    Parameters
+    ----------
+    header
+        Words above the column.
+    key
+        Key of the row's value, or a function of the row.
+    digits
+        Significant digits.
+    """
     return Column(header, key, lambda value: number(value, digits), right=True)
 
 

@@ -73,7 +73,15 @@ _NO_RUNS = (
 
 
 def page(found: Comparison, pictures: bool = True) -> Page:
-    """The page of a comparison."""
+    """The page of a comparison.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    pictures
+        Whether to draw the residuals.
+    """
     data = found.measurements
     best = best_sentences(found)
     short = Callout("The smallest error of each channel", best) if best else Callout(
@@ -96,7 +104,17 @@ def page(found: Comparison, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Comparison, channel: str | None = None) -> None:
-    """Measured over predicted, a series for each model, of the first channel if not given."""
+    """Draw measured over predicted, one series for each model.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    found
+        The comparison.
+    channel
+        The first one if not given.
+    """
     draw_panel(axes, _measured_panel(found, channel or found.channels[0]))
 
 
@@ -352,7 +370,20 @@ def caveats(found: Comparison) -> list[str]:
 
 
 def with_floors(found: Comparison, diagnosed: Mapping[str, Any]) -> Comparison:
-    """The comparison with the errors that a diagnosis of the same data expects of a true model."""
+    """Take the noise floors of a comparison from a diagnosis of the same data.
+
+    Parameters
+    ----------
+    found
+        The comparison.
+    diagnosed
+        Document of the diagnosis.
+
+    Returns
+    -------
+    Comparison
+        With the errors that the diagnosis expects of a true model.
+    """
     from dataclasses import replace
 
     noise = {}

@@ -74,7 +74,17 @@ _MAY_BE_LOWER = (
 
 
 def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) -> Page:
-    """The page of a diagnosis. models: effects to set and unset; if not given, the steps."""
+    """The page of a diagnosis.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    pictures
+        Whether to draw.
+    models
+        Effects to set and unset; the steps to the verdict if not given.
+    """
     document, data = found.document, found.measurements
     models = models_block(found) if pictures and models is None else models
     return Page(
@@ -96,7 +106,17 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
 
 
 def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
-    """Held-out error of one channel after each step, the first if not given."""
+    """Draw the held-out error of a channel after each step.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    found
+        The diagnosis.
+    channel
+        The first one if not given.
+    """
     panels = {panel.title: panel for panel in stairs(found.document)}
     draw_panel(axes, panels[words(channel)] if channel else next(iter(panels.values())))
 

@@ -53,9 +53,21 @@ class View:
 def models_block(
     found: Diagnosis, every: bool = False, progress: Told = lambda done, needed: None
 ) -> Models | None:
-    """The block in which effects are set and unset; None where nothing could be held out.
+    """The block in which effects are set and unset.
 
-    every: not only the steps to the verdict and its rivals. progress: told how many of how many fits.
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    every
+        Whether to fit all effects, not only the steps to the verdict and its rivals.
+    progress
+        Called with the number of fits done and needed.
+
+    Returns
+    -------
+    Models or None
+        None where nothing could be held out.
     """
     if found.search is None or not found.steps:
         return None

@@ -32,7 +32,15 @@ _TOGETHER = 0.5  # correlation under which a combination is hardly better known 
 
 
 def page(found: FitResult, pictures: bool = True) -> Page:
-    """The page of a fit."""
+    """The page of a fit.
+
+    Parameters
+    ----------
+    found
+        The fit.
+    pictures
+        Whether to draw measured over predicted.
+    """
     errors = [
         {"channel": name, "held_out": found.held_out.get(name), "in_sample": score.rmse,
          "absolute": noise.absolute, "relative": noise.relative, "source": noise.source}
@@ -94,7 +102,17 @@ def _parameter_words(full_name: str) -> str:
 
 
 def draw(axes: Axes, found: FitResult, channel: str | None = None) -> None:
-    """Measured over predicted in sample, of the first channel if not given."""
+    """Draw measured over predicted, in sample.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    found
+        The fit.
+    channel
+        The first one if not given.
+    """
     names = list(found.residuals)
     draw_panel(axes, _panels(found)[names.index(channel) if channel else 0])
 

@@ -39,7 +39,15 @@ _READ = (
 
 
 def page(found: Benchmark, pictures: bool = True) -> Page:
-    """The whole answer, the losses first."""
+    """The whole answer, the losses first.
+
+    Parameters
+    ----------
+    found
+        Errors of all laws in all tasks.
+    pictures
+        Not used: the page has tables only.
+    """
     files = list(dict.fromkeys(table.file for table in found.tasks))
     left = [sentence(f"not used: {file}: {why}") for file, why in found.left_out.items()]
     return Page(

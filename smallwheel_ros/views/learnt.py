@@ -48,7 +48,15 @@ _CAPTION = (
 
 
 def page(found: Learnt, pictures: bool = True) -> Page:
-    """The page of a learnt law."""
+    """The page of a learnt law.
+
+    Parameters
+    ----------
+    found
+        What was learnt.
+    pictures
+        Whether to draw the law.
+    """
     document, data = found.document, found.document["data"]
     law, verdict = document["law"], document["verdict"]
     said = [sentence(reason) for reason in document["reasons"]]
@@ -83,7 +91,15 @@ def page(found: Learnt, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Learnt) -> None:
-    """What each setting asks for, and the law."""
+    """Draw what each setting needs, and the law.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    found
+        What was learnt.
+    """
     draw_panel(axes, _panel(found))
 
 

@@ -43,7 +43,20 @@ class Left(NamedTuple):
 
 
 def means(x: Array, y: Array, run: Index) -> Means:
-    """Mean of y in eight parts of x with as many rows each, or at each of its few values."""
+    """Mean of y in eight parts of x with equally many rows, or at each of the few values of x.
+
+    Parameters
+    ----------
+    x, y
+        Shape (rows,), in the units shown.
+    run
+        Number of each row's run, shape (rows,).
+
+    Returns
+    -------
+    Means
+        x and mean y of each part, and twice the standard error over runs; NaN under three runs.
+    """
     if not x.size:
         return Means(*np.zeros((3, 0)))
     at = levels(x)
@@ -68,7 +81,20 @@ def shown_channel(name: str) -> Display:
 
 
 def thinned(rows: Index, most: int = _POINTS) -> Index:
-    """These rows, or as many of them as a picture shows."""
+    """The rows that a picture shows: all, or as many as it can take, drawn at random.
+
+    Parameters
+    ----------
+    rows
+        Numbers of rows, shape (n,).
+    most
+        Rows at most.
+
+    Returns
+    -------
+    ndarray
+        Rising, shape (min(n, most),).
+    """
     if rows.size <= most:
         return rows
     return np.sort(np.random.default_rng(0).choice(rows, most, replace=False))
@@ -81,7 +107,21 @@ def residual_panel(
     setting: str,
     floor: float | None = None,
 ) -> Panel:
-    """Points and means of what models leave over a setting. floor: error of a true model, SI."""
+    """Points and means of the models' residuals over a setting.
+
+    Parameters
+    ----------
+    data
+        The measurements.
+    models
+        Residuals of each model, with its name and colour.
+    channel
+        What was measured.
+    setting
+        Column of the abscissa.
+    floor
+        Error of a true model, SI; no band if None.
+    """
     how, across = shown_channel(channel), column_display(data, setting)
     layers, column, ends = [_band(how, floor)], data.conditions[setting], [0.0]
     for one in models:
@@ -109,7 +149,16 @@ def residual_panel(
 def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Panel:
     """Measured over predicted, a series for each model, with the line of a perfect one.
 
-    measured: SI, shape (rows,). What is predicted beyond the axes is not drawn, and counted in the title.
+    Points beyond the axes are not drawn, and counted in the title.
+
+    Parameters
+    ----------
+    measured
+        SI, shape (rows,).
+    models
+        Residuals of each model, with its name and colour.
+    channel
+        What was measured.
     """
     how = shown_channel(channel)
     layers, ends = (
@@ -147,9 +196,27 @@ def leftovers(
     floors: Mapping[str, float | None],
     first: str | None = None,
 ) -> dict[str, Any]:
-    """What the block Models draws. models: by the values chosen; base: the grey one of them.
+    """What the block Models draws.
 
-    floors: error of a true model by channel, SI. first: the setting at first.
+    Parameters
+    ----------
+    data
+        The measurements.
+    models
+        Held-out errors by the key of the values chosen.
+    base
+        Key of the model that is drawn in grey.
+    base_name
+        Its name.
+    floors
+        Error of a true model by channel, SI; None where it is not known.
+    first
+        Setting that is shown first.
+
+    Returns
+    -------
+    dict
+        Frames, settings, channels and residuals, as the page's script reads them.
     """
     settings, error = settings_of(data), models[base].error
     most = max(100, min(_POINTS, _BYTES // (6 * len(models) * max(len(error), 1))))

@@ -40,7 +40,24 @@ def text(data: Measurements) -> str:
 def draw(
     axes: Axes, data: Measurements, channel: str | None = None, over: str | None = None
 ) -> None:
-    """A channel (the first) over a setting (load). Raises ResultError where there is none."""
+    """Draw a measured channel over a setting.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    data
+        The measurements.
+    channel
+        The first one if not given.
+    over
+        The load if not given.
+
+    Raises
+    ------
+    ResultError
+        If there is no such channel or setting.
+    """
     settings = {"load": data.conditions.load} | dict(varied_settings(data))
     channel, over = channel or next(iter(data.channels)), over or next(iter(settings))
     for name, known in ((channel, data.channels), (over, settings)):

@@ -15,7 +15,20 @@ _LARGE = 1e5  # from which a number has its power of ten
 
 
 def parameter_rows(fit: FitResult, derived: bool = False) -> list[Row]:
-    """The fitted numbers of a model, and with `derived` what follows from them."""
+    """The fitted numbers of a model.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    derived
+        Whether to list what follows from them, too.
+
+    Returns
+    -------
+    list of dict
+        SI units and radians.
+    """
     forms = {effect.id: effect.form for effect in fit.bare.effects}
     listed_numbers = (*fit.parameters, *(fit.derived if derived else ()))
     return [{"owner": p.owner, "form": forms.get(p.owner), "name": p.name} | p.to_dict()
@@ -26,7 +39,15 @@ def parameter_table(rows: Sequence[Row], caption: str = "Fitted parameters",
                     strong: Sequence[str] = ()) -> Table:  # fmt: skip
     """Fitted numbers in degrees and millimetres.
 
-    rows: owner, name, value, std, unit; where known form, published_range, plausible, status, remedy.
+    Parameters
+    ----------
+    rows
+        With owner, name, value, std, unit; where known form, published_range, plausible, status,
+        remedy.
+    caption
+        Words above the table.
+    strong
+        Owners whose rows are printed bold.
     """
 
     def scaled(key: str) -> Callable[[Row], Any]:

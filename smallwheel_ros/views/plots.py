@@ -117,7 +117,15 @@ class Panel:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Draw a plot on axes, in the style of all plots."""
+    """Draw a plot on axes, in the style of all plots.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    panel
+        The plot.
+    """
     for layer in panel.layers:
         _draw_layer(axes, panel, layer)
     if panel.bars:
@@ -146,7 +154,15 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def decorate(axes: Axes, panel: Panel) -> None:
-    """The style of all plots: no box, light grid, small type."""
+    """Apply the style of all plots: no box, light grid, small type.
+
+    Parameters
+    ----------
+    axes
+        What is styled.
+    panel
+        The plot, for its labels and title.
+    """
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(PALETTE["base"])
     axes.grid(
@@ -248,7 +264,25 @@ def height_of(panel: Panel) -> float:
 
 
 def write_picture(panels: Sequence[Panel], path: Path) -> Path:
-    """Write panels as a picture; the suffix picks the format. Raises OutputError."""
+    """Write panels as a picture.
+
+    Parameters
+    ----------
+    panels
+        One plot each.
+    path
+        Its suffix is the format, such as .png or .svg.
+
+    Returns
+    -------
+    Path
+        The same path.
+
+    Raises
+    ------
+    OutputError
+        If the format is unknown or the file cannot be written.
+    """
     drawn = io.BytesIO()
     try:
         picture(panels).savefig(drawn, format=path.suffix[1:] or "png", dpi=150)

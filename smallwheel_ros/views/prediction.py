@@ -62,7 +62,22 @@ def panels(table: PredictionTable) -> list[Panel]:
 
 
 def draw(axes: Axes, table: PredictionTable, quantity: str = "sinkage") -> None:
-    """One quantity that was predicted, by its name. Raises PredictionError where it was not."""
+    """Draw one predicted quantity.
+
+    Parameters
+    ----------
+    axes
+        Where to draw.
+    table
+        The predictions.
+    quantity
+        Name of the quantity.
+
+    Raises
+    ------
+    PredictionError
+        If it was not predicted.
+    """
     if getattr(table.result.prediction, quantity, None) is None:
         known = [q for q in SHOWN if getattr(table.result.prediction, q) is not None]
         raise PredictionError(f"no '{quantity}' was predicted: {nearest(quantity, known)}")

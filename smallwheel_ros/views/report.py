@@ -16,7 +16,17 @@ _TWICE = (
 
 
 def page(found: Diagnosis, beside: Comparison, models: Models | None = None) -> Page:
-    """A diagnosis with a comparison of the same measurements. models: effects to set and unset."""
+    """A diagnosis with a comparison of the same measurements.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    beside
+        The comparison.
+    models
+        Effects to set and unset; the steps to the verdict if not given.
+    """
     beside = compared.with_floors(beside, found.document)
     made = diagnosed.page(found, models=models)
     sections = {section.title: section for section in made.sections}

@@ -19,8 +19,7 @@ SECTION = re.compile(
 OF_CLICK = {"get_command", "resolve_command", "format_commands"}  # overridden in cli.py
 # Functions of a room that do not name theirs yet. A room that is not listed has none; no number rises.
 LEFT = {
-    "commands": 10, "costmap": 25, "demo": 5, "diagnosis": 43, "fitting": 48, "pipeline": 103,
-    "replay": 26, "ros": 16, "simulate": 47, "views": 32,
+    "costmap": 25, "diagnosis": 43, "fitting": 48, "pipeline": 103,
 }  # fmt: skip
 
 
@@ -30,7 +29,8 @@ def functions(node: ast.AST) -> Iterator[ast.FunctionDef]:
         if isinstance(child, ast.ClassDef) and not child.name.startswith("_"):
             yield from functions(child)
         elif isinstance(child, ast.FunctionDef) and not child.name.startswith("_"):
-            yield child
+            if not any("command(" in ast.unparse(one) for one in child.decorator_list):
+                yield child  # the docstring of a command is its help
 
 
 def parameters(function: ast.FunctionDef) -> list[str]:
