@@ -76,13 +76,34 @@ class GroundAhead:
         return True
 
     def class_at(self, frame: str, x: float, y: float) -> int:
-        """Class of a place (m); -1 where none is known."""
+        """Terrain class of a place.
+
+        Parameters
+        ----------
+        frame
+            Frame of the place.
+        x, y
+            m.
+
+        Returns
+        -------
+        int
+            -1 where none is known.
+        """
         grid = self.class_grid
         cell = grid.cell(x, y) if grid is not None and grid.frame == frame else None
         return UNKNOWN if grid is None or cell is None else int(grid.cells[cell])
 
     def stuck_at(self, frame: str, places: Iterable[tuple[float, float]]) -> None:
-        """Take the places (m) where the vehicle is stuck and has not got through since."""
+        """Take the places where the vehicle is stuck and has not got through since.
+
+        Parameters
+        ----------
+        frame
+            Their frame.
+        places
+            x and y of each, m.
+        """
         if self.class_grid is not None:
             self.classes.stuck_at(self.class_at(frame, x, y) for x, y in places)
 

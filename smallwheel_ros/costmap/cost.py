@@ -59,10 +59,21 @@ class CostRules:
             )
 
     def cost(self, margin: float, deviation: float, shown: float = -math.inf) -> int:
-        """Cost of what the ground gives at most, less a slope (1), with its standard deviation.
+        """Cost of a margin: the probability that it is below the required one, in per cent.
 
-        shown: what the ground there has given beyond that slope already. -1 where margin or deviation is not
-        a number, or nothing is known of a margin without bounds.
+        Parameters
+        ----------
+        margin
+            What the ground gives at most over the load, less the slope.
+        deviation
+            Its standard deviation.
+        shown
+            What it has shown to give, less the slope; minus infinity if it has shown nothing.
+
+        Returns
+        -------
+        int
+            0 to 100; -1 where margin or deviation is NaN, or both are infinite.
         """
         spread = max(deviation, _EXACT)
         if math.isnan(margin / spread) or math.isnan(deviation):
@@ -76,7 +87,18 @@ class CostRules:
         return round(-HIGHEST * math.expm1(float(log_ndtr(enough)) - float(log_ndtr(more))))
 
     def expected(self, margin: Numbers | float, deviation: Numbers | float) -> Cells:
-        """Costs of ground that was not crossed, of any shape: 99 at most, -1 where a number is missing."""
+        """Costs of ground that was not crossed.
+
+        Parameters
+        ----------
+        margin, deviation
+            Of any shape; see `cost`.
+
+        Returns
+        -------
+        ndarray
+            int8 of that shape, 99 at most; -1 where a number is NaN.
+        """
         left = (np.asarray(margin) - self.required_margin) / np.maximum(deviation, _EXACT)
         left = left.astype(np.float32, copy=False)  # for whole per cents, in half the time
         costs = np.minimum(np.rint(HIGHEST * ndtr(-left)), PASSABLE)

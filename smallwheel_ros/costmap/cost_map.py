@@ -140,6 +140,12 @@ class CostMap:
 
         Parameters
         ----------
+        wheel
+            The wheel.
+        frame
+            Frame of the pose.
+        pose
+            Of base_link.
         travel
             m.
         margin
@@ -218,7 +224,15 @@ class CostMap:
         self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
-        """Note where the frame of positions is in the one above it, such as odom in map."""
+        """Note the pose of the positions' frame in the frame above it, such as odom in map.
+
+        Parameters
+        ----------
+        above
+            Name of the frame above.
+        pose
+            Pose in it.
+        """
         moved = self._frames.get(above) != pose
         others = self.remembered is not None or self.ahead.elevation is not None
         self.changed |= moved and others

@@ -33,6 +33,10 @@ def draw_cost(
 
     Parameters
     ----------
+    grid
+        The costs.
+    path
+        File of the picture.
     way
         Places of the robot on its way, m; shape (places, 2).
     planned

@@ -52,10 +52,17 @@ class Outline:
         self.length = self.front - self.rear + 2.0 * self.radius
 
     def across(self, pose: Pose, wheel: Wheel, course: float = 0.0) -> tuple[Line, Line]:
-        """Where the vehicle's whole width is at a wheel's axle, and where the wheel itself is.
+        """Lines across the path at a wheel's axle: of the vehicle's whole width, and of the wheel alone.
 
-        course: rad, of a vehicle that goes to the left of its heading. Then both lines are square to that,
-        the whole one as wide as its outline looks from there.
+        Parameters
+        ----------
+        pose
+            Of base_link.
+        wheel
+            The wheel.
+        course
+            Direction of travel to the left of the heading, rad. Then the lines are square to it,
+            and the first as wide as the vehicle's outline looks from there.
         """
         if course:
             return self._square_to(pose, wheel, course)
@@ -91,7 +98,20 @@ class Outline:
     def gap(
         self, pose: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """How far places (m) are from the vehicle at a pose, m; 0 within its outline."""
+        """Distance of places from the vehicle's outline.
+
+        Parameters
+        ----------
+        pose
+            Of base_link.
+        x, y
+            Of the places, m, any shape.
+
+        Returns
+        -------
+        ndarray
+            m, same shape; 0 within the outline.
+        """
         ahead, left = pose.inverse().place(x, y)
         beyond = ahead - np.clip(ahead, self.rear, self.front)
         beside = left - np.clip(left, self.right, self.left)
@@ -99,7 +119,18 @@ class Outline:
 
 
 def side_of(size: float, resolution: float) -> int:
-    """Cells along a window's side. Raises CostMapError where there can be no such window."""
+    """Cells along a window's side.
+
+    Parameters
+    ----------
+    size, resolution
+        m.
+
+    Raises
+    ------
+    CostMapError
+        If there can be no such window.
+    """
     if not 0 < resolution <= size < math.inf:
         raise CostMapError(
             f"size is {size!r} m and resolution {resolution!r} m, expected 0 < resolution <= size"
@@ -165,7 +196,18 @@ class CrossedGround:
         self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
 
     def follow(self, x: float, y: float) -> bool:
-        """Let the window hold this place (m); return whether it was moved."""
+        """Move the window if need be, so that a place lies well inside.
+
+        Parameters
+        ----------
+        x, y
+            m.
+
+        Returns
+        -------
+        bool
+            Whether it was moved.
+        """
         at, side = (math.floor(y / self.resolution), math.floor(x / self.resolution)), self._side
         old, rim = self._corner, side // 4
         if old is not None and all(rim <= a - b < side - rim for a, b in zip(at, old, strict=True)):
@@ -189,11 +231,29 @@ class CrossedGround:
     def cross(
         self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, mark: int = UNKNOWN
     ) -> bool:
-        """Take the cost of where a wheel is now; return whether any cell has changed.
+        """Take the cost of where a wheel is now.
 
-        The window must have been given its place by `follow`. across: the vehicle's width at the wheel's
-        axle, and the wheel's own. travel: of the vehicle, m. As long as the wheel is there its newest
-        cost counts, and the highest of its marks: where it was stuck it was stuck.
+        `follow` must have placed the window. As long as the wheel is there its newest cost counts,
+        and the highest of its marks.
+
+        Parameters
+        ----------
+        wheel
+            Name of the wheel.
+        across
+            The vehicle's width at the wheel's axle, and the wheel's own.
+        travel
+            Of the vehicle, m.
+        cost
+            -1 to 100.
+        mark
+            Cost that stays whatever comes later, such as 100 where the vehicle was stuck; -1 for
+            none.
+
+        Returns
+        -------
+        bool
+            Whether any cell has changed.
         """
         last = self._strips.get(wheel)
         start, ahead = across, _ahead(*across[0])

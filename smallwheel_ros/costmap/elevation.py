@@ -64,6 +64,8 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
 
     Parameters
     ----------
+    message
+        The map.
     layer
         Name of the layer of elevations, m.
     length
@@ -108,9 +110,24 @@ def elevation_from(message: Any, layer: str, length: float, names: Sequence[str]
 
 
 def layer_of(message: Any, name: str) -> Array:
-    """A layer's values, shape (rows along y, columns along x), first row and column at the smallest.
+    """A layer's values.
 
-    Raises CostMapError where its sizes or its layout are not those of a grid map.
+    Parameters
+    ----------
+    message
+        grid_map_msgs/GridMap.
+    name
+        Name of the layer.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows along y, columns along x), the smallest x and y first.
+
+    Raises
+    ------
+    CostMapError
+        If its sizes or its layout are not those of a grid map.
     """
     info, array = message.info, message.data[list(message.layers).index(name)]
     sides = info.length_x / info.resolution, info.length_y / info.resolution

@@ -49,7 +49,18 @@ class Pose(NamedTuple):
     heading: float
 
     def place(self, ahead: Length, left: Length) -> tuple[Length, Length]:
-        """Where something is that is so far ahead and left of base_link, m; of arrays each."""
+        """Position, in the pose's frame, of something seen from base_link.
+
+        Parameters
+        ----------
+        ahead, left
+            m, any shape.
+
+        Returns
+        -------
+        x, y : ndarray or float
+            m, same shape.
+        """
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
         return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left
 
@@ -107,7 +118,18 @@ class Grid:
         return self.frame, self.resolution, self.origin, self.cells.shape
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Row and column of a place (m); None outside."""
+        """Row and column of a place.
+
+        Parameters
+        ----------
+        x, y
+            m.
+
+        Returns
+        -------
+        (int, int) or None
+            None outside.
+        """
         row = math.floor((y - self.origin[1]) / self.resolution)
         column = math.floor((x - self.origin[0]) / self.resolution)
         rows, columns = self.cells.shape
@@ -131,7 +153,20 @@ def grid_from(message: Any) -> Grid:
 
 
 def check_straight(turn: Any, what: str) -> None:
-    """Raise CostMapError where a quaternion turns something, which is named, in its frame."""
+    """Check that a grid is not turned in its frame.
+
+    Parameters
+    ----------
+    turn
+        Quaternion with x, y, z, w.
+    what
+        Name of the grid, for the message.
+
+    Raises
+    ------
+    CostMapError
+        If it is.
+    """
     facing = (turn.x, turn.y, turn.z, turn.w)
     off = min(np.abs(facing - _STRAIGHT).max(), np.abs(facing + _STRAIGHT).max())
     if not off <= _TURNED:
@@ -145,9 +180,16 @@ def check_straight(turn: Any, what: str) -> None:
 
 
 def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
-    """Write the known cells of a grid into another one: of several in one cell, the dearest.
+    """Write the known cells of a grid into another one; where several fall into one cell, the dearest counts.
 
-    pose: of the upper grid's frame in that of the lower one.
+    Parameters
+    ----------
+    costs
+        The lower grid, which is changed.
+    above
+        The upper grid.
+    pose
+        Of the upper grid's frame in the lower one's.
     """
     above = _known_part(above)
     if pose.heading == 0.0 and above.resolution >= costs.resolution:
@@ -213,7 +255,15 @@ def _lay_coarser(costs: Grid, above: Grid, pose: Pose) -> None:
 
 
 def union(frame: str, layers: Sequence[tuple[Grid, Pose]]) -> Grid:
-    """Lay grids over each other, the last on top, each with its frame's pose in the common one."""
+    """Lay grids over each other, the last on top.
+
+    Parameters
+    ----------
+    frame
+        Frame of the result.
+    layers
+        Grids, each with the pose of its frame in `frame`.
+    """
     side = min(grid.resolution for grid, _ in layers)
     corners = np.array(
         [
@@ -243,7 +293,15 @@ def _check_count(cells: int) -> None:
 
 
 def wide(grid: Grid, reach: float) -> Grid:
-    """Return a grid that costs are spread in by so many m, with as much ground more around it."""
+    """A grid whose costs are spread, with as much more ground around it.
+
+    Parameters
+    ----------
+    grid
+        The grid.
+    reach
+        m.
+    """
     more = math.ceil(reach / grid.resolution)
     cells = np.pad(grid.cells, more, constant_values=UNKNOWN)
     origin = (grid.origin[0] - more * grid.resolution, grid.origin[1] - more * grid.resolution)
@@ -251,7 +309,20 @@ def wide(grid: Grid, reach: float) -> Grid:
 
 
 def spread(costs: Cells, reach: float) -> Cells:
-    """Give each cell the dearest cost within so many cells, middle to middle; unknown ones cost nothing."""
+    """Give each cell the dearest cost within a reach, middle to middle; unknown cells cost nothing.
+
+    Parameters
+    ----------
+    costs
+        Shape (rows, columns).
+    reach
+        Cells.
+
+    Returns
+    -------
+    ndarray
+        Same shape.
+    """
     whole: Cells = costs.copy()
     rows, columns = _known_ends(costs)
     steps = math.floor(reach)
@@ -284,12 +355,38 @@ def spread(costs: Cells, reach: float) -> Cells:
 
 
 def write_map(path: Path, grid: Grid) -> None:
-    """Write a grid into path (.yaml) and an image of that name (.pgm). Raises OutputError."""
+    """Write a grid as a map for Nav2's map_server.
+
+    Parameters
+    ----------
+    path
+        File ending in .yaml; the image, ending in .pgm, is written next to it.
+    grid
+        The grid.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
     write_together(map_files(path, grid))
 
 
 def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
-    """Contents of the two files of a map, by their paths: path (.yaml), and the image (.pgm) beside it."""
+    """Contents of the two files of a map.
+
+    Parameters
+    ----------
+    path
+        File ending in .yaml.
+    grid
+        The grid.
+
+    Returns
+    -------
+    dict of bytes
+        By path: `path`, and the image ending in .pgm next to it.
+    """
     image = path.with_suffix(".pgm")
     height, width = grid.cells.shape
     # The first row of an image is its top.

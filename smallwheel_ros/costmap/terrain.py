@@ -199,9 +199,25 @@ class TerrainClasses:
     def learn(
         self, wheel: str, x: float, y: float, terrain: int, margin: Quantity, beyond: float = 0.0
     ) -> bool:
-        """Take a wheel's margin at a place (m) of a class; return whether it counted.
+        """Take a wheel's margin on ground of a class.
 
-        beyond: what is gained beyond the reference slip.
+        Parameters
+        ----------
+        wheel
+            Name of the wheel.
+        x, y
+            Where the wheel is, m.
+        terrain
+            Number of the class; nothing is learnt below 0.
+        margin
+            Net traction over the load, at the reference slip.
+        beyond
+            What is gained beyond the reference slip, over the load.
+
+        Returns
+        -------
+        bool
+            Whether it counted: not so close to the last place in the class.
         """
         if terrain < 0:
             return False
@@ -270,6 +286,14 @@ class TerrainClasses:
         return table
 
     def costs(self, classes: Grid, other: Quantity | None = None) -> Grid:
-        """Turn a grid of class numbers into one of costs."""
+        """Turn a grid of class numbers into one of costs.
+
+        Parameters
+        ----------
+        classes
+            Class numbers.
+        other
+            Margin of classes of which nothing is known; they stay unknown without it.
+        """
         cells = np.take(self.table(other), np.ascontiguousarray(classes.cells).view(np.uint8))
         return Grid(classes.frame, classes.resolution, classes.origin, cells)

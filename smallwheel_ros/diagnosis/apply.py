@@ -95,7 +95,15 @@ class Added(Result, shown="views.added"):
         return found
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
-        """Draw the held-out error before and after. channel: the first that was measured if not given."""
+        """Draw the held-out error before and after.
+
+        Parameters
+        ----------
+        ax
+            Where to draw; new axes if not given.
+        channel
+            The first one if not given.
+        """
         return self._drawn(ax, channel)
 
     def _writers(self) -> dict[str, Writer]:
@@ -105,7 +113,17 @@ class Added(Result, shown="views.added"):
 def added(effect: str, start: Start) -> Added:
     """Add one effect, in the form that fits best, and fit everything anew.
 
-    Raises EffectError where there is no such effect or the data does not have what it needs.
+    Parameters
+    ----------
+    effect
+        Id of the effect.
+    start
+        Measurements, base model and effects.
+
+    Raises
+    ------
+    EffectError
+        If there is no such effect, or the data does not have the columns it needs.
     """
     measurements, known = start.measurements, start.registry
     _check_column(effect, measurements, known)
@@ -205,7 +223,17 @@ class Grown:
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
         """The same with one more effect; each fold chooses among the forms within `WINDOW` of the best.
 
-        Raises EffectError where it cannot be fitted.
+        Parameters
+        ----------
+        problem
+            The table and the base model.
+        forms
+            Forms of the effect.
+
+        Raises
+        ------
+        EffectError
+            If it cannot be fitted.
         """
         fitter = problem.fitter
         made = _extended(fitter, self.model, [(form, form.part.start) for form in forms], 4)

@@ -67,7 +67,15 @@ class BadRun:
 
 
 def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
-    """The runs that lie grossly off, the worst of the repeated settings and the worst of the model."""
+    """The runs that lie grossly off: stuck sensors first, else of repeated settings, else of the model.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The base, fitted.
+    """
     if fitter.points.run_count <= 2 * _FEWEST:
         return []
     return _stuck_runs(fitter.points) or _off_repeats(fitter.points) or _off_model(fitter, fit)

@@ -101,7 +101,15 @@ class Competitor:
 
 
 def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
-    """The vector with a competitor, in the place of what it replaces."""
+    """A vector with a competitor in the place of what it replaces.
+
+    Parameters
+    ----------
+    vector
+        The free parameters.
+    put_in
+        The competitor.
+    """
     parts = tuple(part for part in vector.parts if part.id != put_in.part.id)
     if put_in.geometry is not None:  # no effect with numbers
         return replace(vector, parts=parts, geometry=put_in.geometry)
@@ -132,9 +140,17 @@ class Field:
         )
 
     def only(self, competitors: Sequence[Competitor], blocked: Mapping[str, str]) -> Field:
-        """With these competitors, and others blocked for these reasons.
+        """The same field with these competitors.
 
-        Prior odds: `EXPECTED_EFFECTS` over the families, a family's over its forms.
+        Prior odds: `EXPECTED_EFFECTS` are shared evenly among the families, and a family's among
+        its forms.
+
+        Parameters
+        ----------
+        competitors
+            Those that take part.
+        blocked
+            Reasons by family, added to those there are.
         """
         families = [c.family for c in competitors]
         each = EXPECTED_EFFECTS / max(len(set(families)), 1)
@@ -145,9 +161,18 @@ class Field:
 def field_of(
     points: Points, model: Model, registry: Registry, without: Collection[str] = ()
 ) -> Field:
-    """Every competitor that this data could show, before any residual is looked at.
+    """All competitors that this data could show, before any residual is looked at.
 
-    model: what the base has. without: families that are taken out of the competition.
+    Parameters
+    ----------
+    points
+        The points.
+    model
+        The base model.
+    registry
+        Of effects.
+    without
+        Families that are taken out.
     """
     found: list[Competitor] = []
     blocked: dict[str, str] = {}
@@ -366,10 +391,17 @@ def _run_means(column: Array, points: Points) -> Array:
 
 
 def follows_others(name: str, columns: Mapping[str, Array]) -> bool:
-    """Whether a column answers other settings (a rim's speed, a load that falls while skidding).
+    """Whether a column follows from other settings (a rim's speed, a load that falls while skidding).
 
     By ranks, so that any rising or falling law counts: of one setting, or of all together with their
     squares and products (adjusted for how many terms that takes).
+
+    Parameters
+    ----------
+    name
+        The column.
+    columns
+        Varied columns by name, each of shape (values,).
     """
     others = [c for n, c in columns.items() if n != name and n in SETTINGS]
     others += [columns["load"]] if "load" in columns and name != "load" else []

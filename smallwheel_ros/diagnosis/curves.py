@@ -150,7 +150,23 @@ _KINDS = {name: type("Curve", (Curve,), {s.method: s.acts}) for name, s in STAGE
 def curve_part(
     name: str, stage: str, span: CurveSpan, first: int, terms: int, size: float = 1.0
 ) -> EffectPart:
-    """A curve as a part of a fit, with terms of degree `first` on. size: N or m, of one that is added."""
+    """A curve as a part of a fit.
+
+    Parameters
+    ----------
+    name
+        Id of the part.
+    stage
+        Stage of the physics on which the curve acts.
+    span
+        Setting, middle and half width of the curve.
+    first
+        Degree of its first term.
+    terms
+        Number of its terms.
+    size
+        Scale of a curve that is added, N or m.
+    """
     kind = _KINDS[stage]
     falls = _FALLS if first else (1.0, *_FALLS)
     listed = [
@@ -164,7 +180,15 @@ def curve_part(
 
 
 def spans_of(column: str, values: Array) -> list[CurveSpan]:
-    """The spans over which a setting varies: one, or one on each side of its anchor."""
+    """The spans over which a setting varies: one, or one on each side of its anchor.
+
+    Parameters
+    ----------
+    column
+        The setting.
+    values
+        Shape (rows,), SI.
+    """
     low, high = float(values.min()), float(values.max())
     if column not in ANCHORS:
         return [CurveSpan(column, 0.5 * (low + high), 0.5 * (high - low))]
@@ -176,7 +200,15 @@ def spans_of(column: str, values: Array) -> list[CurveSpan]:
 
 
 def distinct(values: Array, span: CurveSpan) -> int:
-    """How many settings of a span were met, to a hundredth of it: as many terms a curve may have."""
+    """How many terms a curve may have: settings met within a span, told apart by a hundredth of it.
+
+    Parameters
+    ----------
+    values
+        Of the setting, shape (rows,), SI.
+    span
+        The span.
+    """
     x = (values - span.middle) / span.half
     if not span.side:
         return int(np.unique(np.round(x, 2)).size) - 1
@@ -187,7 +219,26 @@ def distinct(values: Array, span: CurveSpan) -> int:
 def curve_shown(
     part: EffectPart, stage: str, span: CurveSpan, values: Array, fit: Fit
 ) -> dict[str, Any]:
-    """A fitted curve: factor over the setting, with its 95 % band. values: of the setting, met."""
+    """A fitted curve: its factor over the setting, with a 95 % band.
+
+    Parameters
+    ----------
+    part
+        The curve.
+    stage
+        Stage of the physics on which it acts.
+    span
+        Its span.
+    values
+        Of the setting, where it was measured, shape (rows,), SI.
+    fit
+        A fit with the curve.
+
+    Returns
+    -------
+    dict
+        setting, stage; x (SI), factor, low, high of shape (points,).
+    """
     mine = values if not span.side else values[span.side * (values - span.middle) >= 0]
     x = np.linspace(float(mine.min()), float(mine.max()), _POINTS, dtype=np.float64)
     at, u = fit.vector.places(part.id), span.scaled(x)

@@ -75,7 +75,17 @@ def _head(problem: Problem, word: str, reason: str) -> Entry:
 
 
 def insufficient(problem: Problem, reason: str, field: Field | None = None) -> Entry:
-    """The document where there is too little data. field: where the base can be fitted at least."""
+    """The document of a diagnosis for which there is too little data.
+
+    Parameters
+    ----------
+    problem
+        The table and the base model.
+    reason
+        What is lacking, in words.
+    field
+        Competitors, given where the base can be fitted.
+    """
     document = _head(problem, "insufficient_data", reason)
     if field is not None:
         errors = in_sample(problem.points, problem.fit.model)
@@ -367,7 +377,20 @@ def _reason(
 def failing_settings(
     document: Mapping[str, Any], settings: Collection[str]
 ) -> list[tuple[str, str]]:
-    """Channel and setting of each region in which a diagnosis says that the model fails."""
+    """Channel and setting of each region in which a diagnosis says that the model fails.
+
+    Parameters
+    ----------
+    document
+        Of the diagnosis.
+    settings
+        Names of the table's settings.
+
+    Returns
+    -------
+    list of (str, str)
+        Without repeats.
+    """
     found = []
     for region in document.get("where_it_fails") or []:
         text = str(region["region"]).lstrip("|")  # |slip| > 0.5 is a region of slip

@@ -71,7 +71,22 @@ class _AsShown(Effect):
 
 
 def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
-    """The fault of the shown sinkage that pull and torque name, and that lowers a held-out error."""
+    """The fault of the sinkage shown that pull and torque name and that lowers a held-out error.
+
+    Parameters
+    ----------
+    problem
+        The table and the base model.
+    registry
+        Of effects.
+    without
+        Effects that are taken out.
+
+    Returns
+    -------
+    Witness or None
+        None where there is no such fault.
+    """
     points = problem.points
     if points.run_count < constants.FEWEST_RUNS or "sinkage" not in points.channels:
         return None

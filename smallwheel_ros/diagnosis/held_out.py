@@ -73,6 +73,15 @@ def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
     """Held-out errors of the base and of it with each name that the probabilities give.
 
     A name that helps no channel is taken out, and the errors of the others are found without it.
+
+    Parameters
+    ----------
+    problem
+        The table and the base model.
+    found
+        All models that were fitted.
+    posterior
+        Probabilities of the effects.
     """
     judged, best, names = problem.judged, posterior.best, posterior.named
     useless: list[tuple[str, ...]] = []
@@ -170,10 +179,18 @@ def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[C
 
 
 def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
-    """Held-out errors of a model after each step: one number, whatever command asks for it.
+    """Held-out errors of a model after each step, the same numbers for every command.
 
-    choose: judged models, fitted without a fold. Each is fitted on to all channels of the problem, as a fit
-    weighs them: as the model is that a command writes.
+    Each judged model is fitted to all channels as a fit weighs them: as a command would write it.
+
+    Parameters
+    ----------
+    problem
+        The table and the base model.
+    choose
+        Gives the judged models, fitted to a fold's training points.
+    steps
+        Number of models.
     """
     judged = problem.judged.points
 
@@ -281,7 +298,16 @@ def errors_alone(
 ) -> dict[str, CvErrors]:
     """Held-out errors of the most probable families, each alone in its best form.
 
-    Of one that is the first step this is the error of the step.
+    Parameters
+    ----------
+    problem
+        The table and the base model.
+    found
+        All models that were fitted.
+    held
+        Errors of the steps; a family that is the first step has that step's error.
+    probabilities
+        By family.
     """
     known = {step.added: step.errors for step in held.steps[1:2] if step.added is not None}
     families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))

@@ -68,9 +68,21 @@ class LackOfFit:
 def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     """The F test of lack of fit (Fisher 1922; Draper and Smith 1998, ch. 2) by channel.
 
-    F = sum n m^2 / (settings - parameters)  over  sum (r - m)^2 / (runs - settings) + n u^2,
-    r the relative residual of a run, m the mean of a setting's n runs. No law is exact: u is what laws
-    are usually off by, at most. Only channels with settings that several runs repeat.
+    F = sum n m^2 / (settings - parameters) over sum (r - m)^2 / (runs - settings) + n u^2, r the
+    relative residual of a run, m the mean of a setting's n runs. No law is exact: u is what laws
+    are usually off by, at most.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+
+    Returns
+    -------
+    dict of LackOfFit
+        By channel; only channels with settings that several runs repeat.
     """
     points, found = fitter.points, {}
     share = (points.value - fit.predicted) / fitter.level
@@ -115,6 +127,18 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
     The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of them,
     each standardised; its law comes from data drawn from the fit with its scatter, in steps of the data's
     resolution.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+
+    Returns
+    -------
+    dict of Plateau
+        By channel.
     """
     points, found = fitter.points, {}
     deviation = np.sqrt(np.diag(fitter.covariance(fit).matrix))
@@ -160,7 +184,17 @@ class Misfit:
 
 
 def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
-    """Of the model with what is named, where no more is open; of the base, where nothing is missing."""
+    """Misfit of the model with the named effects where nothing else is open, else of the base.
+
+    Parameters
+    ----------
+    found
+        All models that were fitted.
+    posterior
+        Probabilities of the effects.
+    held
+        Held-out errors, and what is named.
+    """
     rivals = posterior.rivals or held.useless
     named_alone = held.named and not rivals and not posterior.unknown
     model = held.best if named_alone else found.ordered[0]
@@ -198,9 +232,26 @@ def where_it_fails(
 
     A cut splits the points by one setting; its statistic is the difference of the two sides' mean
     error, relative to the level, over its standard error; the largest over all cuts. Its law comes
-    from turning round the sign of whole runs' errors. errors: held out. certain: it does fail
-    somewhere; then the worst cut is given even if few runs cannot confirm it. p_value: over all cuts
-    of the channel. bias, rmse: m or N.
+    from turning round the sign of whole runs' errors.
+
+    Parameters
+    ----------
+    points
+        The points.
+    errors
+        Held-out errors.
+    level
+        Size of each value, shape (values,), m, N or N m.
+    seed
+        Of the random signs.
+    certain
+        Whether the model fails somewhere for certain; then the worst cut is given even if few runs
+        cannot confirm it.
+
+    Returns
+    -------
+    list of dict
+        region, rows, channel; bias and rmse (m, N or N m); p_value over all cuts of the channel.
     """
     generator = np.random.default_rng([seed, 13])
     found: list[Entry] = []
@@ -279,15 +330,38 @@ def _apart(share: Array, above: Mask) -> Array:
 
 
 def setting_of(points: Points, values: Index) -> str:
-    """The setting of some values in words: what was varied."""
+    """The setting of some values in words: medians of what was varied.
+
+    Parameters
+    ----------
+    points
+        The points.
+    values
+        Numbers of the values.
+    """
     named = {n: float(np.median(c[values])) for n, c in points.varied.items()}
     return ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in named.items())
 
 
 def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
-    """Where most of a held-out error comes from, if that is one end of a setting, in words; else "".
+    """Where most of a held-out error comes from, if that is one end of a setting.
 
-    Of few runs that no other repeats: where one is left out, the others can hardly do more than extrapolate.
+    Only ends with few runs that no other repeats: where one is left out, the others can hardly do
+    more than extrapolate.
+
+    Parameters
+    ----------
+    points
+        The points.
+    errors
+        Held-out errors.
+    channel
+        The channel.
+
+    Returns
+    -------
+    str
+        In words; empty if it comes from no such end.
     """
     mine = points.of_channel(channel) & ~points.swept
     square = np.array([np.mean(errors.error[channel][rows] ** 2) for rows in points.rows])
@@ -315,7 +389,20 @@ def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
 
 
 def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
-    """Mean relative residual of a fit, by channel, in thirds of each setting and by group of rows."""
+    """Mean relative residual of a fit, by channel, in thirds of each setting and by group of rows.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+
+    Returns
+    -------
+    list of dict
+        One for each channel and setting or group, with its parts.
+    """
     points = fitter.points
     share = (points.value - fit.predicted) / fitter.level
     first = np.array([rows[0] for rows in points.rows])
@@ -355,7 +442,20 @@ def _part(share: Array, run: Index) -> Entry:
 
 
 def worst_left(left: list[Entry], measurements: Measurements) -> str:
-    """The setting or group over which the residual differs most, in words; "" where none does."""
+    """The setting or group over which the residual differs most.
+
+    Parameters
+    ----------
+    left
+        As `residuals_left` returns it.
+    measurements
+        The table.
+
+    Returns
+    -------
+    str
+        In words; empty where none stands out.
+    """
     parts = [
         (abs(part["mean"]) / part["std"], entry, part)
         for entry in left

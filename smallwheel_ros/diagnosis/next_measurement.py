@@ -74,9 +74,14 @@ class Runs:
 
     @classmethod
     def of(cls, points: Points, limits: Limits) -> Runs:
-        """The given levels of each setting, else low, middle and high of what was varied.
+        """Possible runs: the given levels of each setting, else low, middle and high of what was varied.
 
-        limits: by setting (SI), the levels that the user can set.
+        Parameters
+        ----------
+        points
+            The points.
+        limits
+            By setting (SI), the levels that the user can set.
         """
         columns, conditions = independent(points), points.conditions
         settable = [n for n in columns if n != points.order]  # a time is not set
@@ -113,9 +118,25 @@ class Runs:
 def propose(
     fitter: Fitter, runs: Runs, first: Fit, second: Fit, names: tuple[str, str], hint: str = ""
 ) -> Proposal | None:
-    """The setting that tells two models apart best, made in six runs; None where none does.
+    """The setting that distinguishes two models best, measured in six runs.
 
-    hint: a sentence on how to check one of the two.
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    runs
+        Possible runs.
+    first, second
+        Fits of the two models.
+    names
+        What they are called.
+    hint
+        How to check one of them, in a sentence.
+
+    Returns
+    -------
+    Proposal or None
+        None where no run distinguishes them.
     """
     there, channels = runs.conditions, fitter.points.channels
     shape = len(channels), len(there)
@@ -158,7 +179,17 @@ def _scatter(fitter: Fitter, fit: Fit, level: Array, stiff: Array) -> Array:
 
 
 def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]:
-    """Runs that would decide between the best explanation and those that come next."""
+    """Runs that would decide between the best explanation and the next ones.
+
+    Parameters
+    ----------
+    found
+        All models that were fitted.
+    verdict
+        What is named, and its rivals.
+    limits
+        By setting (SI), the levels that the user can set.
+    """
     ordered = found.ordered
     first = ordered[0] if verdict.word != "missing_effect" else verdict.best
     models = [_explained_by(found, verdict, rival) for rival in verdict.rivals]

@@ -65,7 +65,23 @@ def start_of(
     can: Levels | None = None,
     seed: int = 0,
 ) -> Start:
-    """The start that users describe, as `api.diagnose` has it. model: also a `Base`."""
+    """Prepare a diagnosis from what users give; see `api.diagnose`.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    model
+        Model, file or `Base`; the law without effects if not given.
+    effects
+        The user's own effects.
+    without
+        Ids of effects that are taken out.
+    can
+        By setting, levels that the user can set.
+    seed
+        Of the random numbers.
+    """
     known = registry_of(effects)
     base = Base() if model is None else model
     if not isinstance(base, Base):
@@ -166,7 +182,15 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return [{name: row.get(name) for name in names} for row in self.document["ranking"]]
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
-        """Draw the held-out error after each step. channel: the first that was measured if not given."""
+        """Draw the held-out error after each step.
+
+        Parameters
+        ----------
+        ax
+            Where to draw; new axes if not given.
+        channel
+            The first one if not given.
+        """
         return self._drawn(ax, channel)
 
     def _writers(self) -> dict[str, Writer]:
@@ -200,7 +224,17 @@ class Decided:
 def decided(start: Start, progress: Progress = unheard) -> Decided:
     """Decide which effect a model is missing, as far as the measurements can tell.
 
-    progress: told each step in words. Raises FittingError where nothing usable was measured.
+    Parameters
+    ----------
+    start
+        Measurements, base model and effects.
+    progress
+        Called with each step in words.
+
+    Raises
+    ------
+    FittingError
+        If nothing usable was measured.
     """
     progress("fitting the base model")
     problem = Problem.of(start.measurements, start.base)
@@ -216,9 +250,19 @@ def decided(start: Start, progress: Progress = unheard) -> Decided:
 
 @one_thread
 def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
-    """Find out which effect a model is missing, with all that is told about it.
+    """Find out which effect a model is missing, with everything that is reported about it.
 
-    progress: told each step in words. Raises FittingError where nothing usable was measured.
+    Parameters
+    ----------
+    start
+        Measurements, base model and effects.
+    progress
+        Called with each step in words.
+
+    Raises
+    ------
+    FittingError
+        If nothing usable was measured.
     """
     found, without = decided(start, progress), start.without
     evidence, verdict = found.evidence, found.verdict

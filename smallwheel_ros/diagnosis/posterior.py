@@ -99,10 +99,17 @@ def posterior_of(search: Search) -> Posterior:
 
 
 def family_of(search: Search, competitor: Competitor) -> str:
-    """The family that a competitor speaks for: a curve for the effect that it generalises.
+    """The family that a competitor counts for; of a curve, the effect that it generalises.
 
-    Of several the one of the fewest drivers: a curve of slip is a law of slip before it is one of slip
-    and lugs.
+    Of several effects it is the one of the fewest drivers: a curve of slip is a law of slip before
+    it is one of slip and lugs.
+
+    Parameters
+    ----------
+    search
+        All models that were fitted.
+    competitor
+        The competitor.
     """
     if competitor.kind != "unknown":
         return competitor.family
@@ -157,7 +164,17 @@ def _without_a_law(
 
 
 def by_library(search: Search, best: Candidate, named: list[str]) -> Candidate:
-    """The best model with laws of the library for exactly what is named, of all their forms."""
+    """The best model that has laws of the library for exactly the named effects, over all their forms.
+
+    Parameters
+    ----------
+    search
+        All models that were fitted.
+    best
+        The best model, which may have curves.
+    named
+        The named effects.
+    """
     wanted, model = frozenset(named), best
     for competitor in best.competitors:
         family = family_of(search, competitor)

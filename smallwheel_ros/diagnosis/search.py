@@ -64,7 +64,22 @@ class ScoreColumn:
 
 
 def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreColumn]:
-    """Columns of a competitor at a fit; none where it has no finite prediction there."""
+    """Columns of the score test for a competitor.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit that is tested.
+    competitor
+        The competitor.
+
+    Returns
+    -------
+    list of ScoreColumn
+        Empty where its predictions are not finite.
+    """
     listed, start = competitor.part.parameters, competitor.part.start
     vector, effect = changed(fit.vector, competitor), competitor.effect
     # A rule of contact has no numbers.
@@ -179,7 +194,15 @@ class Candidate(Fit):
 
     @classmethod
     def of(cls, fit: Fit, competitors: Sequence[Competitor] = ()) -> Candidate:
-        """A fit as a model of these competitors."""
+        """A fit as a candidate with these competitors.
+
+        Parameters
+        ----------
+        fit
+            The fit.
+        competitors
+            Those it contains.
+        """
         odds = sum(float(np.log(c.share)) for c in competitors)
         known = {name: getattr(fit, name) for name in Fit.__dataclass_fields__}
         return cls(**known, competitors=tuple(competitors), weight=fit.evidence + odds)
@@ -203,9 +226,27 @@ def refit(
     out: Competitor | None = None,
     turns: int = 4,
 ) -> Candidate | None:
-    """A model fitted from where it was, with one competitor more, or less, or another in its place.
+    """Fit a model from where it was, with a competitor put in, taken out, or replaced.
 
-    start: of the new competitor's numbers. None where it cannot be fitted.
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    near
+        The model to start from.
+    put_in
+        Competitor to add.
+    start
+        Its first parameters, shape (parameters of it,); its own start if not given.
+    out
+        Competitor to remove.
+    turns
+        Most alternations of parameters and variance components.
+
+    Returns
+    -------
+    Candidate or None
+        None where it cannot be fitted.
     """
     vector, competitors = near.vector, near.competitors
     if out is not None:
@@ -257,11 +298,20 @@ class Search:
     def mixture(
         self, named: Collection[str], rivals: Collection[str], tied: Collection[str] = ()
     ) -> list[tuple[float, Candidate]]:
-        """Models of the library with what is named, each with its share of their probability, the best first.
+        """Models of the library with the named effects, each with its share of probability, best first.
 
-        Those of under `MENTIONED` are left out, but for the best with each rival. tied: settings that were
-        varied together. What follows one of them is as probable beforehand as that nothing does: the data has
-        no say, and it matters wherever they are not together.
+        Models under `MENTIONED` are left out, except the best with each rival.
+
+        Parameters
+        ----------
+        named
+            The named effects.
+        rivals
+            Effects as probable as those.
+        tied
+            Settings that were varied together. An effect that follows one of them is taken to be as
+            probable beforehand as none: the data cannot say, and it matters wherever the settings
+            are apart.
         """
         even = {c.family for c in self.field.competitors
                 if c.kind == "soil" and {*tied} & {*c.drivers[:1]} - {"load"}}  # fmt: skip
@@ -286,7 +336,15 @@ class Search:
         return [(p / total, m) for p, m in kept]
 
     def all_alone(self, family: str, within: float = np.inf) -> list[Candidate]:
-        """The family alone in its forms that were refitted, the best first, within some nats of it."""
+        """Models with the family alone, in its forms that were refitted, the best first.
+
+        Parameters
+        ----------
+        family
+            The family.
+        within
+            Most distance from the best in ln evidence.
+        """
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
         return [m for m in found if m.weight > found[0].weight - within]
 
@@ -317,7 +375,24 @@ class Search:
         start: Array | None = None,
         out: Competitor | None = None,
     ) -> Candidate | None:
-        """A known model with one competitor in the place of another (None: of none), else a new one."""
+        """A model with competitors changed: the one fitted before if there is one, else a new one.
+
+        Parameters
+        ----------
+        near
+            The model to start from.
+        put_in
+            Competitor to add.
+        start
+            Its first parameters, shape (parameters of it,); its own start if not given.
+        out
+            Competitor to remove.
+
+        Returns
+        -------
+        Candidate or None
+            None where it cannot be fitted.
+        """
         taken, given = (set() if c is None else {c.key} for c in (out, put_in))
         key = near.key - taken | given
         rules = out is not None and any(c is not None and c.geometry for c in (out, put_in))
@@ -331,7 +406,21 @@ class Search:
 def search(
     fitter: Fitter, base: Fit, field: Field, *, seed: int = 0, most: int = MOST_EFFECTS
 ) -> Search:
-    """Search the models that explain the data. most: effects of the largest; with 0 only p is found."""
+    """Search the models that explain the data.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    base
+        The base, fitted.
+    field
+        The competitors.
+    seed
+        Of the random numbers of the score test.
+    most
+        Most effects in a model; with 0 only the p value of the score test is found.
+    """
     columns = [column for c in field.competitors for column in columns_of(fitter, base, c)]
     screen = Screen(fitter, base, columns)
     field, screen = _testable(screen, field)

@@ -87,9 +87,21 @@ class Predictor:
         return np.asarray(self._together(vector, theta[None, :], vector.effects(theta))[0])
 
     def many(self, vector: ParameterVector, thetas: Array) -> Array:
-        """Predictions of each parameter vector, shape (vectors, values).
+        """Predictions of each parameter vector.
 
         An effect that cannot take arrays (a user's own) is evaluated one vector after the other.
+
+        Parameters
+        ----------
+        vector
+            The free parameters.
+        thetas
+            Parameter vectors, shape (vectors, parameters).
+
+        Returns
+        -------
+        ndarray
+            Shape (vectors, values), m, N or N m by channel; NaN where there is none.
         """
         effects = vector.effects(np.repeat(thetas.T, len(self.conditions), axis=1))
         kinds = frozenset(type(effect) for effect in effects)
@@ -126,9 +138,24 @@ class Predictor:
         return np.asarray(columns[self.channel, :, self.row].T)
 
     def with_slopes(self, vector: ParameterVector, theta: Array) -> tuple[Array, Array]:
-        """Predictions (values,) and their slopes by parameter (values, parameters).
+        """Predictions and their slopes by parameter, by forward differences.
 
-        Raises FittingError where the model has no finite prediction there.
+        Parameters
+        ----------
+        vector
+            The free parameters.
+        theta
+            Shape (parameters,).
+
+        Returns
+        -------
+        predicted, slopes : ndarray
+            Shape (values,) and (values, parameters).
+
+        Raises
+        ------
+        FittingError
+            If the model has no finite prediction there.
         """
         steps = vector.steps(theta)
         with np.errstate(all="ignore"):  # what is no number is refused below
@@ -320,9 +347,19 @@ class Fitter:
         return self._components(self.true_variance, fit, alone)
 
     def scatter_covariance(self, fit: Fit, scatter: Scatter) -> Array:
-        """How well the components are known: covariance of their ln, shape (components,) * 2.
+        """Covariance of the logarithms of the variance components.
 
-        scatter: `true_scatter`.
+        Parameters
+        ----------
+        fit
+            The fit.
+        scatter
+            Its `true_scatter`.
+
+        Returns
+        -------
+        ndarray
+            Shape (components, components).
         """
         model, given = (
             self.true_variance,
@@ -350,16 +387,41 @@ class Fitter:
         return replace(self, points=self.points.take(keep), level=self.level[keep], repeats=part)
 
     def covariance(self, fit: Fit, spread: Array | None = None) -> Covariance:
-        """V of a fit, with U U' where what parameters can take up is given."""
+        """V of a fit, plus U U' where U is given.
+
+        Parameters
+        ----------
+        fit
+            The fit.
+        spread
+            U, what parameters can take up of the errors, shape (values, columns).
+        """
         return self.variance.covariance(fit.scatter, fit.stiffness, spread)
 
     @one_thread
     def at(
         self, vector: ParameterVector, theta: Array | None = None, scatter: Scatter | None = None
     ) -> Fit:
-        """A model as it stands, to fit it from there: at its start, under the usual scatter if none is given.
+        """A model at given parameters, to be fitted from there.
 
-        Raises FittingError where it cannot be evaluated there.
+        Parameters
+        ----------
+        vector
+            The free parameters.
+        theta
+            Shape (parameters,); the vector's start if not given. It is clipped to the bounds.
+        scatter
+            Variance components; the usual ones if not given.
+
+        Returns
+        -------
+        Fit
+            Without evidence and covariance yet.
+
+        Raises
+        ------
+        FittingError
+            If the model has no finite prediction there.
         """
         theta = np.clip(vector.start if theta is None else theta, *vector.bounds)
         predicted, slopes = self.predictor.with_slopes(vector, theta)
@@ -368,7 +430,15 @@ class Fitter:
 
     @one_thread
     def fit(self, start: Fit, *, turns: int = _TURNS) -> Fit:
-        """Fit a model on from where it is. turns: 0 fits theta only, under its components of the variance."""
+        """Fit a model on from where it is.
+
+        Parameters
+        ----------
+        start
+            Where to start.
+        turns
+            Most alternations of theta and variance components; 0 fits theta alone.
+        """
         now, last = replace(start, scatter=self.variance.suited(start.scatter)), -np.inf
         for _ in range(max(turns, 1)):
             now = self._climb(now)

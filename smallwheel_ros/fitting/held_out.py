@@ -53,7 +53,20 @@ class CvErrors:
     run: Index
 
     def score(self, name: str, rows: Mask | None = None) -> Score | None:
-        """The error of one channel, on some rows if given, shape (rows,); None where it has none."""
+        """The error of one channel.
+
+        Parameters
+        ----------
+        name
+            The channel.
+        rows
+            Rows that count, shape (rows,); all if not given.
+
+        Returns
+        -------
+        Score or None
+            m, N or N m; None where the channel has no error on these rows.
+        """
         known = np.isfinite(self.error.get(name, np.full(self.run.size, np.nan)))
         known &= True if rows is None else rows
         if not known.any():
@@ -89,7 +102,20 @@ class CvErrors:
         return {name: score.rmse_std for name, score in self.scores().items()}
 
     def by_run(self, values: Array, rows: Mask) -> Array:
-        """Mean of these rows' values in each run that has some, shape (runs,)."""
+        """Mean of values in each run.
+
+        Parameters
+        ----------
+        values
+            Of the chosen rows, shape (chosen,).
+        rows
+            Which rows are chosen, shape (rows,).
+
+        Returns
+        -------
+        ndarray
+            Shape (runs with a chosen row,).
+        """
         count = np.bincount(self.run[rows])
         return np.asarray((np.bincount(self.run[rows], values) / np.maximum(count, 1))[count > 0])
 
@@ -123,7 +149,18 @@ class ErrorComparison:
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
-    """How much better the second predicts, channel by channel, on the rows that both predict."""
+    """How much better the second predicts, by channel, on the rows that both predict.
+
+    Parameters
+    ----------
+    before, after
+        Held-out errors.
+
+    Returns
+    -------
+    ErrorComparison
+        Relative reduction of the RMSE, and its z score from differences by run.
+    """
     reduction, z_score = {}, {}
     for name in (n for n in before.error if n in after.error):
         first, second = before.error[name], after.error[name]
@@ -185,7 +222,22 @@ def rows_of(points: Points) -> dict[str, Index]:
 def row_errors(
     measurements: Measurements, model: Model, rows: Mapping[str, Index]
 ) -> dict[str, Array]:
-    """Measured less predicted of these rows, by channel, shape (rows of the table,), else NaN."""
+    """Measured less predicted, by channel.
+
+    Parameters
+    ----------
+    measurements
+        The table.
+    model
+        The model.
+    rows
+        Numbers of the rows to predict, by channel.
+
+    Returns
+    -------
+    dict of ndarray
+        Shape (rows of the table,), m, N or N m; NaN elsewhere.
+    """
     used = np.unique(np.concatenate(list(rows.values())))
     there, forces = filled(measurements.conditions).take(used), not set(FORCES).isdisjoint(rows)
     predicted = predict(model, there, with_forces=forces)
@@ -198,7 +250,15 @@ def row_errors(
 
 
 def in_sample(points: Points, model: Model) -> CvErrors:
-    """Errors of a model as it stands."""
+    """Errors of a model as it stands.
+
+    Parameters
+    ----------
+    points
+        The points, with their table.
+    model
+        The model.
+    """
     error = row_errors(points.measurements, model, rows_of(points))
     return CvErrors(error, runs_of(points.measurements)[1])
 
@@ -211,11 +271,27 @@ def cross_validate(
     *,
     known: Collection[str] | None = None,
 ) -> list[CvErrors]:
-    """Held-out errors of each of the models that `chooser` makes of a fold's training points.
+    """Held-out errors of each model that `chooser` fits to a fold's training points.
 
-    chooser: gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
-    the rest. fold: of each value, shape (values,); that of its run (`folds_of`) where None. known: soils
-    known beforehand; others that a fold never met are of the middle of those that it met. None: all are.
+    Parameters
+    ----------
+    points
+        All points.
+    chooser
+        Gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
+        the rest.
+    steps
+        Number of models.
+    fold
+        Of each value, shape (values,); `folds_of` the runs if not given.
+    known
+        Soils known beforehand; any other that a fold never met is taken as the middle of those it
+        met. None: all are known.
+
+    Returns
+    -------
+    list of CvErrors
+        One for each step.
     """
     fold = folds_of(points)[points.run] if fold is None else fold
     blank = np.full(len(points.measurements), np.nan)

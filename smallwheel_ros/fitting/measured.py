@@ -33,7 +33,17 @@ _LEAST_OFF = 0.01  # of a setting's range: nearer to a line it was not set
 
 
 def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
-    """What a prediction needs to know of the points. scatter: `Fitter.true_scatter`."""
+    """What a prediction needs to know about the data: ranges, wheels, scatter, and how well laws hold.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+    scatter
+        Its `true_scatter`.
+    """
     points = fitter.points
     return Measured(
         _ranges(points),

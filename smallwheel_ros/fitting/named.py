@@ -75,9 +75,18 @@ def derived_parameters(
     names: Sequence[str],
     covariance: Array,
 ) -> tuple[FittedParameter, ...]:
-    """What follows from the parameters, each no better known than the worst of these.
+    """What follows from the parameters, each no better known than the worst parameter it follows from.
 
-    names, covariance: of the parameters, shape (names,) * 2.
+    Parameters
+    ----------
+    soils
+        The fitted soils.
+    parameters
+        The fitted parameters.
+    names
+        Full names of the parameters in `covariance`.
+    covariance
+        Shape (names, names), SI units.
     """
     known = {p.full_name: p for p in parameters}
     found = []

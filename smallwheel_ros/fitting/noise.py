@@ -67,7 +67,17 @@ class NoiseLine:
 
     @classmethod
     def through(cls, value: Array, row: Index, conditions: Conditions) -> NoiseLine:
-        """Fit it. value: positive, at a row of the conditions each, shape (values,)."""
+        """Fit the line of logarithms.
+
+        Parameters
+        ----------
+        value
+            Positive, shape (values,).
+        row
+            Row of the conditions of each value, shape (values,).
+        conditions
+            Of the rows.
+        """
         columns = _columns(conditions)
         known = np.isfinite(columns).all(axis=0)
         columns = columns[row]
@@ -86,7 +96,22 @@ class NoiseLine:
     def power_of_load(
         self, value: Array, row: Index, conditions: Conditions
     ) -> tuple[float, float]:
-        """The power of the load with which the values rise, and its deviation; (inf, 0) where not known."""
+        """The power of the load with which the values rise.
+
+        Parameters
+        ----------
+        value
+            Positive, shape (values,).
+        row
+            Row of the conditions of each value, shape (values,).
+        conditions
+            Of the rows.
+
+        Returns
+        -------
+        power, deviation : float
+            (inf, 0) where the load hardly varies.
+        """
         if 0 not in self.used:
             return np.inf, 0.0
         columns = _columns(conditions)[row][:, self.used]
@@ -107,7 +132,20 @@ class NoiseLine:
 
 
 def of_load(conditions: Conditions, channel: str) -> Array:
-    """What a pull (N) is measured by, the load, and a torque (N m), the load times the radius, (rows,)."""
+    """The scale of a force channel: the load, or for a torque the load times the radius.
+
+    Parameters
+    ----------
+    conditions
+        Of the rows.
+    channel
+        `torque`, or one in N.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), N or N m.
+    """
     return conditions.load * (0.5 * conditions.diameter if channel == "torque" else 1.0)
 
 
@@ -173,7 +211,15 @@ class Repeats:
 
 
 def repeats_of(points: Points, level: Array) -> Repeats:
-    """Repeatability of each channel, and the variance that it leaves in each value."""
+    """Repeatability of each channel, and the variance that it gives to each value.
+
+    Parameters
+    ----------
+    points
+        The points.
+    level
+        L, the size of each value (`levels_of`), shape (values,), m, N or N m.
+    """
     channels: dict[str, RowNoise] = {}
     variance, stated = np.zeros(len(points)), np.zeros(len(points))
     for name in points.channels:

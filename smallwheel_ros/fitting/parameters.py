@@ -72,7 +72,15 @@ class Prior:
 
 
 def instrument_prior(p: Parameter, size: float) -> Prior:
-    """What is known of a number of an instrument that shows too much. size: of a reading, in its unit."""
+    """Prior of a parameter of an instrument that shows too much or too little.
+
+    Parameters
+    ----------
+    p
+        The parameter.
+    size
+        Typical reading, in the parameter's unit.
+    """
     if p.unit == "m":
         wide, freedom = SINKAGE_ZERO_STD, SINKAGE_ZERO_FREEDOM
     else:
@@ -121,7 +129,17 @@ def numbers_of_soil(known: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
-    """The soil with these of its numbers replaced, under another name where one is given."""
+    """A soil with some of its numbers replaced.
+
+    Parameters
+    ----------
+    soil
+        The soil.
+    values
+        New numbers by name, SI units, as in `soil_numbers`.
+    name
+        New name; the old one if empty.
+    """
     made = numbers_of_soil(soil_numbers(soil) | dict(values))
     changes: dict[str, Any] = {number: float(value) for number, value in made.items()}
     return replace(soil, name=name or soil.name, **changes)
@@ -173,9 +191,16 @@ class EffectPart:
 def part_of(
     effect: Effect, priors: Mapping[str, Prior] | None = None, replaces: str = ""
 ) -> EffectPart:
-    """An effect with its own numbers free, started where it stands.
+    """An effect with its own parameters free, started at their values.
 
-    priors: by parameter; where none is given, the bounds hold it and a prior as wide as they are.
+    Parameters
+    ----------
+    effect
+        The effect.
+    priors
+        By parameter; without one, its bounds and a deviation as wide as they are.
+    replaces
+        Id of what the part replaces; empty for nothing.
     """
     values, listed = dict(effect.values()), []
     for p in effect.parameters():
@@ -186,7 +211,15 @@ def part_of(
 
 
 def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
-    """The effect with other numbers; arrays (one value for each row) are not checked against bounds."""
+    """An effect with other numbers.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    numbers
+        By name, SI; arrays (one value a row) are not checked against the bounds.
+    """
     if all(np.ndim(v) == 0 for v in numbers.values()):
         return replace(effect, **{name: float(v) for name, v in numbers.items()})
     made = object.__new__(type(effect))
@@ -250,7 +283,20 @@ class ParameterVector:
         return np.array(mine, dtype=np.intp)
 
     def begun_at(self, other: ParameterVector, theta: Array) -> Array:
-        """The start, with the numbers that another vector's theta has under the same names."""
+        """The start, with values of the same names taken from another vector.
+
+        Parameters
+        ----------
+        other
+            The other vector.
+        theta
+            Its parameters, shape (parameters of other,).
+
+        Returns
+        -------
+        ndarray
+            Shape (parameters,).
+        """
         known = dict(zip(other.names, theta, strict=True))
         return np.array([known.get(p.name, p.start) for p in self.free])
 
@@ -286,9 +332,19 @@ class ParameterVector:
         return Model(soils, self.geometry, self.effects(theta), self.thrust_form)
 
     def soil_columns(self, thetas: Array, codes: Index) -> dict[str, Array]:
-        """`SOIL_NUMBERS` of rows repeated for each parameter vector, shape (copies * rows,).
+        """`SOIL_NUMBERS` of rows that are repeated for each parameter vector.
 
-        thetas: shape (copies, parameters). codes: index of each row's soil, shape (rows,).
+        Parameters
+        ----------
+        thetas
+            Shape (copies, parameters).
+        codes
+            Index of each row's soil, shape (rows,).
+
+        Returns
+        -------
+        dict of ndarray
+            Shape (copies * rows,), SI units.
         """
         names, held, places = self.soil_table
         known = np.repeat(held[:, None], len(thetas), axis=1)

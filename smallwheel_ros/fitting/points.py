@@ -138,9 +138,19 @@ class Points:
 
 
 def points_of(measurements: Measurements, outliers: Index | None = None) -> Points:
-    """Reduce the measurements to points. outliers: rows that are left out.
+    """Reduce measurements to points: means over groups of like rows.
 
-    Raises FittingError where nothing usable is measured.
+    Parameters
+    ----------
+    measurements
+        The table.
+    outliers
+        Numbers of the rows that are left out.
+
+    Raises
+    ------
+    FittingError
+        If nothing usable is measured.
     """
     conditions = filled(measurements.conditions)
     usable, notes = _usable(measurements, conditions)

@@ -25,7 +25,22 @@ _NO_LESS = 1.05  # of a deviation: as well known, for any use
 
 
 def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -> Array:
-    """C of the head, shape (parameters,) * 2. slopes, weights: J and G, shape (values, parameters)."""
+    """C of the file's head.
+
+    Parameters
+    ----------
+    slopes, weights
+        J and G, shape (values, parameters).
+    variance
+        V, shape (values, values).
+    precision
+        P of the priors, shape (parameters, parameters).
+
+    Returns
+    -------
+    ndarray
+        Shape (parameters, parameters); no deviation is larger than the prior's.
+    """
     h = weights.T @ slopes + precision
     size = np.sqrt(np.diag(h))
     back = np.linalg.inv(h / np.outer(size, size)) / np.outer(size, size)
@@ -38,11 +53,27 @@ def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -
 def over_scatter(
     fitter: Fitter, fit: Fit, scatter: Scatter, of: Callable[[Scatter], Array]
 ) -> Array:
-    """Mean of a function of the scatter over what its deviations phi could be, shape as it gives.
+    """Mean of a function of the scatter over the uncertainty of its deviations phi.
 
-    ln phi ~ N(found, S): by second differences at the columns of sqrt(3) times a root of S (the unscented
-    rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component that does not
-    matter changes nothing. scatter: `Fitter.true_scatter`.
+    ln phi ~ N(found, S): by second differences at the columns of sqrt(3) times a root of S (the
+    unscented rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component
+    that does not matter changes nothing.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+    scatter
+        Its `true_scatter`.
+    of
+        The function.
+
+    Returns
+    -------
+    ndarray
+        In the function's own shape.
     """
     total = middle = of(scatter)
     for column in _NODE * np.linalg.cholesky(fitter.scatter_covariance(fit, scatter)).T:
@@ -55,10 +86,23 @@ def over_scatter(
 
 
 def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
-    """Covariance of theta with the components' own uncertainty in it. scatter: `Fitter.true_scatter`.
+    """Covariance of theta, with the uncertainty of the variance components in it.
 
-    Few runs do not know their scatter well, and the deviations say so. A parameter at its bound has zero
-    rows and columns.
+    With few runs the scatter is hardly known, and the deviations are wider for it.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+    scatter
+        Its `true_scatter`.
+
+    Returns
+    -------
+    ndarray
+        Shape (parameters, parameters); rows and columns of parameters at a bound are 0.
     """
     free = np.flatnonzero(~fit.at_bound)
     slopes, precision = fit.slopes[:, free], fit.vector.precision(fit.theta)[np.ix_(free, free)]
@@ -76,9 +120,16 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
-    """Whether sinkage and resistance leave n open, and it is no less known where pull and torque have a say.
+    """Whether sinkage and resistance leave n open, while pull and torque determine it no worse.
 
-    So it is under one load: n then has the shape of pull over slip. fit: of the fitter that keeps them apart.
+    So it is under one load: n then follows from the shape of pull over slip.
+
+    Parameters
+    ----------
+    fitter
+        One that keeps pull and torque apart.
+    fit
+        Its fit.
     """
     exponents = [j for j, p in enumerate(fit.vector.of_soils) if p.field == "n"]
     variance = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness).matrix

@@ -133,7 +133,15 @@ def soil_names(points: Points) -> list[str]:
 
 
 def one_diameter(points: Points, soil: str) -> bool:
-    """Whether all bodies in that soil are of one size."""
+    """Whether all bodies in a soil have the same diameter, within 2 %.
+
+    Parameters
+    ----------
+    points
+        The points.
+    soil
+        Name of the soil.
+    """
     rows, named = np.unique(points.row), points.conditions.soil
     if named is not None:
         rows = rows[named[rows] == soil]
@@ -147,8 +155,18 @@ def one_diameter(points: Points, soil: str) -> bool:
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
     """A model file as the model to fit to these rows.
 
-    Soils and effects are refitted within the file's covariance, where it has one and was not made
-    from this data. An effect's number of which it says nothing stays as it is; free: it is fitted.
+    Soils and effects are refitted within the file's covariance, unless it has none or was made from
+    this data.
+
+    Parameters
+    ----------
+    known
+        The model file.
+    measurements
+        The table to fit.
+    free
+        Whether to fit effects' numbers for which the file states no deviation; else they stay as
+        they are.
     """
     model = known.model
     return Base(
@@ -172,9 +190,19 @@ def _of_rivals(known: CalibratedModel) -> tuple[str, ...]:
 
 
 def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str, ParameterPrior]:
-    """What a model file says of the soils of these rows, as a belief beforehand.
+    """Priors of the soils of these rows, from a model file.
 
-    Empty where the model was fitted to this very data, or the file states no deviations.
+    Parameters
+    ----------
+    known
+        The model file.
+    measurements
+        The table to fit.
+
+    Returns
+    -------
+    dict
+        By soil; empty where the model was fitted to this very data, or states no deviations.
     """
     if not known.names or _fitted_to(known, measurements):
         return {}
@@ -228,9 +256,21 @@ def _part(
 
 
 def opening(points: Points, vector: ParameterVector) -> Array:
-    """Where to start: the best of a coarse grid in ln p_ref and n, by logarithms, for each soil.
+    """Where to start: for each soil the best of a coarse grid in ln p_ref and n, by logarithms.
 
     Newton's steps in metres stray from a start that is a decade off.
+
+    Parameters
+    ----------
+    points
+        The points.
+    vector
+        The free parameters.
+
+    Returns
+    -------
+    ndarray
+        Theta, shape (parameters,).
     """
     theta = vector.start.copy()
     channel = next((n for n in points.channels if n not in FORCES), None)
@@ -256,7 +296,15 @@ def opening(points: Points, vector: ParameterVector) -> Array:
 
 
 def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
-    """Fit again from where the last fit came to rest, until no number moves by 0.003 of its deviation."""
+    """Fit again from the last fit, until no parameter moves by 0.003 of its deviation.
+
+    Parameters
+    ----------
+    fit
+        The last fit.
+    again
+        Fits on from a fit.
+    """
     for _ in range(_MOST_FITS):
         last, fit = fit, again(fit)
         deviation = np.sqrt(np.diag(fit.covariance))
@@ -283,7 +331,20 @@ class Problem:
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
-        """Reduce a table, without gross outliers. Raises FittingError where nothing is usable."""
+        """Reduce a table, without gross outliers.
+
+        Parameters
+        ----------
+        measurements
+            The table.
+        base
+            The model to fit; the law without effects if not given.
+
+        Raises
+        ------
+        FittingError
+            If nothing usable is measured.
+        """
         problem = cls(points_of(measurements), base or Base())
         return problem.without(outlier_rows(problem.points))
 
@@ -297,7 +358,15 @@ class Problem:
         return replace(self, points=points, outliers=outliers)
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
-        """The same with one effect more in the base; told: as `Base.told`."""
+        """The same with one more effect in the base.
+
+        Parameters
+        ----------
+        part
+            The effect, as it is fitted.
+        told
+            The same as known without pull and torque, for `Base.told`.
+        """
         parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
         return replace(self, base=replace(self.base, parts=parts, told=known))
 
@@ -377,7 +446,15 @@ class Problem:
         return replace(found, judging=True)
 
     def refitted(self, fit: Fit, training: Points | None = None) -> Fit:
-        """A judged model fitted to all channels as a fit weighs them, to a fold's training runs if given."""
+        """Fit a judged model to all channels, weighed as in a fit.
+
+        Parameters
+        ----------
+        fit
+            The judged model's fit.
+        training
+            A fold's training points; all points if not given.
+        """
         if self.judged is self:
             return fit
         fitter, base = (self.fitter, self.fit) if training is None else self.fold(training)

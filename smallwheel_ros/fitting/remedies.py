@@ -33,7 +33,17 @@ _SHOWS_AT = {  # slips, from and to, at which a number shows in pull and torque
 
 
 def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
-    """What measurement would determine a number of the soil, or what limits it where that was made."""
+    """The measurement that would determine a number of the soil; where it was made, what limits it.
+
+    Parameters
+    ----------
+    number
+        `n`, `m` or a number of the strength.
+    points
+        The points.
+    scatter
+        Their variance components.
+    """
     if number == "n":
         return _for_n(points, scatter)
     return _for_m(points, scatter) if number == "m" else _for_strength(number, points)

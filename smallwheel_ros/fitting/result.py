@@ -150,7 +150,15 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         }
 
     def plot(self, ax: Axes | None = None, channel: str | None = None) -> Axes:
-        """Draw measured over predicted in sample. channel: the first that was measured if not given."""
+        """Draw measured over predicted, in sample.
+
+        Parameters
+        ----------
+        ax
+            Where to draw; new axes if not given.
+        channel
+            The first one if not given.
+        """
         return self._drawn(ax, channel)
 
     def _writers(self) -> dict[str, Writer]:
@@ -178,10 +186,23 @@ class FitResult(WithParameters, Result, shown="views.fit"):
 
 
 def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
-    """Held-out error that the true model would leave on a row of a new run, by channel, m or N.
+    """Held-out error that the true model would have on a row of a new run.
 
-    Repeatability, and what soil and instrument differ by from run to run. Empty for a channel whose
-    repeatability is not known from repeats or stated deviations: there misfit would pass for noise.
+    From repeatability, and from what soil and instruments differ by between runs. Where
+    repeatability is not known from repeats or stated deviations the channel is left out: misfit
+    would pass for noise.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+
+    Returns
+    -------
+    dict
+        By channel, m, N or N m.
     """
     deviations, found = fit.scatter.deviations, {}
     for name in fitter.points.channels:
@@ -199,9 +220,21 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
 
 
 def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
-    """Components of the scatter that soils and rigs hardly have, by name. scatter: `Fitter.true_scatter`.
+    """Components of the scatter that are larger than soils and rigs usually have.
 
-    Over `HIDE` prior deviations of the usual: 95 % of tables have less.
+    That is, over `HIDE` prior deviations above the median: 95 % of tables have less.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    scatter
+        Its `true_scatter`.
+
+    Returns
+    -------
+    dict
+        Deviation by component.
     """
     far = scatter.log_deviation > fitter.true_variance.log_median + HIDE * SPREAD
     return {n: v for (n, v), is_far in zip(scatter.deviations.items(), far, strict=True) if is_far}
@@ -219,7 +252,17 @@ def runs_differ(scatter: Mapping[str, float]) -> str:
 
 @one_thread
 def result_of(fitter: Fitter, fit: Fit, outliers: NDArray[np.intp]) -> FitResult:
-    """Turn a fit into a result for people and for model files."""
+    """The result of a fit, for people and for model files.
+
+    Parameters
+    ----------
+    fitter
+        Of the points.
+    fit
+        The fit.
+    outliers
+        Numbers of the rows that were left out.
+    """
     points, model = fitter.points, fit.model
     scatter = fitter.true_scatter(fit)
     covariance = posterior_covariance(fitter, fit, scatter)
@@ -325,9 +368,21 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
 
 
 def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, bool]:
-    """How far off pull or torque is, in words, and whether that is more than its law is known to.
+    """How far off pull or torque is, and whether that is more than its law usually is.
 
-    error: measured less predicted, shape (rows,), NaN where not measured.
+    Parameters
+    ----------
+    error
+        Measured less predicted, shape (rows,), N or N m; NaN where not measured.
+    conditions
+        Of the rows.
+    channel
+        The channel.
+
+    Returns
+    -------
+    text, is_far : str, bool
+        In words, as shares of the load.
     """
     share, known = error / of_load(conditions, channel), np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)

@@ -173,9 +173,19 @@ class VarianceModel:
         return Scatter(self.names, values, scatter.log_length)
 
     def kernels(self, stiffness: Array, log_length: float) -> Array:
-        """Covariance of each component at unit deviation, shape (components, values, values).
+        """Covariance of each component at unit deviation.
 
-        stiffness: df / d ln k, shape (values,).
+        Parameters
+        ----------
+        stiffness
+            df / d ln k, shape (values,).
+        log_length
+            ln of the correlation length along a curve, as a share of the curve.
+
+        Returns
+        -------
+        ndarray
+            Shape (components, values, values).
         """
         found = self._unit.copy()
         found[0] *= np.outer(stiffness, stiffness)
@@ -186,14 +196,34 @@ class VarianceModel:
     def total(
         self, log_deviation: Array, kernels: Array, spread: Array | None = None
     ) -> Covariance:
-        """V, and with it U U', what parameters can take up. spread: U, shape (values, columns)."""
+        """V, plus U U' where U is given.
+
+        Parameters
+        ----------
+        log_deviation
+            ln of each component's deviation, shape (components,).
+        kernels
+            As `kernels` returns them.
+        spread
+            U, what parameters can take up of the errors, shape (values, columns).
+        """
         found = self._given + np.tensordot(np.exp(2.0 * log_deviation), kernels, 1)
         return Covariance(found if spread is None else found + spread @ spread.T)
 
     def covariance(
         self, scatter: Scatter, stiffness: Array, spread: Array | None = None
     ) -> Covariance:
-        """V of a scatter; see `total`."""
+        """V of a scatter; see `total`.
+
+        Parameters
+        ----------
+        scatter
+            The variance components.
+        stiffness
+            df / d ln k, shape (values,).
+        spread
+            U, shape (values, columns).
+        """
         kernels = self.kernels(stiffness, scatter.log_length)
         return self.total(scatter.log_deviation, kernels, spread)
 
@@ -210,9 +240,20 @@ class VarianceModel:
         start: Scatter,
         held: Collection[str] = (),
     ) -> Scatter:
-        """The components that suit the errors best. spread: U, what parameters can take up.
+        """The components that suit the errors best, by restricted likelihood with priors.
 
-        held: names of those that stay as they are at the start.
+        Parameters
+        ----------
+        error
+            Shape (values,), m, N or N m by channel.
+        spread
+            U, what parameters can take up of the errors, shape (values, columns).
+        stiffness
+            df / d ln k, shape (values,).
+        start
+            Where to start.
+        held
+            Names of components that stay as they are at the start.
         """
         tried, lengths = [], _LENGTHS if self.swept and not self.working else _LENGTHS[1:2]
         if "along" in held:
@@ -279,7 +320,26 @@ class VarianceModel:
         scatter: Scatter,
         held: Collection[str] = (),
     ) -> Array:
-        """Covariance of ln phi by average information and prior, (components,) * 2; 0 of what is held."""
+        """Covariance of the components' ln deviations, by average information and prior.
+
+        Parameters
+        ----------
+        error
+            Shape (values,), m, N or N m by channel.
+        spread
+            U, what parameters can take up of the errors, shape (values, columns).
+        stiffness
+            df / d ln k, shape (values,).
+        scatter
+            The components.
+        held
+            Names of components that are known: their rows and columns are 0.
+
+        Returns
+        -------
+        ndarray
+            Shape (components, components).
+        """
         ln, kernels = scatter.log_deviation, self.kernels(stiffness, scatter.log_length)
         s, free = self.total(ln, kernels, spread), self._free(held)
         information = self._information(s, error, ln, kernels)[1]

@@ -32,7 +32,21 @@ class ProblemLog:
     def add(
         self, stream: str, reason: str, text: str, times: int = 1, *, unused: bool = True
     ) -> None:
-        """Count something of a stream or a topic."""
+        """Count something about a stream or a topic.
+
+        Parameters
+        ----------
+        stream
+            Stream or topic.
+        reason
+            Key.
+        text
+            In words.
+        times
+            How often.
+        unused
+            Whether the message was left out.
+        """
         self.counts[stream, reason] += times
         self.words[stream, reason] = text
         if not unused:

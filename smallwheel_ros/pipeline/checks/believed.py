@@ -115,7 +115,20 @@ class BelievedRows:
     # --- At instants
 
     def at(self, name: str, instants: Integers) -> Array:
-        """Values of a stream at instants, (instants, width)."""
+        """Values of a stream at instants.
+
+        Parameters
+        ----------
+        name
+            The stream.
+        instants
+            Shape (instants,), ns.
+
+        Returns
+        -------
+        ndarray
+            Shape (instants, width), SI; NaN where there is no value, or it is doubted.
+        """
         if name not in self.streams:
             return np.full((instants.size, width_of(name)), np.nan)
         return self._of(name, instants, self.streams[name].at(instants, self.rules))

@@ -31,7 +31,20 @@ class Doubted:
     streams: tuple[frozenset[str], ...] = (frozenset(),)
 
     def at(self, stream: str, stamps: Integers) -> Flags:
-        """At which of some stamps a stream is doubted."""
+        """At which stamps a stream is doubted.
+
+        Parameters
+        ----------
+        stream
+            The stream.
+        stamps
+            Shape (rows,), ns.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), bool.
+        """
         flags = [stream in streams for streams in self.streams]
         if not any(flags):
             return np.zeros(stamps.shape, dtype=bool)
@@ -42,7 +55,17 @@ class Doubted:
         return self.streams[bisect_left(self.stamps, stamp)]
 
     def believed(self, stream: str, stamps: Integers, values: Array) -> Array:
-        """Rows of a stream, NaN where it is doubted."""
+        """Rows of a stream, with NaN where it is doubted.
+
+        Parameters
+        ----------
+        stream
+            The stream.
+        stamps
+            Shape (rows,), ns.
+        values
+            Shape (rows, width).
+        """
         doubted = self.at(stream, stamps)
         return np.where(doubted[:, None], np.nan, values) if doubted.any() else values
 
@@ -61,7 +84,15 @@ class Doubts:
         self.began: list[int] = []
 
     def hold(self, stamp: int, streams: Set[str]) -> None:
-        """After a stamp (ns) these streams are doubted, and no others."""
+        """From now on, after a stamp, doubt these streams and no others.
+
+        Parameters
+        ----------
+        stamp
+            ns.
+        streams
+            Names of the streams.
+        """
         before, now = self.now.streams[-1], frozenset(streams)
         if now == before:
             return

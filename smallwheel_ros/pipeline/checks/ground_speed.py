@@ -149,7 +149,19 @@ class GroundSpeed:
     def believed(
         self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
     ) -> BelievedRows:
-        """What is believed, of rows up to which has been learnt."""
+        """What is believed, with what has been learnt up to the newest row.
+
+        Parameters
+        ----------
+        since
+            Stamp up to which rows were taken in earlier blocks, ns.
+        done
+            Stamp up to which rows are taken now, ns.
+        began
+            Stamps at which a doubt began in this block, ns.
+        anew
+            Stamps from which on nothing counts that was learnt before, ns.
+        """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(
             self.settings, self._raw, *own, self.doubts.now, since, done, began, anew

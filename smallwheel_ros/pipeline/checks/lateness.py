@@ -41,10 +41,22 @@ class Lag:
         self._sums, self._found = np.zeros((6, LAGS.size)), math.nan
 
     def take(self, late: Array, early: Array) -> Array:
-        """The lag (s) at each row, NaN as long as nothing has followed.
+        """The lag of the speed at each row.
 
-        What has been found stays when nothing follows any more: on ground that gives way a speed does not
-        follow the rims, and comes no later for it. early: what is followed, `LAGS` before, (rows, lags).
+        A lag that was found stays when nothing follows any more: on ground that gives way a speed
+        does not follow the rims, without being any later.
+
+        Parameters
+        ----------
+        late
+            What may come late, shape (rows,).
+        early
+            What it may follow, `LAGS` before each row, shape (rows, lags), same unit.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), s; NaN until something has followed.
         """
         good = np.isfinite(late) & np.isfinite(early).all(axis=1)
         good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -81,9 +93,20 @@ class OfWheels:
         self._made, self._may_be, self._share = False, True, math.nan
 
     def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
-        """Whether the last pieces of way are those of the rims, or in turning; may be; by how much not.
+        """Whether the odometry comes from the wheels, by how it agrees with the rims over the last pieces.
 
-        before, way: m by the rims before and at each row. parts: way (m) of rims and odometry, and turns.
+        Parameters
+        ----------
+        before, way
+            Path of the rims before and at each row, shape (rows,), m.
+        parts
+            Path by the rims and by the odometry (m), and the turns of both, shape (rows, 4).
+
+        Returns
+        -------
+        made, may_be, share : ndarray
+            Shape (rows,): whether it comes from the wheels; whether it may; by which share of the
+            path it does not.
         """
         total = np.cumsum(np.concatenate([self._total[None], parts]), axis=0)[1:]
         found, may_be = np.empty((2, way.size), dtype=bool)

@@ -197,9 +197,23 @@ class Impossible:
 
 
 def impossible_soil(k: float, n: float, m: float, width: float) -> str:
-    """Words where no soil has the law p = k z^n b^m (Pa, m): then a sensor is at fault; else nothing.
+    """Explain why no soil has the law p = k z^n b^m; then a sensor is at fault.
 
-    width: m, of the wheel. Judged at 1 cm of sinkage, where exponents do not carry the number away.
+    It is judged at 1 cm of sinkage, where exponents do not carry the number away.
+
+    Parameters
+    ----------
+    k
+        Pa m^-(n + m).
+    n, m
+        Exponents.
+    width
+        Of the wheel, m.
+
+    Returns
+    -------
+    str
+        In words; empty where some soil has it.
     """
     with np.errstate(over="ignore"):
         pressure = float(np.float64(k) * np.float64(0.01) ** n * np.float64(width) ** m)

@@ -51,13 +51,39 @@ def places_of(
 
 
 def rows_along(x: Array, y: Array, angle: Array) -> Array:
-    """Return what each of (vx, vy, w) adds to a wheel's speed along its heading, shape (..., 3)."""
+    """What each of (vx, vy, w) adds to a wheel's speed along its heading.
+
+    Parameters
+    ----------
+    x, y
+        Place of the wheel, m, any shape.
+    angle
+        Its steering angle, rad.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3): 1, 1, m.
+    """
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([cosine, sine, x * sine - y * cosine], axis=-1)
 
 
 def rows_across(x: Array, y: Array, angle: Array) -> Array:
-    """Return what each of (vx, vy, w) adds to a wheel's speed to the left of its heading, shape (..., 3)."""
+    """What each of (vx, vy, w) adds to a wheel's speed to the left of its heading.
+
+    Parameters
+    ----------
+    x, y
+        Place of the wheel, m, any shape.
+    angle
+        Its steering angle, rad.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3): 1, 1, m.
+    """
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.stack([-sine, cosine, x * cosine + y * sine], axis=-1)
 

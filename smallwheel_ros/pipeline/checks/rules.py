@@ -358,7 +358,20 @@ class Checks:
         self._said: set[tuple[str, str]] = set()
 
     def take(self, raw: Raw, until: int) -> list[Finding]:
-        """Go on with raw rows; all rows with stamps up to `until` (ns) are there now. Each is given once."""
+        """Go on with raw rows.
+
+        Parameters
+        ----------
+        raw
+            Rows of each stream.
+        until
+            Stamp up to which all rows have come, ns.
+
+        Returns
+        -------
+        list of Finding
+            New findings, each given once.
+        """
         self._keep(raw)
         self.done = max(self.done, until)
         return self._judge(until - AROUND)

@@ -46,7 +46,15 @@ class SensorChecks:
         return self.done - self._kept
 
     def take(self, raw: RawRows, *, last: bool = False) -> BelievedRows:
-        """Go on with what came. last: whether nothing more will come, so that the newest speed is held."""
+        """Go on with the rows that came.
+
+        Parameters
+        ----------
+        raw
+            Rows of each stream.
+        last
+            Whether nothing more will come, so that the newest speed is held.
+        """
         self.ground.forget(self.looks_back)
         self.doubts.forget(self.looks_back)
         self.ground.take(raw.streams)

@@ -53,7 +53,17 @@ class Run:
         self.began = np.nan
 
     def extend(self, flag: Flags, amount: Array, time: Array) -> None:
-        """Go on with the rows of a span; time: s."""
+        """Go on with the rows of a span.
+
+        Parameters
+        ----------
+        flag
+            Which rows count, shape (rows,).
+        amount
+            What is summed, shape (rows,).
+        time
+            Shape (rows,), s.
+        """
         if not flag.size:
             self.most = self.now
             return
@@ -78,7 +88,15 @@ class Pieces:
         self._rows: deque[Array] = deque(maxlen=MOST_PIECES)
 
     def extend(self, way: Array, columns: Array) -> None:
-        """Go on with rows: way (m) of each, and what is summed, (rows, columns)."""
+        """Go on with rows.
+
+        Parameters
+        ----------
+        way
+            Path of each, shape (rows,), m.
+        columns
+            What is summed, shape (rows, columns).
+        """
         if not way.size:
             return
         total = self._way + np.cumsum(way)
@@ -107,7 +125,15 @@ class RunningAgreement:
         self._sums = np.zeros(5)
 
     def extend(self, a: Array, b: Array, dt: Array) -> None:
-        """Go on with rows; those with NaN are left out."""
+        """Go on with rows; those with NaN are left out.
+
+        Parameters
+        ----------
+        a, b
+            The two rates, shape (rows,).
+        dt
+            Shape (rows,), s.
+        """
         good = np.isfinite(a) & np.isfinite(b)
         a, b, dt = a[good], b[good], dt[good]
         self._sums += [(a * b) @ dt, (a * a) @ dt, (b * b) @ dt, np.abs(a) @ dt, np.abs(b) @ dt]
@@ -132,7 +158,22 @@ class RunningDeviation:
         self._counts = np.zeros(_EDGES.size + 1)
 
     def take(self, good: Flags, sizes: Array, before: Array) -> Array:
-        """Deviation at each row by the good sizes up to it. before: what it is without any, > 0."""
+        """Deviation at each row by the good sizes up to it.
+
+        Parameters
+        ----------
+        good
+            Which rows count, shape (rows,).
+        sizes
+            Absolute errors, shape (rows,).
+        before
+            Deviation without any of them, shape (rows,), over 0, same unit.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), same unit.
+        """
         rows = np.zeros((sizes.size, _EDGES.size + 1))
         chosen = np.flatnonzero(good)
         rows[chosen, np.searchsorted(_EDGES, sizes[chosen])] = 1.0

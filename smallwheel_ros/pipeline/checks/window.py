@@ -87,7 +87,20 @@ class Rows:
         return np.asarray((self.t >= 0.0) & (self.t < SPAN / SECOND))
 
     def at(self, t: Array, column: int) -> Array:
-        """A column, interpolated; NaN over a gap and outside."""
+        """A column, interpolated linearly.
+
+        Parameters
+        ----------
+        t
+            Shape (times,), s.
+        column
+            Number of the column.
+
+        Returns
+        -------
+        ndarray
+            Shape (times,); NaN over a gap and outside.
+        """
         if len(self.t) < 2:
             return np.full(t.size, np.nan)
         y = np.interp(t, self.t, self.x[:, column], np.nan, np.nan)

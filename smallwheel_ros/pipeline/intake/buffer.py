@@ -46,7 +46,18 @@ class Sampled:
     values: Array
 
     def between(self, after: int, until: int) -> tuple[Integers, Array]:
-        """Rows as they came, behind a stamp (ns) and up to another."""
+        """Rows as they came, with stamps in (after, until].
+
+        Parameters
+        ----------
+        after, until
+            ns.
+
+        Returns
+        -------
+        stamps, values : ndarray
+            Shape (rows,), ns, and (rows, width).
+        """
         stamps = self.stamps
         rows = slice(*np.searchsorted(stamps, [after, until], side="right").tolist())
         return stamps[rows], self.values[rows]
@@ -66,7 +77,20 @@ class Sampled:
         return np.partition(windows, -2, axis=1)[: stamps.size, -2]
 
     def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
-        """How far (ns) the value at each of `stamps` is held."""
+        """How far each value is held.
+
+        Parameters
+        ----------
+        stamps
+            Shape (rows,), ns.
+        rules
+            Least and widest gap.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), ns.
+        """
         if stamps.size < 2 or _HOLDS * int((stamps[1:] - stamps[:-1]).max()) <= rules.gap:
             return np.full(stamps.size, rules.gap)
         held = (_HOLDS * self.periods(stamps)).astype(np.int64)
@@ -78,7 +102,20 @@ class Sampled:
         return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
 
     def at(self, instants: Integers, rules: StampRules) -> Array:
-        """Values at instants, interpolated, or held within its gap; else NaN. Shape (rows, width)."""
+        """Values at instants, interpolated, or held within the stream's gap.
+
+        Parameters
+        ----------
+        instants
+            Shape (instants,), ns.
+        rules
+            Least and widest gap.
+
+        Returns
+        -------
+        ndarray
+            Shape (instants, width); NaN further than the gap from any row.
+        """
         if not self.stamps.size or not instants.size:
             return np.full((instants.size, self.values.shape[1]), np.nan)
         after = self.stamps.searchsorted(instants)
@@ -137,11 +174,27 @@ class Stream(Sampled):
         self.received = 0
 
     def append(self, stamp: int, values: Sequence[float]) -> None:
-        """Keep a row."""
+        """Keep a row.
+
+        Parameters
+        ----------
+        stamp
+            ns, over that of the newest row.
+        values
+            Of length width.
+        """
         self.extend(np.array([stamp]), np.array([values]))
 
     def extend(self, stamps: Integers, values: Array) -> None:
-        """Keep rows, whose stamps rise."""
+        """Keep rows.
+
+        Parameters
+        ----------
+        stamps
+            Rising, shape (rows,), ns.
+        values
+            Shape (rows, width).
+        """
         if not stamps.size:
             return
         begin, end = self._end, self._end + stamps.size

@@ -172,7 +172,18 @@ def _joints(
 
 
 def angles_of(x: Array, y: Array, z: Array, w: Array) -> tuple[Array, Array, Array, Array]:
-    """Cosine and sine of the yaw, pitch and roll (rad) of quaternions; NaN, NaN, 0, 0 without length 1."""
+    """Cosine and sine of the yaw, pitch and roll of quaternions.
+
+    Parameters
+    ----------
+    x, y, z, w
+        Parts of the quaternions, shape (rows,).
+
+    Returns
+    -------
+    cosine, sine, pitch, roll : ndarray
+        Shape (rows,): 1, 1, rad, rad; NaN, NaN, 0, 0 where the length is not 1.
+    """
     unit = np.abs(x * x + y * y + z * z + w * w - 1.0) <= _UNIT
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))

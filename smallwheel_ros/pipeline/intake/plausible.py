@@ -16,7 +16,15 @@ FASTEST = 10.0  # m/s: no vehicle on small wheels drives on soil at 36 km/h
 
 
 def sound(kind: str, values: Array) -> bool:
-    """Whether no row has a fault or a flaw: what `fault` and `flaw` say, for many at once."""
+    """Whether no row has a fault or a flaw: `fault` and `flaw` for many rows at once.
+
+    Parameters
+    ----------
+    kind
+        Kind of the stream.
+    values
+        Shape (rows, width), SI.
+    """
     if kind == "imu":
         alone = np.isnan(values) | (np.abs(values) < _LARGEST)
         felt = (np.abs(values[:, 1:4]) <= _STRONGEST).all(axis=1)
@@ -30,7 +38,20 @@ def sound(kind: str, values: Array) -> bool:
 
 
 def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
-    """Key and words of values that nothing can be computed with."""
+    """Why nothing can be computed with the values of a message.
+
+    Parameters
+    ----------
+    kind
+        Kind of the stream.
+    values
+        SI.
+
+    Returns
+    -------
+    (str, str) or None
+        Key and words of the fault; None if there is none.
+    """
     if kind == "imu":
         known = [value for value in values if not math.isnan(value)]
         felt = all(abs(value) <= _STRONGEST for value in values[1:4])
@@ -61,7 +82,20 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
 
 
 def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
-    """Key and words of what is missing in a message that is kept."""
+    """What is missing in a message that is kept.
+
+    Parameters
+    ----------
+    kind
+        Kind of the stream.
+    values
+        SI.
+
+    Returns
+    -------
+    (str, str) or None
+        Key and words of the flaw; None if there is none.
+    """
     if kind == "odom" and not all(abs(value) < _LARGEST for value in values[4:6]):
         return "no_orientation", "the orientation is no unit quaternion: no wheel has a place"
     if kind == "load" and values[0] < _LIGHTEST:

@@ -80,7 +80,19 @@ class Streams:
         self.words: dict[tuple[str, str], str] = {}
 
     def add(self, name: str, stamp: int, values: tuple[float, ...], now: int | None = None) -> None:
-        """Keep one row, or count why not. stamp, now: ns; now: what the clock says, None without one."""
+        """Keep one row, or count why not.
+
+        Parameters
+        ----------
+        name
+            The stream.
+        stamp
+            ns.
+        values
+            SI.
+        now
+            Time of the clock, ns; None without a clock.
+        """
         stream = self.all[name]
         stream.received += 1
         wrong = fault(stream.kind, values) or self._untimely(name, stamp, now)
@@ -103,10 +115,17 @@ class Streams:
         self.latest = max(self.latest, stamp)
 
     def add_rows(self, rows: Arrivals, clock: Integers | None = None) -> None:
-        """Keep the rows of many messages: of each stream stamps, values, and numbers of the messages.
+        """Keep the rows of many messages.
 
-        Numbers rise in the order of arrival over all streams. clock: what it said (ns) at each number. The
-        same as `add` one by one, which only messages about one that is refused go through.
+        The result is that of `add` one by one, which only rows near one that is refused go through.
+
+        Parameters
+        ----------
+        rows
+            By stream: stamps (ns), values (SI), and numbers of the messages, which rise in the
+            order of arrival over all streams.
+        clock
+            Time of the clock at each number, ns; None without a clock.
         """
         if not rows:
             return
@@ -241,7 +260,19 @@ class Streams:
         return self._forgotten + np.searchsorted(at, stamps)
 
     def note(self, name: str, reason: str, text: str, times: int = 1) -> None:
-        """Count something about messages of a stream, and keep it in words."""
+        """Count something about messages of a stream, and keep it in words.
+
+        Parameters
+        ----------
+        name
+            The stream.
+        reason
+            Key.
+        text
+            In words.
+        times
+            How often.
+        """
         self.problems[name, reason] += times
         self.words[name, reason] = text
 

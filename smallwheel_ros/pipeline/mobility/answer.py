@@ -93,7 +93,23 @@ def answer(
     state: AnswerState, rows: Readings, judged: Judged, ground: OnGround, known: KnownGround,
     settings: OnboardSettings,
 ) -> Estimates:  # fmt: skip
-    """Estimates of those rows that are due: by what was measured, what is warned of, and the ground."""
+    """Estimates of the rows that are due.
+
+    Parameters
+    ----------
+    state
+        What is carried over a cut.
+    rows
+        Readings.
+    judged
+        What is warned of at each row.
+    ground
+        Load, and versions of soil and strength, at each row.
+    known
+        Soils and strengths by version.
+    settings
+        The pipeline's settings.
+    """
     due = np.flatnonzero(rows.due)
     if not due.size:
         return none_of(Estimates)

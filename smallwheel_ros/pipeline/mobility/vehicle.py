@@ -120,10 +120,24 @@ class VehicleState:
     ) -> VehicleEstimates:  # fmt: skip
         """Go on with a block.
 
-        heard: ends (ns) of the tenths of a second that are over and in which anything came. instants, warned,
-        stuck: those of which something is known, what is warned of at each, whether the rims run and the
-        vehicle does not. rows, judged: of all wheels, and what holds at each. estimates: of rows that were
-        due. soils: of each version.
+        Parameters
+        ----------
+        heard
+            Ends of the tenths of a second that are over and in which anything came, ns.
+        instants
+            New instants; None if there are none.
+        warned
+            What is warned of at each instant.
+        stuck
+            At which instants the rims run and the vehicle does not move.
+        rows
+            Readings of all wheels.
+        judged
+            What is warned of at each row.
+        estimates
+            Estimates of the rows that were due.
+        soils
+            By version.
         """
         every = Estimates.joined([self._wheels, estimates])
         own = [soils[one].number for one in estimates.soil_version.tolist()]

@@ -57,7 +57,27 @@ def mobility(
     rows: Readings, load: Array, load_std: Array, law: Integers, strength: Integers, soils: Versions[Version],
     strengths: Strengths, settings: OnboardSettings,
 ) -> Predicted:  # fmt: skip
-    """What the wheels of rows can do. load: by the cells without noise, N, known; law, strength: versions."""
+    """What the wheels of rows can do.
+
+    Parameters
+    ----------
+    rows
+        Readings.
+    load
+        Shown by the cells, without noise, shape (rows,), N, no NaN.
+    load_std
+        Its deviation, shape (rows,), N.
+    law
+        Versions of the soil, shape (rows,).
+    strength
+        Versions of the strength, shape (rows,).
+    soils
+        By version.
+    strengths
+        By version.
+    settings
+        The pipeline's settings.
+    """
     wheels, count = settings.wheels, law.size
     laws = local_laws(soils, settings.wheels, rows, law)
 

@@ -99,7 +99,18 @@ class Level:
 
 
 def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """What a value with its deviation says beyond an earlier one: variance more, or value and precision."""
+    """What a value and its deviation add to an earlier pair.
+
+    Parameters
+    ----------
+    before, now
+        Value and deviation, in one unit.
+
+    Returns
+    -------
+    more variance, value times precision, precision : float
+        The first where the deviation has grown, else 0; the others where it has not.
+    """
     precision = now[1] ** -2 - before[1] ** -2
     if precision <= 0.0:
         return now[1] ** 2 - before[1] ** 2, 0.0, 0.0

@@ -61,7 +61,17 @@ class MotionState:
 
 
 def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Readings:
-    """Rows with the paths, the way, the passes, and which of them are due."""
+    """Add paths, distances, passes and which rows are due.
+
+    Parameters
+    ----------
+    state
+        What is carried over a cut.
+    rows
+        Aligned rows, in order of stamps.
+    settings
+        The pipeline's settings.
+    """
     wheels = settings.wheels
     path, due = np.empty(rows.stamp.size), np.empty(rows.stamp.size, dtype=bool)
     pressed = np.zeros(rows.stamp.size)
@@ -169,11 +179,27 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """How much of a rut a wheel meets, by its pass number, and what that is off by.
+    """How deep a rut a wheel meets, in units of the first pass's deepening, by its pass number.
 
-    number: counted crossings; where they are not known, by the wheels ahead in its track. Ruts deepen with a
-    power of the number (Holm 1969), so their logarithm with log2 n; what passes compact is mostly done by the
-    first ones, as 2 (1 - 1/n). Ruts are taken to be half way between.
+    Where the number is not known, the wheels ahead in the track are counted. Ruts deepen with a
+    power of the number (Holm 1969), so their logarithm with log2 n; what passes compact is mostly
+    done by the first ones, as 2 (1 - 1/n). Ruts are taken to be half way between.
+
+    Parameters
+    ----------
+    wheels
+        All wheels.
+    wheel
+        Number of each row's wheel, shape (rows,).
+    onward
+        Whether the vehicle goes forward, shape (rows,).
+    number
+        Crossings counted, shape (rows,); NaN where not known.
+
+    Returns
+    -------
+    passes, doubt : ndarray
+        Shape (rows,): the exponent of the rut's factor, and half the difference of the two laws.
     """
     count = np.array([[1.0 + len(ahead_of(wheels, w, way)) for way in (-1.0, 1.0)] for w in wheels])
     number = np.where(np.isnan(number), count[wheel, onward.astype(int)], number)
@@ -183,7 +209,17 @@ def rut_of(
 
 
 def ahead_of(wheels: tuple[Wheel, ...], wheel: Wheel, way: float) -> list[Wheel]:
-    """Wheels that run ahead of one in its track. way: -1 backward."""
+    """Wheels that run ahead of a wheel in its track.
+
+    Parameters
+    ----------
+    wheels
+        All wheels.
+    wheel
+        The wheel.
+    way
+        1 forward, -1 backward.
+    """
     return [
         other
         for other in wheels

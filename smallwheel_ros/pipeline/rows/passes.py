@@ -57,7 +57,22 @@ class Passes:
         self._begin = math.nan
 
     def numbers(self, rows: Aligned, distance: Array, onward: Flags) -> Array:
-        """Pass number of each row; NaN where it is not known."""
+        """Pass number of each row.
+
+        Parameters
+        ----------
+        rows
+            Aligned rows.
+        distance
+            Of the vehicle, shape (rows,), m.
+        onward
+            Whether it goes forward, shape (rows,).
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,); NaN where it is not known.
+        """
         found = np.full(rows.stamp.size, np.nan)
         cosine, sine = np.cos(rows.heading), np.sin(rows.heading)
         along = np.array([wheel.longitudinal_position for wheel in self._wheels])[rows.wheel]

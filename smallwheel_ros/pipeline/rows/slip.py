@@ -22,7 +22,24 @@ def rim_std_of(rim: Array) -> Array:
 def assembled_slip(
     speed: Array, speed_std: Array, rim: Array, trust: Trust
 ) -> tuple[Array, Array, Flags]:
-    """Slip of wheels by speeds (m/s) as they are believed, its deviation, and which of them stand."""
+    """Slip of wheels by believed speeds.
+
+    Parameters
+    ----------
+    speed
+        Of the wheel's place along its heading, shape (rows,), m/s.
+    speed_std
+        Its deviation, shape (rows,), m/s.
+    rim
+        Speed of the rim, shape (rows,), m/s.
+    trust
+        Whether the speed comes from the wheels, or may.
+
+    Returns
+    -------
+    slip, deviation, stands : ndarray
+        Shape (rows,); NaN where slip is not known.
+    """
     rim_std = rim_std_of(rim)
     slip, slip_std, stands = slip_of(speed, speed_std, rim, rim_std, STANDSTILL_SPEED)
     # A rim that stops before a speed that is late, or has jumped, may stand as the vehicle does: there
@@ -40,10 +57,25 @@ def assembled_slip(
 def slip_of(
     speed: Array, speed_std: Array, rim: Array, rim_std: Array, standstill: float
 ) -> tuple[Array, Array, Flags]:
-    """Slip of wheels, its deviation, and which of them stand.
+    """Slip of wheels, its deviation, and whether they stand.
 
     i = 1 - v/(r omega) driven, r omega/v - 1 skidding. One of both speeds must be above
-    `standstill` (m/s) and four of its own deviations: else nothing tells that the wheel moves at all.
+    `standstill` (m/s) and four of its own deviations: otherwise it cannot be known that the wheel
+    moves at all.
+
+    Parameters
+    ----------
+    speed, speed_std
+        Speed over ground and its deviation, shape (rows,), m/s.
+    rim, rim_std
+        Speed of the rim and its deviation, shape (rows,), m/s.
+    standstill
+        m/s.
+
+    Returns
+    -------
+    slip, deviation, stands : ndarray
+        Shape (rows,); NaN where slip is not known.
     """
     with np.errstate(all="ignore"):
         driven = np.abs(rim) >= np.abs(speed)

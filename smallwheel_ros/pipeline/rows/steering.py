@@ -78,10 +78,28 @@ def _reach(settings: OnboardSettings, number: int) -> float:
 def speed_aside(
     believed: BelievedRows, stamps: Integers, ahead: Array, turn: Array, course: Array
 ) -> Array:
-    """Speed (m/s) of the base frame to the left; where nothing tells it, as the wheels stand.
+    """Speed of the base frame to the left; where it is not measured, as the wheels' angles imply.
 
     Wheels that are not steered stand on a line that moves along the heading alone. Where all are steered the
     vehicle goes where its rims say, as fast as it goes ahead; nearly sideways that is not known.
+
+    Parameters
+    ----------
+    believed
+        Streams as they are believed.
+    stamps
+        Shape (rows,), ns.
+    ahead
+        Speed ahead, shape (rows,), m/s.
+    turn
+        Yaw rate, shape (rows,), rad/s.
+    course
+        Direction of travel to the left of the heading, shape (rows,), rad.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), m/s; NaN where it is not known.
     """
     settings, told = believed.settings, believed.aside(stamps)
     if len(settings.steered) < len(settings.rolling):
@@ -102,7 +120,20 @@ class Course:
         self._last = 0.0
 
     def take(self, believed: BelievedRows, stamps: Integers) -> Array:
-        """Course (rad, positive to the left) at stamps (ns) in their order."""
+        """Course at stamps, positive to the left.
+
+        Parameters
+        ----------
+        believed
+            Streams as they are believed.
+        stamps
+            Rising, shape (rows,), ns.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), rad; NaN before the rims have moved.
+        """
         instants, index = np.unique(stamps, return_inverse=True)
         vx, vy, _ = believed.motion_of_rims(instants)
         found = unknown(instants.size)
@@ -122,6 +153,19 @@ def _folded(way: float, last: float) -> float:
 
 
 def along_course(course: Array, ahead: Array, left: Array) -> tuple[Array, Array]:
-    """A vector's parts along the course and to its left."""
+    """A vector's parts along the course and to its left.
+
+    Parameters
+    ----------
+    course
+        To the left of the heading, rad, any shape.
+    ahead, left
+        Parts along the heading and to its left.
+
+    Returns
+    -------
+    along, across : ndarray
+        In the unit of the parts.
+    """
     cosine, sine = np.cos(course), np.sin(course)
     return cosine * ahead + sine * left, cosine * left - sine * ahead

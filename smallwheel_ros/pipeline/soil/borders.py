@@ -137,8 +137,20 @@ class Soils:
     ) -> tuple[Integers, Integers]:
         """Use the stretches that closed in these rows, those of one period together.
 
-        anew: stamps (ns) from which on nothing counts that was learnt before. Versions at each row: of the
-        soil that it is on, by the stretches before it, and of the newest soil.
+        Parameters
+        ----------
+        closed
+            The stretches; None if none has closed.
+        rows
+            Readings of the block, at least one.
+        anew
+            Stamps from which on nothing counts that was learnt before, ns.
+
+        Returns
+        -------
+        own, newest : ndarray
+            Versions at each row, shape (rows,): of the soil under the wheel, by the stretches
+            before, and of the newest soil.
         """
         first = len(self.versions) - 1
         stamps: list[int] = []  # from which on each new version holds
@@ -396,7 +408,17 @@ class Soils:
         return SoilRecord(law.model.reference, law.mean[:WHEELS].copy(), symmetric)
 
     def resume(self, saved: SoilRecord, variety: Variety, accepted: int) -> None:
-        """Go on from a saved soil: before any stretch."""
+        """Go on from a saved soil, before any stretch.
+
+        Parameters
+        ----------
+        saved
+            Reference wheel, mean and covariance.
+        variety
+            Of the wheels it was measured with.
+        accepted
+            Measurements in it.
+        """
         law = SoilFilter(self.prior, self.settings, self.effects, self.wheels, saved.reference)
         law.resume(saved.mean, saved.covariance, _SETTLED)
         self.filter, self.variety, self.accepted = law, variety, accepted

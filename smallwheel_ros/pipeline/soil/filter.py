@@ -104,7 +104,21 @@ class Member:
         return np.asarray(self.model.mean + self.kalman.x)
 
     def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
-        """Update by stretches, linearised at x: h and H there. noise: diagonal of R, m^2."""
+        """Update by stretches, linearised at a state.
+
+        Parameters
+        ----------
+        x
+            The state, shape (size,).
+        value
+            h(x), shape (stretches,), m.
+        H
+            Jacobian of h at x, shape (stretches, size).
+        z
+            Sinkages measured, shape (stretches,), m.
+        noise
+            Diagonal of R, shape (stretches,), m^2.
+        """
         kalman = self.kalman
         kalman.dim_z = len(z)
         straight = z - value + H @ (x - self.model.mean)
@@ -114,7 +128,18 @@ class Member:
         kalman.x[N] = min(max(kalman.x[N], N_RANGE[0] - mean), N_RANGE[1] - mean)
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
-        """See `SoilFilter.weigh`. Where both are over 10 % apart the loads' scale is as unsure as that."""
+        """Use the vehicle's weight; see `SoilFilter.weigh`.
+
+        Where the sum of the loads contradicts it by over 10 %, the scale of the loads is as
+        uncertain as that.
+
+        Parameters
+        ----------
+        loads
+            Of all wheels, shape (wheels,), N.
+        weight, weight_std
+            Weight and its deviation, N.
+        """
         x, kalman, reference = self.x, self.kalman, self.model.reference[0]
         own = WHEELS + EACH * np.arange(loads.size) + 1
         net = np.maximum(loads - x[LOAD_ZERO] * reference, LEAST_SHARE * loads)
@@ -343,7 +368,17 @@ class SoilFilter:
     # -- another soil
 
     def reopen(self, law: Law | None, shift: float, distance: float) -> None:
-        """Another soil from here on: the law is the prior's again, or a remembered one; nuisances stay."""
+        """Begin another soil: the law is the prior's again, or a remembered one; nuisances stay.
+
+        Parameters
+        ----------
+        law
+            The remembered law; None for the prior's.
+        shift
+            ln of the sinkage's factor at the border.
+        distance
+            Of the vehicle at the newest stretch that waits, m.
+        """
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
         for member in self.bank:
             x, member.kalman.P = self._with_law(member.x, member.kalman.P, law)
@@ -362,7 +397,17 @@ class SoilFilter:
         return x, P
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
-        """Go on from a state as saved, without what is of single wheels."""
+        """Go on from a saved state, without the numbers of single wheels.
+
+        Parameters
+        ----------
+        mean
+            Shape (WHEELS,).
+        covariance
+            Shape (WHEELS, WHEELS).
+        used
+            Stretches that count as used.
+        """
         x = self.model.mean.copy()
         x[:WHEELS] = mean
         tight, wide = self.model.prior(_TIGHT), self.model.prior(1.0)
@@ -373,7 +418,15 @@ class SoilFilter:
         self._mix()
 
     def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
-        """How likely stretches are of a law as in `reopen`, in ln of sinkage, linearised about it."""
+        """ln likelihood of stretches under a law, in ln of sinkage, linearised about it.
+
+        Parameters
+        ----------
+        law
+            A remembered law; None for the prior's.
+        rows
+            The stretches.
+        """
         x, P = self._with_law(*self.likeliest, law)
         shown = self.model.h(x, rows)
         alone, _, _ = self.scatter.noise(rows, shown)
@@ -385,9 +438,17 @@ class SoilFilter:
         return float(-0.5 * _TEMPER * (miss @ np.linalg.solve(variance, miss) + determinant))
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
-        """Use what the loads (N) of all wheels together should be: the vehicle's weight (N).
+        """Use the vehicle's weight: the sum that the loads of all wheels should have.
 
-        It is as true of what came before: where all stretches of this soil are stored they are taken again.
+        The weight holds for what came before, too: where all stretches of this soil are stored they
+        are used again.
+
+        Parameters
+        ----------
+        loads
+            Shape (wheels,), N.
+        weight, weight_std
+            Weight and its deviation, N.
         """
         started, _ = self._started
         whole = self._store is not None and sum(map(len, self._store)) == self.used

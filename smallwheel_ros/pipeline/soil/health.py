@@ -29,7 +29,15 @@ class FilterHealth:
         self._readings: deque[tuple[int, int]] = deque(maxlen=_RECENT)
 
     def add(self, rows: Stretches, squares: Array) -> None:
-        """Take stretches; squares: of their innovations, NaN where the law is not settled."""
+        """Take stretches.
+
+        Parameters
+        ----------
+        rows
+            The stretches.
+        squares
+            Squared normalised innovations, shape (rows,); NaN where the law is not settled.
+        """
         self._readings.extend(zip(rows.count.tolist(), rows.dropped.tolist(), strict=True))
         self._squares.extend(np.minimum(squares[np.isfinite(squares)], _LARGEST).tolist())
 

@@ -49,7 +49,15 @@ class Variety:
     loadings: tuple[float, float] | None = None
 
     def with_wheel(self, diameter: float, loading: float) -> Variety:
-        """Widen by one measurement."""
+        """Widen the ranges by one measurement.
+
+        Parameters
+        ----------
+        diameter
+            m.
+        loading
+            Load over width, N/m.
+        """
         if self.diameters is None or self.loadings is None:
             return Variety((diameter, diameter), (loading, loading))
         (d_low, d_high), (l_low, l_high) = self.diameters, self.loadings
@@ -215,7 +223,20 @@ class SoilEstimate:
 
 
 def seen_as(slopes: Array, covariance: Array) -> Array:
-    """Covariance of slopes @ x, symmetric to the last digit."""
+    """Covariance of slopes @ x, symmetric to the last digit.
+
+    Parameters
+    ----------
+    slopes
+        Shape (rows, size).
+    covariance
+        Of x, shape (size, size).
+
+    Returns
+    -------
+    ndarray
+        Shape (rows, rows).
+    """
     whole = slopes @ covariance @ slopes.T
     found: Array = 0.5 * (whole + whole.T)
     return found

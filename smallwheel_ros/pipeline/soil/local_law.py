@@ -102,7 +102,19 @@ class LocalLaws(Columns):
 def local_laws(
     versions: Versions[Version], wheels: Sequence[Wheel], rows: Readings, version: Integers
 ) -> LocalLaws:
-    """The laws under wheels, of these versions."""
+    """The laws under wheels.
+
+    Parameters
+    ----------
+    versions
+        Of the soil.
+    wheels
+        All wheels.
+    rows
+        Readings.
+    version
+        Of each row, shape (rows,).
+    """
     count = version.size
     law, scale, zero = np.empty((count, 3)), np.zeros(count), np.zeros(count)
     covariance = np.zeros((count, 5, 5))
@@ -135,7 +147,22 @@ def local_laws(
 def sinkages(
     versions: Versions[Version], rows: WheelsUnderLoad, version: Integers
 ) -> tuple[Array, Array]:
-    """Sinkage of wheels (m) and its variance by law, place and load; NaN before any stretch."""
+    """Sinkage of wheels and its variance by law, place and load.
+
+    Parameters
+    ----------
+    versions
+        Of the soil.
+    rows
+        Wheels with their loads, slips and passes.
+    version
+        Of each row, shape (rows,).
+
+    Returns
+    -------
+    sinkage, variance : ndarray
+        Shape (rows,), m and m^2; NaN before any stretch.
+    """
     value, variance = np.full((2, version.size), np.nan)
     of = [versions[number] for number in version.tolist()]
     for model in {id(one.model): one.model for one in of if one.model is not None}.values():

@@ -159,7 +159,15 @@ class MissingEffectWatch:
         self.missed_variance = 0.0
 
     def take(self, rows: Stretches, law: Callable[[], tuple[float, float, float]]) -> None:
-        """Go on with stretches that end together; law: k, n and m as believed before them."""
+        """Go on with stretches that end together.
+
+        Parameters
+        ----------
+        rows
+            The stretches.
+        law
+            Gives k, n and m as believed before them.
+        """
         rows = rows.take(self._rolls[rows.wheel])
         if not len(rows):
             return
@@ -382,11 +390,24 @@ class RobustFit(NamedTuple):
 
 
 def robust_fit(y: Array, columns: Array, start: Array | None = None) -> RobustFit:
-    """Fit y (rows,) by columns (rows, columns), the scale of the errors too.
+    """Fit y by columns, with errors of Student's t whose scale is fitted, too.
 
     Iterated weighted least squares, which is expectation maximisation for Student's t (Lange,
-    Little and Taylor 1989). start: coefficients to begin at. Raises LinAlgError where the columns
-    are not independent.
+    Little and Taylor 1989).
+
+    Parameters
+    ----------
+    y
+        Shape (rows,).
+    columns
+        Shape (rows, columns).
+    start
+        Coefficients to begin at, shape (columns,); 0 if not given.
+
+    Raises
+    ------
+    LinAlgError
+        If the columns are not independent.
     """
     rows = y.size
     across = np.ascontiguousarray(columns.T)  # row by row for each column: fewer, longer loops

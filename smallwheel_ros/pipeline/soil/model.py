@@ -90,9 +90,31 @@ def sinkage_of(
     speed: Array | None = None,
     geometry: Geometry = "contact_integral",
 ) -> Sinkage:
-    """Sinkage of wheels under loads (N). laws: rows of ln K at the reference diameter, n, m.
+    """Sinkage of wheels under loads.
 
-    NaN where slip (1) or speed (m/s) is not known and an effect reads it.
+    Parameters
+    ----------
+    laws
+        ln K at the reference diameter (Pa m^-n), n, m; shape (rows, 3).
+    load
+        Shape (rows,), N.
+    wheels
+        All wheels.
+    wheel
+        Number of each row's wheel, shape (rows,).
+    effects
+        Effects of the model.
+    slip
+        Shape (rows,); not needed if no effect reads it.
+    speed
+        Shape (rows,), m/s; not needed if no effect reads it.
+    geometry
+        Rule of contact.
+
+    Returns
+    -------
+    Sinkage
+        NaN where a rolling wheel's slip or speed is not known and an effect reads it.
     """
     diameter, width = (
         np.array([getattr(w, a) for w in wheels])[wheel] for a in ("diameter", "width")
@@ -127,9 +149,23 @@ def sinkage_of(
 def covariates(
     effects: Sequence[Effect], rolling: Flags, slip: Array | None, speed: Array | None
 ) -> tuple[Integers, dict[str, Array]]:
-    """Rows in which all is known that effects read, and it there.
+    """Rows in which everything is known that effects read, and its values there.
 
-    rolling: of each row whether its wheel rolls; a pressed one needs neither, as at the bench.
+    Parameters
+    ----------
+    effects
+        Effects of the model.
+    rolling
+        Whether the wheel rolls, shape (rows,); a pressed one needs neither slip nor speed.
+    slip
+        Shape (rows,), or None.
+    speed
+        Shape (rows,), m/s, or None.
+
+    Returns
+    -------
+    rows, values : ndarray, dict of ndarray
+        Numbers of the rows; values by name, shape (known,).
     """
     given = {"slip": slip, "speed": speed}
     read = {name: given[name] for name in covariates_of(effects)}
@@ -201,7 +237,22 @@ class LawModel:
         return whole
 
     def drift(self, law: float, side: float, border: float) -> tuple[Array, Array]:
-        """F and Q of a way. law, side: what is kept of them; border: variance that u gains."""
+        """F and Q of a distance.
+
+        Parameters
+        ----------
+        law
+            Share of the law's deviations from the prior that is kept.
+        side
+            Share kept of a, the difference of the sides.
+        border
+            Variance that u gains at a border.
+
+        Returns
+        -------
+        F, Q : ndarray
+            Shape (size, size).
+        """
         factors, Q = np.ones(self.size), np.zeros((self.size, self.size))
         factors[:LAW], factors[SIDE] = law, side
         Q[:LAW, :LAW] = (1.0 - law * law) * self.soil_covariance[:LAW, :LAW]
@@ -210,7 +261,20 @@ class LawModel:
         return np.diag(factors), Q
 
     def pressure(self, u: Array, n: Array) -> tuple[Array, Array, Array]:
-        """Ln K under the reference wheel that a sinkage exp(u) shows, and its slopes by u and n."""
+        """ln K under the reference wheel that corresponds to a sinkage exp(u), and its slopes.
+
+        Parameters
+        ----------
+        u
+            ln of the sinkage in m, shape (rows,).
+        n
+            Exponent of sinkage, shape (rows,).
+
+        Returns
+        -------
+        log_modulus, by_u, by_n : ndarray
+            Shape (rows,).
+        """
         load, diameter, width = self.reference
         ratio = np.exp(u) / diameter
         made = self._contact.shape(n, np.minimum(ratio, _AXLE))
@@ -228,7 +292,20 @@ class LawModel:
         return np.array([log_modulus + n * LOG_DEPTH - m * self._across, n, m]), jacobian
 
     def h(self, x: Array, rows: Stretches) -> Shown:
-        """What the sensors of wheels show. x: (size,), or one for each row, (rows, size)."""
+        """The sinkages that sensors show.
+
+        Parameters
+        ----------
+        x
+            Shape (size,), or (rows, size) with one state a row.
+        rows
+            The stretches.
+
+        Returns
+        -------
+        Shown
+            Value (m), H and the slope by ln load.
+        """
         whole = np.broadcast_to(x, (rows.wheel.size, self.size))
         sunk = self.sinkage(whole, rows)
         scale = np.exp(whole[:, SCALE])
@@ -244,7 +321,20 @@ class LawModel:
         return Shown(value, row, scale * sunk.by_load, scale**2 * sunk.doubt)
 
     def sinkage(self, y: Array, rows: WheelsUnderLoad) -> Shown:
-        """The sinkage itself, without what is wrong with its sensor; y (rows, size) and H are the soil's."""
+        """The sinkage itself, without errors of its sensor.
+
+        Parameters
+        ----------
+        y
+            States, shape (rows, size).
+        rows
+            Wheels with their loads, slips and passes.
+
+        Returns
+        -------
+        Shown
+            Value (m), H and the slope by ln load.
+        """
         index, own = np.arange(rows.wheel.size), WHEELS + EACH * rows.wheel + 1
         u, n, m, passed, sides, scale, off, digs, delay = y[:, : DELAY + 1].T
         reference, side = self.reference[0], self.side[rows.wheel]
@@ -276,10 +366,24 @@ class LawModel:
 def reference_wheel(
     rows: Stretches, wheels: Sequence[Wheel], prior: SoilPrior
 ) -> tuple[float, float, float]:
-    """Load (N), diameter and width (m) of the reference wheel: the one measured first.
+    """Load, diameter and width of the reference wheel: the one measured first.
 
     A wheel that is pressed begins without load, so its reference is the load under which the prior's soil
     lets it sink to the reference sinkage.
+
+    Parameters
+    ----------
+    rows
+        The first stretches.
+    wheels
+        All wheels.
+    prior
+        Of the soil.
+
+    Returns
+    -------
+    load, diameter, width : float
+        N, m, m.
     """
     wheel = wheels[int(rows.wheel[0])]
     load = float(rows.load[0])

@@ -73,7 +73,19 @@ def _made_with(prior: SoilPrior, effects: Sequence[Effect]) -> dict[str, Any]:
 def state_bytes(
     state: SavedState, prior: SoilPrior, effects: Sequence[Effect], now: SoilEstimate
 ) -> bytes:
-    """What a file of this state has in it. now: for people who look into the file."""
+    """Content of the file of a state.
+
+    Parameters
+    ----------
+    state
+        What is saved.
+    prior
+        Prior with which it was estimated.
+    effects
+        Effects with which it was estimated.
+    now
+        The present estimate, for readers of the file.
+    """
     soil = state.soil
     summary = (
         f"ln pressure {now.log_pressure:.4f}, n {now.n:.4f}, m {now.m:.4f} after "
@@ -100,9 +112,21 @@ def state_bytes(
 
 
 def write_state(path: Path, content: bytes, beside: Mapping[Path, bytes]) -> None:
-    """Write what `state_bytes` gave, and first what belongs to it: whole or not at all.
+    """Write what `state_bytes` returned, after the files that belong to it, all or nothing.
 
-    Raises EstimatorError where it cannot be.
+    Parameters
+    ----------
+    path
+        The file.
+    content
+        Its bytes.
+    beside
+        Bytes of the other files, by path.
+
+    Raises
+    ------
+    EstimatorError
+        If a file cannot be written.
     """
     with suppress(OSError):  # without the folder the writing reports it
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -142,7 +166,22 @@ def _no_constant(name: str) -> float:
 
 
 def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> SavedState:
-    """Read a file. Raises EstimatorError saying what is wrong with it and what to do."""
+    """Read a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    prior
+        Prior that it has to be made with.
+    effects
+        Effects that it has to be made with.
+
+    Raises
+    ------
+    EstimatorError
+        If it cannot be used; the message says why and what to do.
+    """
     try:
         content = _content(path)
     except OSError as error:

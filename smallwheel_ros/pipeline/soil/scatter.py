@@ -52,7 +52,21 @@ class SoilScatter:
         return self.soil, self.additive / self.share
 
     def noise(self, rows: Stretches, shown: Shown) -> tuple[Array, Array, Array]:
-        """Variances of stretches alone, as they count among their neighbours, and by sensors and law."""
+        """Variances of the sinkages of stretches.
+
+        Parameters
+        ----------
+        rows
+            The stretches.
+        shown
+            Their sinkages by the model.
+
+        Returns
+        -------
+        alone, counts, base : ndarray
+            Shape (rows,), m^2: of a stretch by itself; as it counts among its neighbours; of
+            sensors and law only.
+        """
         by_load = shown.by_load**2
         base = rows.variance + by_load * rows.load_variance
         base = base + (MODEL_ERROR * shown.value) ** 2 + shown.doubt
@@ -69,7 +83,23 @@ class SoilScatter:
     def learn(
         self, wheel: int, miss: float, state: float, variance: float, base: float, by: float
     ) -> None:
-        """Take an innovation: shown less expected, variances by state, in all, of sensors and law; slope."""
+        """Take an innovation.
+
+        Parameters
+        ----------
+        wheel
+            Number of the wheel.
+        miss
+            Shown less expected sinkage, m.
+        state
+            Its variance by the state, m^2.
+        variance
+            Its variance in all, m^2.
+        base
+            Its variance by sensors and law, m^2.
+        by
+            Slope of sinkage by ln k, m.
+        """
         keep = 1.0 - 1.0 / self._MEMORY
         features = np.array([1.0, by**2 * self.share])
         square = min(miss**2, LARGEST * variance)

@@ -30,7 +30,20 @@ _CUT = 3.0  # deviations to which a residual counts in full
 
 
 def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
-    """In words, where stretches that the law has used refute its shape; empty where they do not."""
+    """Explain how stretches refute the shape of the law.
+
+    Parameters
+    ----------
+    rows
+        Stretches that the law has used.
+    law
+        The filter.
+
+    Returns
+    -------
+    str
+        In words; empty where they do not.
+    """
     if len(rows) < _ENOUGH or not law.settled:
         return ""
     model, state = law.model, law.widest

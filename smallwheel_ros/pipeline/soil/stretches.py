@@ -160,7 +160,17 @@ class Loads(Columns):
 def stretches(
     state: StretchState, rows: Readings, settings: OnboardSettings
 ) -> tuple[Stretches | None, Loads]:
-    """Stretches that close in this block, and the loads of its rows without their noise."""
+    """Stretches that close in this block, and the loads of its rows without noise.
+
+    Parameters
+    ----------
+    state
+        What is carried over a cut.
+    rows
+        Readings.
+    settings
+        The pipeline's settings.
+    """
     found: list[Stretches] = []
     load, load_std = rows.load.copy(), rows.load_std.copy()
     usable = np.isfinite(rows.sinkage) & np.isfinite(rows.load) & (rows.load > 0.0)

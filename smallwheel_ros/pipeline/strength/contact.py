@@ -47,7 +47,20 @@ class OnSoil(Columns):
     sunk: Flags
 
     def means(self, group: Integers, weight: Array) -> OnSoil:
-        """Means over rows of each group, 0, 1, ..; sunk where one of them is. weight: of the rows."""
+        """Weighted means over the rows of each group; sunk where one row is.
+
+        Parameters
+        ----------
+        group
+            Number of each row's group from 0 on, shape (rows,).
+        weight
+            Shape (rows,).
+
+        Returns
+        -------
+        OnSoil
+            One row for each group.
+        """
         total = np.bincount(group, weights=weight)
         columns: dict[str, Array] = {}
         for field in fields(self):
@@ -74,10 +87,36 @@ def on_soil(
     slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
     geometry: Geometry = "contact_integral",
 ) -> OnSoil:  # fmt: skip
-    """Put wheels on soils. shown, shown_std: loads by their cells without their noise, N.
+    """Put wheels on soils.
 
-    scatter: deviation of ln k from place to place. strength: that effects read. NaN, but for the load, where
-    slip (1) or speed (m/s) of a rolling wheel is not known and an effect reads it.
+    Parameters
+    ----------
+    wheels
+        All wheels.
+    wheel
+        Number of each row's wheel, shape (rows,).
+    laws
+        The soil's law under each wheel.
+    shown, shown_std
+        Load shown by the cell without noise, and its deviation, shape (rows,), N.
+    scatter
+        Deviation of ln k from place to place.
+    effects
+        Effects of the model.
+    slip
+        Shape (rows,); not needed if no effect reads it.
+    speed
+        Shape (rows,), m/s; not needed if no effect reads it.
+    strength
+        That effects read.
+    geometry
+        Rule of contact.
+
+    Returns
+    -------
+    OnSoil
+        NaN, except for the load, where a rolling wheel's slip or speed is not known and an effect
+        reads it.
     """
     rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
     known, read = covariates(effects, rolling, slip, speed)

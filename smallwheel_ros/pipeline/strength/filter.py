@@ -116,7 +116,17 @@ class StrengthFilter:
         self._level, self._drag = (0.0, LEVEL_STD), 0.0
 
     def move(self, distance: float, forward: bool, slip_std: float) -> None:
-        """Predict over a distance (m): to the next cells of ground, and to a new error of slip."""
+        """Predict over a distance: to the next cells of ground, and to a new error of slip.
+
+        Parameters
+        ----------
+        distance
+            m.
+        forward
+            Whether the vehicle goes forward.
+        slip_std
+            Deviation of the error of slip.
+        """
         self._way = 1.0 if forward else -1.0
         cells = self._behind if forward else self._ahead
         if self._begun and not np.array_equal(cells, self.cells):
@@ -145,9 +155,14 @@ class StrengthFilter:
         kalman.predict()
 
     def level(self, zero: Array | None, drag: float) -> None:
-        """Use what is known of the imu's zero: what is new in (value, deviation), m/s^2, since the last one.
+        """Use what has become known of the IMU's zero since the last call.
 
-        drag: m/s^2 by which wheels that are not listed may hold the vehicle back; it counts once.
+        Parameters
+        ----------
+        zero
+            Value and deviation, m/s^2; None if unknown.
+        drag
+            Deceleration by wheels that are not listed, m/s^2; the largest counts, once.
         """
         kalman = self.kalman
         wider, value, precision = max(drag**2 - self._drag**2, 0.0), 0.0, 0.0
@@ -184,7 +199,19 @@ class StrengthFilter:
         force: float,
         force_std: float,
     ) -> None:
-        """Use a step: torque (N m) and pull (N) of wheels, force (m/s^2) of the vehicle; NaN: not known."""
+        """Use a step; NaN stands for what is not known.
+
+        Parameters
+        ----------
+        at
+            The wheels as they roll.
+        torque
+            Shape (wheels,), N m.
+        pull, pull_std
+            Drawbar pull and its deviation, shape (wheels,), N.
+        force, force_std
+            Specific force of the vehicle along its path, and its deviation, m/s^2.
+        """
         turned, pulled = np.isfinite(torque), np.isfinite(pull)
         balanced = math.isfinite(force) and self.mass > 0.0
         of_all = np.array([self.mass * force] if balanced else [])
@@ -293,7 +320,15 @@ def _log(length: Quantity) -> Quantity:
 
 
 def bounded(x: Array, prior: Array) -> Array:
-    """Return the nearest state in which a soil has a strength, or its prior's."""
+    """The nearest state whose strength a soil can have, or the prior's.
+
+    Parameters
+    ----------
+    x
+        Shape (size,).
+    prior
+        State of the prior, shape (size,).
+    """
     inside = np.clip(x, -_MOST, _MOST)
     for place, low, high in ((range(OTHER), _LOW, _HIGH), ([ROLLING, RIM], *_OF_WHEEL)):
         inside[place] = np.clip(

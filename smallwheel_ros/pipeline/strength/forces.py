@@ -89,7 +89,15 @@ class Believed:
 
     @classmethod
     def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:
-        """What was believed at rows, by the numbers of their versions among those that are given."""
+        """What was believed at rows.
+
+        Parameters
+        ----------
+        versions
+            Versions.
+        index
+            Number of each row's version among them, shape (rows,).
+        """
         x, P, cells, slips, end = (
             np.array([getattr(one, name) for one in versions])[index]
             for name in ("x", "P", "cells", "slips", "end")
@@ -97,11 +105,32 @@ class Believed:
         return cls(x, P, cells, slips, end)
 
     def forces(self, at: Rolling, *, exact_slip: bool = False) -> tuple[Force, Force, Force]:
-        """Thrust, pull and what the torque shows, at the rim. exact_slip: without errors of slips."""
+        """Thrust, pull, and the force at the rim that the torque shows.
+
+        Parameters
+        ----------
+        at
+            The wheels as they roll.
+        exact_slip
+            Whether slips are taken as exact.
+        """
         return forces(self.x, self.cells, at, exact_slip=exact_slip)
 
     def spread(self, push: Force, row: Array) -> Array:
-        """Mean square deviation (N^2) of forces that a thrust is in: what soil and grip hold is lognormal."""
+        """Mean square deviation of forces that contain a thrust, since soil and grip are lognormal.
+
+        Parameters
+        ----------
+        push
+            The thrust.
+        row
+            Slopes of the force by the state, shape (rows, size), N.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,), N^2.
+        """
         grip = WHEELS + 2 * self.cells.shape[-1]
         safe = np.where(push.value == 0.0, 1.0, push.value)
         factors = np.where(push.value[:, None] == 0.0, 0.0, push.row / safe[:, None])
@@ -111,7 +140,18 @@ class Believed:
         return np.asarray(self.product(row, row) + more * push.value**2)
 
     def product(self, one: Array, other: Array) -> Array:
-        """Covariance of what rows of slopes by the state give."""
+        """Covariance of two linear functions of the state.
+
+        Parameters
+        ----------
+        one, other
+            Slopes by the state, shape (rows, size).
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,).
+        """
         shared: Array = np.matmul(one[:, None, :], self.P)[:, 0, :]
         return np.asarray((shared * other).sum(axis=1))
 
@@ -119,7 +159,19 @@ class Believed:
 def forces(
     x: Array, cells: Integers, at: Rolling, *, exact_slip: bool = False
 ) -> tuple[Force, Force, Force]:
-    """Forces of wheels by a state, or by one for each row; see `Believed.forces`."""
+    """Forces of wheels by a state; see `Believed.forces`.
+
+    Parameters
+    ----------
+    x
+        State, shape (size,) or (rows, size).
+    cells
+        Cell of ground of each wheel, shape (wheels,) or (rows, wheels).
+    at
+        The wheels as they roll.
+    exact_slip
+        Whether slips are taken as exact.
+    """
     on, order, count = at.on, at.order, at.order.size
     size, wheels = x.shape[-1], cells.shape[-1]
     index, more = np.arange(count), _DEEPER * at.diameter

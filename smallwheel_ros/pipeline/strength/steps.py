@@ -93,7 +93,15 @@ class Excitation(NamedTuple):
     slip: tuple[float, float] = (1.0, 0.0)
 
     def widened(self, load: Array, slip: Array) -> Excitation:
-        """Widen by wheels."""
+        """Widen the ranges by wheels.
+
+        Parameters
+        ----------
+        load
+            Shape (wheels,), N.
+        slip
+            Shape (wheels,).
+        """
         return Excitation(
             (min(self.load[0], float(load.min())), max(self.load[1], float(load.max()))),
             (min(self.slip[0], float(slip.min())), max(self.slip[1], float(slip.max()))),
@@ -112,7 +120,28 @@ def steps(
     state: StepState, rows: Readings, load: Array, load_std: Array, version: Integers,
     soils: Soils, settings: OnboardSettings,
 ) -> Steps | None:  # fmt: skip
-    """Steps that end in this block; None: none does."""
+    """Steps that end in this block.
+
+    Parameters
+    ----------
+    state
+        What is carried over a cut.
+    rows
+        Readings.
+    load, load_std
+        Load without noise and its deviation, shape (rows,), N.
+    version
+        Of the soil, shape (rows,).
+    soils
+        The soils by version.
+    settings
+        The pipeline's settings.
+
+    Returns
+    -------
+    Steps or None
+        None if none ends.
+    """
     state.level.take(rows)
     carried = version if state.open is None else np.concatenate([version, state.open.version])
     soils.forget(carried)

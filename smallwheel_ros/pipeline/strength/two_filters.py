@@ -81,9 +81,20 @@ class Strengths:
         self.excitation = Excitation()
 
     def take(self, steps: Steps, anew: Sequence[int] = ()) -> Integers:
-        """Use steps; stamps from which on each new version holds.
+        """Use steps.
 
-        anew: stamps (ns) from which on nothing counts that was learnt before, nor the step that is open then.
+        Parameters
+        ----------
+        steps
+            The steps.
+        anew
+            Stamps from which on nothing counts that was learnt before, nor the step that is open
+            then, ns.
+
+        Returns
+        -------
+        ndarray
+            Stamps from which on each new version holds, shape (steps,), ns.
         """
         self.believed.forget(())
         for number in range(steps.end.size):
@@ -103,7 +114,17 @@ class Strengths:
         return steps.end
 
     def rolling(self, wheel: Integers, on: OnSoil, slip: Array) -> Rolling:
-        """Rows of wheels that roll, as the filters' forces take them. wheel: numbers among all wheels."""
+        """Rows of rolling wheels, as the filters' forces take them.
+
+        Parameters
+        ----------
+        wheel
+            Number among all wheels, shape (rows,).
+        on
+            The wheels on their soil.
+        slip
+            Shape (rows,).
+        """
         diameter, width = self._sizes[wheel].T
         return Rolling(
             self._order[wheel], on, diameter, width, slip, self._peak, self._layers

@@ -103,15 +103,35 @@ def _deviations(believed: Believed) -> Array:
 
 
 def is_determined(P: Array, prior_std: Array) -> Flags:
-    """Whether what is held, nearly all of it friction, is: half of the prior's variance is gone.
+    """Whether the margin, nearly all of it friction, is determined: half of the prior's variance is gone.
 
-    P: covariances of the state, (rows, size, size).
+    Parameters
+    ----------
+    P
+        Covariance of the state, shape (rows, size, size).
+    prior_std
+        Deviations of the prior, shape (size,).
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,), bool.
     """
     return np.asarray(P[:, FRICTION, FRICTION] <= (_HELD * prior_std[FRICTION]) ** 2)
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
-    """By source of the strength that is not in use: what it needs, and what it would bring."""
+    """By source of the strength that is not in use, in words: what it needs, and what it would add.
+
+    Parameters
+    ----------
+    sources
+        Sources that are in use.
+    mass
+        Of the vehicle, kg; 0 if not given.
+    torque
+        Whether torque is measured.
+    """
     found = {}
     if "balance" not in sources:
         found["balance"] = _NEEDS["slope" if mass else "balance"]

@@ -109,7 +109,20 @@ class TwistFilter:
         self.x[i], self.P[i, i] = mean, variance
 
     def step(self, apart: int, rims: Array, felt: Array, speed: float, speed_std: float) -> None:
-        """Take a row: ns since the last one, rims (2,) or NaN, yaw rate and force (3,) or NaN."""
+        """Take a row.
+
+        Parameters
+        ----------
+        apart
+            Time since the last one, ns.
+        rims
+            Speed of the rims on the left and on the right, shape (2,), m/s; NaN where not known.
+        felt
+            Yaw rate (rad/s), and specific force ahead and to the left (m/s^2), shape (3,); NaN
+            where not known.
+        speed, speed_std
+            Speed over ground and its deviation, m/s; NaN where not known.
+        """
         dt = apart / SECOND
         self._teach(min(dt, LONGEST / SECOND), float(np.mean(rims)), speed, speed_std)
         rims = self._rolled(rims)
@@ -311,9 +324,20 @@ class TwistFilter:
         self.P = 0.5 * (P + P.T)
 
     def told(self, rims: Array, later: list[tuple[float, Array]]) -> tuple[float, ...]:
-        """What the row tells: vx, its variance, vy's, yaw rate, its variance, slip, period.
+        """The twist at a row.
 
-        later: seconds since the rims' instant and what was felt in each, for rims that come late.
+        Parameters
+        ----------
+        rims
+            Speed of the rims on the left and on the right, shape (2,), m/s.
+        later
+            Seconds since the rims' instant and what the IMU felt in each part, for rims that come
+            late.
+
+        Returns
+        -------
+        tuple of float
+            vx, its variance, vy's variance, yaw rate, its variance, slip, period; SI.
         """
         x, slip, rims = self.x, self.slip, self._rolled(rims)
         vx, vy, var_x, var_y = float(x[0]), float(x[1]), float(self.P[0, 0]), float(self.P[1, 1])

@@ -104,9 +104,17 @@ class TwistState:
 def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
     """Twists at the stamps of the rims among these rows.
 
-    rows: all that came of each stream since the last call, up to one stamp, NaN where it is doubted. Such
-    rows are left out; a side of which no wheel is left, too, and of no side there is no row. anew: stamps
-    (ns) after which a doubt begins: the filter then forgets what it was taught.
+    Doubted rows are left out; with them a side that has no wheel left, and rows without either
+    side.
+
+    Parameters
+    ----------
+    state
+        What is carried over a cut.
+    rows
+        All rows of each stream since the last call, up to one stamp; NaN where doubted.
+    anew
+        Stamps at which a doubt begins, ns: the filter then forgets what it has learnt.
     """
     state.anew += anew
     streams = _streams(state, rows)
@@ -170,9 +178,22 @@ def _sides_of_steered(
 
 
 def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array]:
-    """Fields of geometry_msgs/TwistWithCovariance: linear (N, 3), angular (N, 3), covariance (N, 36).
+    """Fields of geometry_msgs/TwistWithCovariance: linear and angular velocity and covariance.
 
-    Errors of slip last; an ekf takes each message for a new one: variances times 2 correlation_time / period.
+    Errors of slip last; an ekf takes each message for a new one: variances times 2 correlation_time
+    / period.
+
+    Parameters
+    ----------
+    rows
+        The twists.
+    settings
+        With the time for which errors of slip last.
+
+    Returns
+    -------
+    linear, angular, covariance : ndarray
+        Shape (rows, 3), m/s; (rows, 3), rad/s; (rows, 36).
     """
     white = np.maximum(1.0, 2.0 * settings.correlation_time / rows.period)
     linear, angular = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))

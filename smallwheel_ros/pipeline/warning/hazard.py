@@ -153,10 +153,24 @@ class Warnings:
         imu: tuple[Integers, Array] | None,
         until: int,
     ) -> tuple[Instants, Warned] | None:
-        """Go on with rows up to a watermark (ns); None: no tenth of a second is over.
+        """Go on with rows up to a watermark.
 
-        speeds: stamps of the odometry in the block, which tell how often it comes. imu: stamps and rows of
-        the imu (yaw rate, specific force, which way is up) in the block.
+        Parameters
+        ----------
+        rows
+            Readings; None if there are none.
+        speeds
+            Stamps of the odometry in the block, ns, which show how often it comes.
+        imu
+            Stamps (ns) and rows (yaw rate, specific force, direction of up) of the IMU in the
+            block.
+        until
+            The watermark, ns.
+
+        Returns
+        -------
+        (Instants, Warned) or None
+            None if no tenth of a second has ended.
         """
         if rows is not None:
             self._open = rows if self._open is None else Readings.joined([self._open, rows])
@@ -367,11 +381,39 @@ def _unfelt(time: Array, done: Instants, along: float, gravity: float) -> bool:
 
 
 def level_at(instants: Integers, levels: Integers, stamps: Integers) -> Integers:
-    """Level at stamps, that of the newest instant, 0 before the first; at 2 the rolling wheels dig in."""
+    """Warning level at stamps: that of the newest instant, 0 before the first.
+
+    Parameters
+    ----------
+    instants
+        Rising, shape (instants,), ns.
+    levels
+        0, 1 or 2, shape (instants,).
+    stamps
+        Shape (rows,), ns.
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,).
+    """
     place = np.searchsorted(instants, stamps, side="right") - 1
     return np.where(place >= 0, levels[np.maximum(place, 0)], 0)
 
 
 def risk_of(risk: Array, level: Integers) -> Array:
-    """Probability to get stuck within a metre: by the margin, and at least `RISKS` of the level."""
+    """Probability of getting stuck within a metre: by the margin, and at least `RISKS` of the level.
+
+    Parameters
+    ----------
+    risk
+        By the margin, shape (rows,), 0 to 1; NaN where not known.
+    level
+        0, 1 or 2, shape (rows,).
+
+    Returns
+    -------
+    ndarray
+        Shape (rows,); NaN only where the risk is not known and the level is 0.
+    """
     return np.asarray(np.where(level > 0, np.fmax(risk, np.array(RISKS)[level]), risk))

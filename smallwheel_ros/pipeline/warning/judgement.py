@@ -82,7 +82,20 @@ class Judgement:
     # --- Warning and margin
 
     def take(self, rows: Readings, believed: BelievedRows) -> Judged:
-        """Go on with rows; what holds at each of them. `warned` has what is new."""
+        """Go on with rows; `warned` then holds what is new.
+
+        Parameters
+        ----------
+        rows
+            Readings.
+        believed
+            Streams as they are believed.
+
+        Returns
+        -------
+        Judged
+            What is warned of at each row.
+        """
         rows = self._by_ground(rows, believed)
         self._anew += believed.motion_anew()
         speeds, imu = believed.new(self._speed_is)[0], believed.new_imu()

@@ -86,7 +86,15 @@ def information(deviation: Array | float, reference_slip: float) -> Array:
 
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
-    """Whether a margin of any ground is its prior's still: over half of the prior's variance is left."""
+    """Whether the margin is hardly more than the prior of any ground: over half of its variance is left.
+
+    Parameters
+    ----------
+    deviation
+        Standard deviation of the margin, any shape.
+    reference_slip
+        Slip for which the margin holds.
+    """
     return np.asarray(information(deviation, reference_slip) < MEASURED)
 
 
@@ -165,7 +173,17 @@ class GroundMargin:
         self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
-        """Take a step: mean slip, its deviation, accelerometer along the way of travel over g; way: +-1."""
+        """Take a step.
+
+        Parameters
+        ----------
+        slip, deviation
+            Mean slip and its deviation.
+        pull
+            Specific force along the direction of travel over g.
+        way
+            1 forward, -1 backward.
+        """
         used = (pull - way * self.offset + self.resistance) / self.grip
         used = used + (LAW / self.grip) * _NODES[:, None]
         size = np.abs(used)
@@ -265,9 +283,19 @@ class AnyGround:
         self._anew: list[int] = []  # stamps that no step has come to yet
 
     def take(self, instants: Instants, anew: Sequence[int] = ()) -> Margins | None:
-        """Go on with instants; None: no second is over, or nothing rolls.
+        """Go on with instants.
 
-        anew: stamps (ns) from which on nothing counts that was learnt before.
+        Parameters
+        ----------
+        instants
+            New instants.
+        anew
+            Stamps from which on nothing counts that was learnt before, ns.
+
+        Returns
+        -------
+        Margins or None
+            None if no second has ended, or no wheel rolls.
         """
         self._anew += anew
         if not self.side.size:
