@@ -6,6 +6,7 @@ What is scored of a drive is in `drive_trial`; here is what is counted of it, an
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from functools import partial
@@ -158,6 +159,15 @@ def _wrong_at_the_end(line: Line) -> int:
     )
 
 
+def _numbers_at_the_end(line: Line) -> int:
+    return _judged(line) * len(NAMES)
+
+
+def _inside_at_the_end(line: Line) -> int:
+    """Numbers of the soil in their 95 % bands, whether flagged as determined or not."""
+    return _judged(line) and sum(abs(line["error"][n]) <= 1.96 * line["stated"][n] for n in NAMES)
+
+
 def _determined(name: str, line: Line) -> int:
     return int(line["determined"][name])
 
@@ -176,6 +186,11 @@ FLAGS = [
 ]
 FLAGS_AT_THE_END = [
     Judge("flags wrong at the end", share(_wrong_at_the_end, _determined_at_the_end), most=0.02),
+    Judge(
+        "pressure, n, m and modulus in their 95 % bands at the end, flagged or not",
+        ratio(_inside_at_the_end, _numbers_at_the_end),
+        least=0.88,
+    ),
     *(Judge(f"{name} determined at the end", share(partial(_determined, name))) for name in NAMES),
     Judge("n: rms error at the end", ratio(_square_of_n, _judged, root=True)),
     Judge("n: deviation stated", ratio(_stated_of_n, _judged)),
@@ -187,6 +202,16 @@ FLAGS_AT_THE_END = [
 
 def _borders(line: Line) -> int:
     return int(any(f.what == "modulus" for f in WORLDS["soil"][line["world"]].features))
+
+
+def _border_of(least: float, most: float, line: Line) -> int:
+    """Whether k changes by a factor in that range, or by one over it."""
+    sizes = [f.size[0] for f in WORLDS["soil"][line["world"]].features if f.what == "modulus"]
+    return int(bool(sizes) and least <= math.exp(abs(sizes[0])) < most)
+
+
+def _found_soon_of(least: float, most: float, line: Line) -> int:
+    return _found_soon(line) * _border_of(least, most, line)
 
 
 def _found_soon(line: Line) -> int:
@@ -233,6 +258,13 @@ SOIL_JUDGES = [
     *band("sinkage", 0.9, _MODELLED),
     Judge("drives whose band holds under 0.88 of the sinkages", share(_not_held), most=0.15),
     Judge("borders found within a metre", share(_found_soon, _borders), 0.8),
+    *(
+        Judge(
+            f"borders found within a metre, k by a factor of {words}",
+            share(partial(_found_soon_of, *of), partial(_border_of, *of)),
+        )
+        for words, of in (("1.5", (1.4, 1.6)), ("2", (1.9, 2.1)), ("3", (2.9, 3.1)))
+    ),
     Judge("changes in 500 m of one soil", events(_changes, _plain_way, 500.0), most=2.0),
     Judge(
         "effects named where there are none", share(_named_for_nothing, _does_not_dig), most=0.05

@@ -131,7 +131,7 @@ PAGE = FOLDER.parent.parent / "docs" / "rates.md"
 # Rows, after their subject, that the page has without a limit; and those that it has only where they fail.
 _SHOWN = re.compile(
     r"^(?:robots|slip): (?:(?:slip|margin): stated over true|.* by (?:second level|slip over 0\.3)$)"
-    r"|^diagnosis: reported over|^laws: called better than another"
+    r"|^diagnosis: reported over|^laws: called better than another|by a factor of"
 )
 _SPARED = re.compile(
     "than the mean|true slip|beside it|each second|band holds|torque,|dummy|good run|^resistance"

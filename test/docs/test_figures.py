@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A figure is the same in every page, and those of README.md are printed or declared."""
+"""A figure is the same in every page; those of README.md are printed or declared, rates those of their files."""
 
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
+
+from rates import real_drives, run
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -50,3 +54,35 @@ def test_each_figure_of_the_readme_is_printed_or_declared() -> None:
     told = QUANTITY.findall(text)
     assert told
     assert not [(a, unit) for a, _, unit in told if (float(a), unit) not in printed]
+
+
+def test_the_rates_are_those_of_the_files_of_results(tmp_path: Path) -> None:
+    page = tmp_path / "rates.md"
+    shutil.copy(run.PAGE, page)
+    run.write_page(page)
+    assert page.read_text(encoding="utf-8") == run.PAGE.read_text(encoding="utf-8")
+
+
+def test_the_real_drives_are_those_of_their_file() -> None:
+    table = pd.read_csv(real_drives.CSV, keep_default_na=False)
+    text = (ROOT / "docs" / "real_robots.md").read_text(encoding="utf-8")
+    assert real_drives.markdown(table) in text
+
+
+def test_warnings_are_counted_in_one_file() -> None:
+    """Each row of the page is a row of the file; other pages have none of them."""
+    counts = pd.read_csv(
+        ROOT / "rates" / "results" / "warnings.csv", dtype=str, keep_default_na=False
+    )
+    rows = []
+    for drives, metres, seeds, *cells in counts.itertuples(index=False):
+        way = f", {int(metres):,} m (seeds {seeds})" if metres else ""
+        rows.append("| " + " | ".join([f"{drives}{way}", *cells]).replace("  ", " ") + " |")
+    table = "\n".join(rows).replace("|  |", "| |")
+    texts = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
+    assert table in texts["without_soil_sensors.md"]
+    assert not [
+        name
+        for name, text in texts.items()
+        if name != "without_soil_sensors.md" and any(row in text for row in table.splitlines())
+    ]
