@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A figure is the same in every page; those of README.md are printed or declared, rates those of their files."""
+"""A figure is the same in every page; README.md's are printed or declared, rates those of their files."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -32,6 +33,7 @@ LEFT_OUT = "..."  # a line for those that a page does not show
 CONTINUED = "\\\n"  # a command that goes on in the next line of a block, after `> `
 WIDTH = 76  # columns of a block: a page of 1280 pixels shows as many
 BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
+SPAN = re.compile(r"`(smallwheel [^`]+)`|^    (smallwheel [^\\\n]+(?:\\\n[^\\\n]+)*)", re.MULTILINE)
 SAVED = re.compile(r"save it as `(\w+\.py)`[^\n]*\n\n```python\n(.*?)```", re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 # Another processor or numerical library moves the last digits; of small differences, more.
@@ -231,6 +233,35 @@ def test_blocks_are_no_wider_than_a_page_shows(page: Path) -> None:
     ]
     wide = [line for block in blocks for line in block.splitlines() if len(line) > WIDTH]
     assert not wide, "\n".join(wide)
+
+
+PAGES = [*sorted(DOCS.glob("*.md")), DOCS.parent / "README.md", DOCS.parent / "CONTRIBUTING.md"]
+
+
+def test_commands_of_every_page_are_run() -> None:
+    """A page with a block of commands is in one of the lists above."""
+    run = {f"{page}.md".removeprefix("../") for page in (*FAST, *LONG, *SLOW, FIRST_HOUR)}
+    assert {page.name for page in PAGES if "```console" in page.read_text(encoding="utf-8")} == run
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_commands_in_the_text_have_the_options_that_it_names(page: Path) -> None:
+    for span, block in SPAN.findall(page.read_text(encoding="utf-8")):
+        context = click.Context(cli.main)
+        command: click.Command = cli.main
+        for word in shlex.split((span or block).replace("\\\n", " "), comments=True)[1:]:
+            if word == "--":  # what follows is for ROS
+                break
+            if isinstance(command, click.Group) and not word.startswith("-"):
+                found = command.get_command(context, word)
+                assert found is not None, f"{span or block}: there is no {word}"
+                command = found
+            elif word.startswith("-") and not word[1:2].isdigit():
+                options = {
+                    name for one in command.params for name in (*one.opts, *one.secondary_opts)
+                }
+                name = word.split("=")[0].rstrip(",.;:")
+                assert name in {*options, "--help", "--version"}, f"{span or block}: {word}"
 
 
 def test_the_tutorial_on_the_robot_up_to_ros(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/architecture.md shows the way of one message as it is, traced, and which files there are.
+"""docs/architecture.md shows the way of one message as it is, traced.
 
 `PYTHONPATH=. python test/house/test_architecture.py` writes it anew.
 """
@@ -17,8 +17,6 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
 BEGIN, END = "<!-- traced -->\n", "<!-- end of trace -->\n"
-SOURCES = PAGE.parent.parent / "smallwheel_ros"
-ROOMS, ROOMS_TABLE = SOURCES / "pipeline", "<!-- rooms -->"
 PACKAGE, PAGE_OF_CODE = "smallwheel_ros/", "pipeline/pipeline.py"
 MOST_CHANGES = 500  # of file in a turn of one wheel
 ROVER: dict[str, object] = {
@@ -97,22 +95,9 @@ def in_words(append: list[Call], turn: list[Call]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_files(text: str) -> str:
-    """The page with the files of each room as they are, in the last column of their table."""
-    lines, rooms = [], False
-    for line in text.splitlines():
-        rooms = rooms or line == ROOMS_TABLE
-        name = line.split("`")[1] if line.startswith("| `") else ""
-        if rooms and name and (ROOMS / name).is_dir():
-            files = sorted(path.stem for path in (ROOMS / name).glob("[!_]*.py"))
-            line = f"{line.rsplit('|', 2)[0].rstrip()} | {', '.join(files)} |"
-        lines.append(line)
-    return "\n".join(lines) + "\n"
-
-
 def rewritten(text: str) -> str:
-    """The page with trace and files as they are now."""
-    before, rest = with_files(text).split(BEGIN)
+    """The page with the trace as it is now."""
+    before, rest = text.split(BEGIN)
     return before + BEGIN + in_words(*trace()) + END + rest.split(END)[1]
 
 
