@@ -327,7 +327,7 @@ SLIP = _named((
 # --- What real drives taught
 
 _OF_WHEELS, _NO_TWIST, _LATE, _DOWN = (
-    "shows no slip|made of the wheels|of the wheels", "twist|pose", "late|later|behind", "z|down|upside",
+    "shows no slip|of the wheels", "twist|pose", "late|later|behind", "z|down|upside",
 )  # fmt: skip
 _BOG = (Feature("modulus", (-3.2, -2.2), **_EDGE), Feature("grip", (-1.2, -0.5), **_EDGE))  # type: ignore[arg-type]
 _STUCK_SO = {"features": _BOG, "differential": True, "swing": 3.0}

@@ -62,8 +62,8 @@ TOPICS = {"pathfinder": "/gnss/odom"}
 # What is said of a sensor, and is so, by the bag: rules of the checks, with their subjects, and in words.
 TRUE = {
     "warthog_grass_pose_only": {("no twist", ODOMETRY): "has no twist"},
-    "pathfinder_flat": {("z down", "imu"): "looks down", ("rolling", "radii"): "the rims turn"},
-    "husky_snow": {("of wheels", "odometry"): "it is made of them"},
+    "pathfinder_flat": {("z down", "imu"): "looks down", ("rolling", "radii"): "the rims travel"},
+    "husky_snow": {("of wheels", "odometry"): "computed from them"},
     "warthog_ice": {("turn", "imu"): "it turns the other way"},
     "warthog_gravel": {("turn", "imu"): "it turns the other way"},
     "husky_wetgrass": {("jumps", "odometry"): "its pose jumps"},

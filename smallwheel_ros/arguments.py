@@ -25,7 +25,7 @@ class Kind:
 
     type: of each value. within: its lowest and highest, None: none. several: it may be given several times.
     unnamed: it stands without a name where it is the first of its function. names: of the option, where they
-    are not the parameter's. say: a text behind that of the docstring. read: makes of what was typed what the
+    are not the parameter's. say: a text after that of the docstring. read: turns what was typed into what the
     function takes. of_table: levels of settings of the table that is read. or_folder: of a table, it may be
     a folder, which the function reads itself.
     """
@@ -43,7 +43,7 @@ class Kind:
 
 
 def unheard(*progress: object) -> None:
-    """Take what is told of the progress where it is not shown."""
+    """Ignore the progress."""
 
 
 # --- What was typed

@@ -161,7 +161,7 @@ class BagReader:
         return self
 
     def _bridge(self) -> None:
-        """Put what was recorded years before or after most messages beside these.
+        """Move the times of what was recorded years before or after most messages next to these.
 
         Before /clock ticks, recorders with use_sim_time write 0 (ros2/rosbag2#1276).
         """
@@ -187,8 +187,8 @@ class BagReader:
         others = len(times) - len(parts[most])
         years = max(abs(shift) for shift in shifts) / 3.156e16
         self.hole = (
-            f"{others} of {len(times)} messages were recorded {years:.1f} years from the others: they are put"
-            " beside these (use_sim_time before the clock ticked?)"
+            f"{others} of {len(times)} messages were recorded {years:.1f} years from the others: their"
+            " times are moved to those of the others (use_sim_time before the clock ticked?)"
         )
 
     def _shift(self, time: int) -> int:
@@ -205,7 +205,7 @@ class BagReader:
                 self._problems.append(reason(error).replace(f"{self.path}/", ""))
         for file in self._files:
             if file.with_name(f"{file.name}-wal").exists():
-                words = f"{file.name} has a log beside it, whose messages are not read: `sqlite3"
+                words = f"{file.name} has a write-ahead log next to it, whose messages are not read: `sqlite3"
                 self._problems.append(f"{words} {file.name} 'PRAGMA wal_checkpoint'` puts them in")
             try:
                 if file.suffix == ".bag":

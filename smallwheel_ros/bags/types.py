@@ -200,7 +200,7 @@ def _used(kind: str, types: _Fields, found: _Fields) -> _Fields:
 
 
 def _element(described: Any) -> tuple[Any, Any]:
-    """Return what a field, or the array in it, is made of: kind of node, and of what."""
+    """Return the type of a field, or of the array in it: kind of node, and element."""
     node, of = described
     return of[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, of)
 

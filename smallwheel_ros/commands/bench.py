@@ -75,7 +75,7 @@ compare = command(
     JSON,
     PLOTS,
     HTML,
-    words="A model file is compared beside these.\n\n"
+    words="A model file is compared as well.\n\n"
     "Of a folder each table is printed as soon as it is done. --law enters a law of your own: a class of "
     "about ten lines (docs/benchmark.md).",
     heard=_tables_shown,

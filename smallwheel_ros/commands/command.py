@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands made of functions: names, kinds and defaults of the signature, texts of the docstring.
+"""Commands from functions: names, kinds and defaults of the signature, texts of the docstring.
 
-    compare = command(compare.compare, JSON, PLOTS, HTML, words="A model file is compared beside these.")
+    compare = command(compare.compare, JSON, PLOTS, HTML, words="A model file is compared as well.")
 
 A command that does more than its function is a function of click; `options_of` gives it those of another.
 """

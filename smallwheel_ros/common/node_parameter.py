@@ -98,7 +98,7 @@ class NodeParameter:
         return replace(self, name=self.name.replace(WHEEL, wheel), default=default)
 
     def for_all(self) -> NodeParameter:
-        """Return the parameter that is said once of all wheels."""
+        """Return the parameter that is given once for all wheels."""
         return replace(self, name=self.name.replace(WHEEL, ALL), default=None, required=False)
 
     def taken(self, value: Any) -> Any:

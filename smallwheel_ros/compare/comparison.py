@@ -420,7 +420,7 @@ def _standing(contender: Contender, model: Model, points: Points) -> ModelResult
         sunk = int(predict(model, filled(data.conditions).take(used)).immobilised.sum())
         if sunk:
             notes.append(
-                f"sinks to the axle in {sunk} rows: there its prediction is only a continuation, "
+                f"sinks to the axle in {sunk} rows: there its prediction is only an extrapolation, "
                 "whose error counts"
             )
     other = bool(contender.fitted_to) and contender.fitted_to != data.sha256

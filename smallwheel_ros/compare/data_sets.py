@@ -85,7 +85,7 @@ def held_against(
     for file, licence in sets.items():
         name = file.relative_to(folder)
         if not licence:
-            left[str(name)] = f"no licence beside it, expected a file {' or '.join(_LICENCES)}"
+            left[str(name)] = f"no licence next to it, expected a file {' or '.join(_LICENCES)}"
             continue
         try:
             tasks = list(tasks_of(read_measurements(file)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law of one's own: what it is made of, how a file of it is read, and what it predicts."""
+"""A law of one's own: its parameters, how a file of it is read, and what it predicts."""
 
 from __future__ import annotations
 

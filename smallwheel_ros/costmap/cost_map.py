@@ -400,11 +400,11 @@ class CostMap:
         if elevation is not None and not self.is_placed(elevation.frame):
             found.append(
                 f"the map of elevations is in frame {elevation.frame}, positions are in {self.frame}: it"
-                " counts once tf says where the one is in the other"
+                " is used once tf relates the two"
             )
         if old is not None and not self.is_placed(old.frame):
             found.append(
-                f"the saved cost map is in frame {old.frame}, positions are in {self.frame}: it is laid"
-                " down once tf says where the one is in the other"
+                f"the saved cost map is in frame {old.frame}, positions are in {self.frame}: it"
+                " is used once tf relates the two"
             )
         return "; ".join([*found, *self.ahead.classes.contradictions()])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of a cost map: what a planner is told of the ground."""
+"""A picture of a cost map, as a planner gets it."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Outline:
     """The rectangle that the wheels stand on: from one axle to the other, over their outer edges.
 
     front, rear, left, right: its ends, m from base_link, ahead and left positive. radius: m, by which a
-    wheel may look out over it in front and behind. half_width: from base_link to the outermost edge, m.
+    wheel may stick out of it in front and at the rear. half_width: from base_link to the outermost edge, m.
     around: from base_link to the outermost corner, m: a planner that knows base_link alone keeps so far off,
     since in a turn the wheels in front and behind swing out. length: from the front of the first wheels to
     the back of the last, m.

@@ -104,7 +104,7 @@ def run_demo(
     draw_drive(full, answer, warned, pictures[0])
     if full.recording.cost is not None:
         way = np.array([answer["rover"]["x"], answer["rover"]["y"]]).T
-        title = "What the soil costs, as the node tells it to a planner"
+        title = "Cost of the ground, as the node publishes it for a planner"
         draw_cost(full.recording.cost, pictures[1], way=way, title=title)
     seconds = time.monotonic() - start
     document = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo's pictures: what the node was told and believes, with bands of 95 %; true values are dashed."""
+"""The demo's pictures: inputs and estimates of the node, with bands of 95 %; true values are dashed."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def draw_drive(clip: Clip, truth: Mapping[str, Any], warned: Sequence[float], pa
         _draw_ground(axes, truth, end)
         _key(axes)
     figure.suptitle(
-        "Played over DDS into the node mobility_estimator: what it was told, what it believes; "
+        "Played over DDS into the node mobility_estimator: its inputs, its estimates; "
         "soil: p = k zⁿ Dᵐ\n"
         "bands: 95 %; sinkage is predicted before the measurement of that instant is used; "
         "dashed: true values of the simulation, which the node never sees",
@@ -208,7 +208,7 @@ def _stretch_of_time(truth: Mapping[str, Any]) -> tuple[Array, NDArray[np.intp]]
 
 
 def _draw_ground(axes: Axes, truth: Mapping[str, Any], end: float) -> None:
-    """The soils behind it all, by name; the last one to the end."""
+    """The soils in the background, by name; the last one to the end."""
     time, index = _stretch_of_time(truth)
     stretches = truth["stretches"]
     names = list(dict.fromkeys(stretch["name"] for stretch in stretches))

@@ -251,7 +251,7 @@ def _why_not(family: str, kind: type[Effect], points: Points, columns: Mapping[s
                 "the load was not set: it was swept, or wavers within runs and follows the settings"
             )
         if need == points.order and need not in columns:
-            return f"{need} follows the settings: a drift cannot be told from their effect"
+            return f"{need} follows the settings: a drift cannot be distinguished from their effect"
         values = known[need]
         if need not in ("load", "width", "diameter"):
             values = values[points.conditions.rolling[points.row]]

@@ -142,7 +142,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @cached_property
     def model(self) -> CalibratedModel:
-        """The model with everything that the verdict names; where that is not all, beside its rivals."""
+        """The model with everything that the verdict names; where that is not all, with its rivals."""
         evidence, decision = self.evidence, self.decision
         if evidence is None or decision is None:
             return self.fit.model
@@ -322,7 +322,7 @@ def _evidence(
 def _too_little(
     problem: Problem, reason: str, known: Registry, without: Collection[str]
 ) -> Diagnosis:
-    """The diagnosis of a table that nothing can be told from."""
+    """The diagnosis of a table that is too small for one."""
     if len(problem.points) < 2:
         return Diagnosis(written.insufficient(problem, reason), problem)
     judged = problem.judged
@@ -331,12 +331,12 @@ def _too_little(
 
 
 def _insufficient(points: Points) -> str:
-    """Why nothing can be told from these points, "" where it can."""
+    """Why these points do not suffice for a diagnosis; "" where they do."""
     runs = points.run_count
     if runs < FEWEST_RUNS:
         return (
-            f"{runs} run{'s' if runs != 1 else ''}: under {FEWEST_RUNS} runs nothing can be told from "
-            "the scatter of the soil; rows of one run are repeats, not more runs"
+            f"{runs} run{'s' if runs != 1 else ''}: with fewer than {FEWEST_RUNS} nothing can be "
+            "distinguished from the scatter of the soil; rows of one run are repeats, not more runs"
         )
     if not points.varied:
         return "every setting is the same in all rows: vary at least the load"

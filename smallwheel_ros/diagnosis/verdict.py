@@ -7,7 +7,7 @@ In the order in which it is heard, the first that speaks has the word:
 2. runs that the choice never saw (`held_out`): a name that helps on none is a rival;
 3. what the best explanation leaves (`misfit`): with lack of fit, a sensor at its end, runs of several soils
    or wild scatter no law here describes the data, and names are its closest description;
-4. a fault that pull and torque tell (`faults`) stands beside all that, since they judge it alone.
+4. a fault that pull and torque reveal (`faults`) is named in any case, since they judge it alone.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What can be said.
+    """The verdict and its grounds.
 
     named: families that are missing, the clearest first. rivals: families of which one is missing,
     and the data cannot tell which; a single one, of an unknown effect, is a candidate that the data does not

@@ -131,7 +131,7 @@ class DriveEvents:
                 self.events.append(Event(time, way, WARNINGS[level - 1], text, _place(rows, row)))
 
     def _look(self, turn: Turn) -> None:
-        """Note what begins to be said; a finding of sensors once, with how often."""
+        """Note what is newly reported; a finding of sensors once, with its count."""
         rows, now = turn.estimates, self._since(turn.until)
         place = _place(rows, len(rows) - 1) if len(rows) else None
         goes_on, self._holds = self._holds, set()

@@ -36,7 +36,7 @@ def feed(
     decoders
         By type of a message, what makes numbers of its bytes.
     chunk
-        Messages: topic, bytes, and what the clock said (ns), 0 without one.
+        Messages: topic, bytes, and time of the clock (ns), 0 without one.
     """
     by_topic: dict[str, list[int]] = {}
     for i, (name, _, _) in enumerate(chunk):
@@ -91,7 +91,7 @@ def feed(
 
 
 def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]) -> None:
-    """Speeds of wheels, in place of what messages have of their joints; what that is made of is said once."""
+    """Speeds of wheels in place of their joints' values; how they are computed is reported once."""
     for stream in [name for name in rows if name.endswith("/wheel_speed")]:
         stamps, values, order = rows.pop(stream)
         joint = pipeline.joints[stream]
@@ -102,7 +102,9 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
         unit = pipeline.units[stream]
         usable = unit.usable(stamps, values[:, 0], values[:, 1])
         if not usable.all():
-            text = unit.wrong or "its velocity is far from what its position turns: not yet used"
+            text = (
+                unit.wrong or "its velocity disagrees with how its position changes: not yet used"
+            )
             pipeline.note(stream, "velocity_unit", text, int((~usable).sum()))
             stamps, values, order = stamps[usable], values[usable], order[usable]
         before, left_out = joint.by_positions, joint.left_out
@@ -110,7 +112,7 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
         if joint.by_positions and not before:
             pipeline.note(stream, "by_positions", BY_POSITIONS, unused=False)
         if times := joint.left_out - left_out:
-            text = "its joint comes without velocity, which it has had: is there more than one publisher?"
+            text = "its joint has no velocity any more: is there more than one publisher?"
             pipeline.note(stream, "no_value", text, times)
         if found.size:
             rows[stream] = found, speeds[:, None], order[index]

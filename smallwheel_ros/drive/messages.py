@@ -131,7 +131,7 @@ def _in_words(
     if Condition.SLIP_UNKNOWN in conditions:
         why = "no odometry or wheel speed near this reading"
         if pipeline.made_of_wheels:
-            why = "odometry shows none: it agrees with the wheels wherever they are"
+            why = "odometry shows none: it always agrees with the wheels"
         elif settings.velocity == "none":
             why = "odometry comes from the wheels, and there is no velocity_topic"
         elif Condition.ANGLE_UNKNOWN in conditions:

@@ -119,7 +119,7 @@ class SoilFile:
             Where there is no file to write to, or the soil was not measured yet.
         """
         if self._path is None:
-            raise SoilFileError("parameter soil.file says where to, and is empty")
+            raise SoilFileError("parameter soil.file is empty: set the file to save to")
         if pipeline.soil.accepted == 0:
             raise SoilFileError("the soil has not been measured yet")
         path, whole = self._map_path, cost_map.whole()

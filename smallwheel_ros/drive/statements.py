@@ -34,19 +34,19 @@ WARNINGS: tuple[Kind, ...] = ("stuck", "digging_in")
 
 
 def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
-    """What is to be said now.
+    """What is reported now.
 
     Parameters
     ----------
     pipeline
-        Whose findings and alarms are said.
+        Whose findings and alarms are reported.
     newest
         The newest row of each wheel.
     """
     found = list(alarms(pipeline))
     margin = vehicle_margin(newest)
     if margin is not None and not margin.value > 0.0:
-        text = "the soil holds the vehicle on no slope, nor on the level"
+        text = "the soil does not hold the vehicle, not even on level ground"
         found.append(Statement("vehicle", "holds_nothing", True, text))
     if pipeline.concern:
         found.append(Statement("filter", "filter", False, pipeline.concern))

@@ -399,7 +399,7 @@ def effect_class(
     form
         Of the form; None: the default one.
     user
-        Effects of the user's own, beside those of the package.
+        Effects of the user's own, in addition to those of the package.
     """
     return default_registry().with_families(user or {}).form(family, form)
 

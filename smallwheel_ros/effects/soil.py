@@ -177,7 +177,9 @@ class _Bulldozing(Effect):
 
     id = "bulldozing"
     summary = "Soil pushed ahead of the wheel adds resistance; sinkage does not show it."
-    next_step = "Measure the towing force of the undriven wheel beside its sinkage, at two widths."
+    next_step = (
+        "Measure the towing force of the undriven wheel as well as its sinkage, at two widths."
+    )
 
     scale: float = parameter(1.0, (0.0, 10.0), "factor on the published form")
     # Dry to moist sand: 14 to 17 kN/m^3. What is fitted is the scale, so its error goes there.

@@ -21,7 +21,7 @@ _REMEDIES = {
     "cohesion": "measure drawbar pull at high slip under a light and a heavy load",
     "rolling_share": "measure drawbar pull or torque at slips from -0.1 to 0.1",
     "pressure_peak": "measure drawbar pull and torque at slips over 0.4",
-    "rim_friction": "measure the same wheel with lugs, or braked, beside the bare rim driven",
+    "rim_friction": "measure the same wheel with lugs, or braked, as well as the bare rim driven",
 }
 _SHOWS_AT = {  # slips, from and to, at which a number shows in pull and torque
     "friction_angle": (0.5, 1.0),
@@ -85,7 +85,7 @@ def _for_strength(number: str, points: Points) -> str:
         number == "cohesion" and load[there].max() < _SO_WIDE * _LOADS * load[there].min()
     ):
         return said
-    return f"{said}: {runs} runs did, and more of them would tell more"
+    return f"{said}: {runs} runs did, and more of them would determine it better"
 
 
 def _span(points: Points, column: str) -> float:

@@ -330,7 +330,7 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
     notes = list(points.notes)
     said = {
         "held": "{0} is held at {1:g}: only k D^m is determined with one wheel diameter; {2}",
-        "at its bound": "{0} is at its bound, {1:g}: the data wants to go further",
+        "at its bound": "{0} is at its bound, {1:g}: the data favours values beyond it",
         "not determined": "{0} is not determined by this data: {2}",
     }
     notes += [

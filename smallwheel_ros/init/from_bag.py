@@ -116,7 +116,7 @@ class _Finder:
                 self._topics[kind] = [name for name in names if name in kept]
 
     def rover(self, urdf: Path | None, description: str | None) -> Rover:
-        """What the bag tells, and a robot description beside it."""
+        """What the bag has, and a robot description that is given with it."""
         turned: dict[str, str] = {}
         if description is None:
             description = self._description()
@@ -216,7 +216,7 @@ class _Finder:
         said = [] if chosen == "/odom" else [f"assumed: {chosen} is odom"]
         if len(topics) > 1:
             said += [
-                f"{topic} is made of the wheels, which show no slip by it"
+                f"{topic} is computed from the wheels and shows no slip"
                 for topic in topics
                 if topic not in own and own
             ]
@@ -227,8 +227,8 @@ class _Finder:
             said[0] += ", the only one like it of its type"
         if not own:
             said.append(
-                f"{'it' if said else chosen} is made of the wheels, by which they show no slip: give an"
-                " odometry that they have no part in (camera, lidar, GNSS), if there is one"
+                f"{'it' if said else chosen} is computed from the wheels and shows no slip: give an"
+                " independent odometry (camera, lidar, GNSS), if there is one"
             )
         if speeds[chosen].by_pose:
             said.append(f"{chosen} has no speed (its twist is 0 throughout)")
@@ -257,7 +257,9 @@ class _Finder:
         if unit and {*radii} & {*joints.by_positions}:
             unit = unit.replace("/s", "") + " (positions)"
         if unit:
-            words = f"by their joints the rims turn {times:.3g} times the way of the odometry"
+            words = (
+                f"by their joints the rims travel {times:.3g} times the distance by the odometry"
+            )
             self._notes.append(f"{words}: in {unit}? expected rad and rad/s")
 
     def _looks_back(
@@ -269,8 +271,9 @@ class _Finder:
         if len(against) < max(2, len(turned)) or len(against) < len(described):
             return False
         self._notes.append(
-            "the odometry looks back: when it says that the vehicle drives ahead, all joints turn backward by"
-            " the description's axes; joint_sign is left as described: turn the odometry's frame (REP 105)"
+            "the odometry looks backward: when it says that the vehicle drives ahead, all joints turn"
+            " backward by the description's axes; joint_sign is left as described: turn the odometry's frame"
+            " (REP 105)"
         )
         return True
 
@@ -340,7 +343,7 @@ class _Finder:
             raise InitError(
                 f"{self._reader.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}),"
                 f" no robot description with wheels, and no joint that turns like a wheel ({there}):"
-                " `smallwheel init BAG --urdf FILE` takes a robot description from beside the bag, and"
+                " `smallwheel init BAG --urdf FILE` reads a robot description from a file, and"
                 " `smallwheel init --wheels N` makes a file to fill in"
             )
         values: dict[str, Value] = {"wheels": wheels}

@@ -81,7 +81,10 @@ def joint_states_of(
         f"{topic} has {_shown(joints.names)}" for topic, joints in each.items() if topic != found
     )
     if found is None:
-        words = f"which topic has the joints of the wheels is not clear ({others}): say --joint-states TOPIC"
+        words = (
+            f"which topic has the joints of the wheels is not clear ({others}): name it with"
+            " --joint-states TOPIC"
+        )
         return None, None, words
     words = f"{found} is joint_states, with the joints of the wheels; {others} (or say --joint-states TOPIC)"
     return found, each[found], words

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a drive's numbers tell: which joints turn and how, what odometry is made of, how an imu is mounted."""
+"""What a drive's numbers show: which joints turn and how, where odometry comes from, how an imu sits."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
-    """times: s. names: of the joints. speeds: rad/s, (instants, joints), NaN where not told.
+    """times: s. names: of the joints. speeds: rad/s, (instants, joints), NaN where not known.
 
     by_positions: joints whose speed is the difference of their positions. wrong: by joint, what is wrong
     with its velocities by its positions.
@@ -245,12 +245,12 @@ def unit_by_way(times: float, radius: float) -> str:
 
 
 def is_of_wheels(share: float | None) -> bool:
-    """Whether an odometry with that share is made of the wheels."""
+    """Whether an odometry with that share is computed from the wheels."""
     return share is not None and share < _OF_WHEELS
 
 
 def upright(reader: BagReader, topic: str) -> tuple[int, str]:
-    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not to be told; and then why.
+    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not clear; and then why.
 
     Parameters
     ----------

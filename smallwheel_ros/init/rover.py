@@ -77,7 +77,7 @@ class Rover:
     def _place(self, name: str) -> list[str]:
         """Places by a size of the vehicle where the wheels' names tell them, else of each wheel.
 
-        One axle needs no wheelbase, wheels one behind the other no track: they are at 0.
+        One axle needs no wheelbase, wheels in one line no track: they are at 0.
         """
         lack = self._lack(name)
         size = _PLACES[name]
@@ -147,7 +147,7 @@ class Rover:
 
 
 def _shared(values: Mapping[str, Value], wheels: Sequence[str]) -> dict[str, Value]:
-    """The same values, with what all wheels have alike said once; a name in a text is `<wheel>` then."""
+    """The same values, with what all wheels have alike written once; a name in a text is `<wheel>` then."""
     found = dict(values)
     for row in PER_WHEEL:
         names = {wheel: row.for_wheel(wheel).name for wheel in wheels}

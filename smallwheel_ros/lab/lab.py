@@ -39,8 +39,8 @@ from smallwheel_ros.measurements.measurements import Measurements, ShearTests
 from smallwheel_ros.model.model import CalibratedModel
 
 _NO_MODEL = (
-    "shear tests tell cohesion, friction angle and shear modulus, and a model needs k and n too: give "
-    "the plates' or wheels' table beside it, or a model file or a soil of the library (--model)"
+    "shear tests give cohesion, friction angle and shear modulus, and a model needs k and n too: give "
+    "the table of plates or wheels as well, or a model file or a soil of the library (--model)"
 )
 
 

@@ -119,7 +119,7 @@ def wave(period: float) -> Shape:
 class Driver:
     """A number that a law can follow, SI units.
 
-    columns: settings that it is made of; none is of the depth. code: Python of `conditions` (and
+    columns: settings from which it is computed; none is the depth. code: Python of `conditions` (and
     `state`) that works it out: the search computes this line, and a drafted file contains it. variable:
     its name there. weight: what it counts as when drivers are counted.
 
@@ -216,7 +216,7 @@ def _at_most(low: float, span: float) -> float:
 
 
 def _digits(span: float) -> int:
-    """Of a number that is given to a tenth of the span's size, behind the point."""
+    """Decimals of a number that is given to a tenth of the span's size."""
     return 1 - math.floor(math.log10(span))
 
 

@@ -123,7 +123,7 @@ class LearntLaw:
 
     @property
     def columns(self) -> frozenset[str]:
-        """Settings that its drivers are made of."""
+        """Settings from which its drivers are computed."""
         return frozenset(c for d in self.by_name.values() for c in d.columns)
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From measurements to laws in a file: what is made of each search (`verdict.seek`)."""
+"""From measurements to laws in a file: the result of each search (`verdict.seek`)."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def seek(
         models = found.base.model, draft.fit.model
         errors, better = with_vault(errors, points.take(apart), models)
         if verdict == "law" and not better:
-            verdict, reasons = "unstable", ("on the settings in the vault the error does not fall",)
+            verdict, reasons = "unstable", ("on the settings held back the error does not fall",)
     law, tied = _refitted(problem.fitter, draft, found.tied)
     kept = int(np.unique(points.setting[apart]).size)
     best = JudgedLaw(law, tied, errors, laws, kept)

@@ -49,7 +49,7 @@ class ColumnSpec:
 
     low, high: both allowed. usual: beyond these a value is suspicious in a small wheel.
     same: two values that differ by no more are one setting, whatever the rest of the column
-    (`settings.settings_of_rows`). hint: said with a value that is refused.
+    (`settings.settings_of_rows`). hint: printed with a value that is refused.
     """
 
     description: str

@@ -60,8 +60,8 @@ _VEHICLE = (
 )
 
 _SHEAR = (
-    "a table of shear tests: they are fitted by `smallwheel fit`, beside a table of load and sinkage or "
-    "with --model"
+    "a table of shear tests: they are fitted by `smallwheel fit`, together with a table of load and sinkage "
+    "or with --model"
 )
 _BLANK = "the cell is blank, expected a value"
 _BLANK_ROLLING = (

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a column is, from what stands above it: `sinkage [mm]`, `Einsinkung (mm)`, `z_mm`, `Fz, N`.
 
-The words are in words.yaml. A header is a quantity with its unit, in brackets or behind it:
+The words are in words.yaml. A header is a quantity with its unit, in brackets or after it:
 
     1. `name [unit]`: the bracket is the unit, whatever the name
     2. the whole text is a known word or symbol
@@ -162,7 +162,7 @@ def read_heading(text: str, known: Match | None = None) -> Heading:
     text
         As it stands in the table.
     known
-        Which quantity it is, where the user has said so.
+        Which quantity it is, where the user has named it.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def _splits(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _unit(text: str, expected: str | None) -> str | None:
-    """The unit that stands behind a name, as `columns.to_base` takes it; None where none is known."""
+    """The unit that stands after a name, as `columns.to_base` takes it; None where none is known."""
     if text in _PURE_NUMBERS:
         return DIMENSIONLESS
     return spelled(text, expected) or spelled(text.replace("_", "/"), expected)

@@ -3,7 +3,7 @@
 
     find the header and the row of units                     layout.find_layout
     each header -> quantity, unit                            headers.read_heading, --map
-    rows that were not measured are left out, and said       layout.rows_not_measured
+    rows that were not measured are left out, and listed      layout.rows_not_measured
     cells -> numbers -> SI, each within its range            cells.read_numbers, columns.to_base
 
 What is wrong is collected in `TableColumns.found` and raised at once.
@@ -226,7 +226,7 @@ class TableColumns:
             self.add(message + ("" if i else hint))
 
     def leave_out(self, name: str, known: int) -> None:
-        """Go on without a column that nobody needs; its problems are said as a warning.
+        """Go on without a column that nobody needs; its problems become a warning.
 
         Parameters
         ----------

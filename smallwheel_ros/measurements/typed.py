@@ -142,7 +142,7 @@ def number_of(name: str, given: float | str) -> Typed:
 def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Typed:
     """Values that were typed, in SI units.
 
-    `a`, `a,b,c`, `start:stop:step` (stop included) or `low..high` (with the middle), a unit behind it
+    `a`, `a,b,c`, `start:stop:step` (stop included) or `low..high` (with the middle), a unit after it
     where it is not SI. A comma separates values. It is a decimal mark where it can be nothing else: in one
     value, beside semicolons, and where no such list can be meant.
 
@@ -281,7 +281,7 @@ def limits_of(
         except RangeError as error:
             raise ArgumentError(
                 f"can {name}: found {levels!r}, expected numbers as in {name}=0..0.6 or {name}=20,40,60 (SI "
-                f"units, or with a unit behind): {error}"
+                f"units, or with a unit after it): {error}"
             ) from None
         told(read.said)
         found[name] = [float(v) for v in read.values]

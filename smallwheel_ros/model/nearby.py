@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the model says of wheels, and a little beside each in law and load: for slopes by differences.
+"""What the model predicts for wheels, and for small changes of law and load: for slopes by differences.
 
 For effects, whose slopes are not written down; without effects `physics.contact` gives them itself.
 """
@@ -33,7 +33,7 @@ def neighbours(
     shear: Shear = (),
     geometry: Geometry = "contact_integral",
 ) -> Prediction:
-    """What `model.predict` says of wheels in soils, and beside each of the law and load for `slopes`.
+    """What `model.predict` gives for wheels in soils, and for small changes of law and load, for `slopes`.
 
     Parameters
     ----------

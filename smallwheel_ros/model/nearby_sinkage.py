@@ -84,7 +84,7 @@ class NearbySinkage:
 
     @cached_property
     def _loads_by_depth(self) -> tuple[Array, Array]:
-        """What bears the wheels at which depth: all layered effects are told from it."""
+        """What bears the wheels at which depth: all layered effects follow from it."""
         assert self._solved is not None
         _, diameter, modulus, exponent = self._at
         width = self._conditions.width

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the soil's estimate is told before the first measurement: prior, sensors and ground."""
+"""What the soil's estimate starts from: prior, sensors and ground."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _require(what: str, name: str, value: float, good: bool, expected: str) -> N
 
 
 def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Columns beside the load that effects read: a row without them has no sinkage in the model.
+    """Columns other than the load that effects read: a row without them has no sinkage in the model.
 
     Raises EstimatorError for an effect that reads what no stream tells.
     """
@@ -128,7 +128,7 @@ class SoilPrior:
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """What the soil's estimate is told of sensors and ground.
+    """Settings of the soil's estimate about sensors and ground.
 
     Attributes
     ----------

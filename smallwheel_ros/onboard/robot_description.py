@@ -99,7 +99,7 @@ def described_mass(text: str) -> float | None:
 def needs_description(given: Mapping[str, object]) -> list[str]:
     """Return the names of parameters without which nothing works and that only a description fills.
 
-    Empty where none is missing, and where anything else is wrong: that is to be said at once.
+    Empty where none is missing, and where anything else is wrong: that is reported at once.
     """
     needed = [name for name in silent_parameters(given) if name.endswith(_SIZE)]
     return needed if len(problems(given)) == len(needed) else []

@@ -66,7 +66,7 @@ class OnboardSettings(DriveParameters):
     with_imu
         Whether the slope comes from an imu; else from odometry's pose.
     effects
-        Effects of the model beside pressure and sinkage, in their order.
+        Effects of the model other than pressure and sinkage, in their order.
     static_loads
         Loads (N) of wheels whose load is not measured, by name.
     steered
@@ -75,7 +75,7 @@ class OnboardSettings(DriveParameters):
         Where the speed over ground comes from that slip is worked out with: odometry that the
         wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
     soil_told
-        Whether the user has said which soil it is; else it is any.
+        Whether the user has named the soil; else it is any.
     strength_measured
         Whether the model file's strength was measured: then it is that of this ground from the start.
     model_note

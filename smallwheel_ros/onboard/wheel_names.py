@@ -166,7 +166,7 @@ def wheels_named_by(
 
 
 def _words_of_all(names: Sequence[str]) -> dict[str, set[str]]:
-    """Words of names that stand beside each other: R is right beside an L, rear beside an F."""
+    """Words of names that occur together: R is right next to an L, rear next to an F."""
     words = {name: words_of(name) for name in names}
     places = {name: place_of(name) for name in names}
     for name in names:

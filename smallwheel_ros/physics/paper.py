@@ -143,7 +143,7 @@ def paper_lines() -> tuple[PaperLine, ...]:
 
 
 def _inputs() -> list[PaperLine]:
-    """Tables 1, 2, 4, 5 and 6: what the paper computes from, beside what the library has."""
+    """Tables 1, 2, 4, 5 and 6: what the paper computes from, next to what the library has."""
     lines = [
         PaperLine(
             "Table 1", name, unit, value, value, "the wheel of all that follows", "taken over"
@@ -267,7 +267,7 @@ def table_7() -> tuple[PaperLine, ...]:
 
 
 def _equations() -> list[PaperLine]:
-    """Equations 1 to 14 written out for the paper's wheel, beside what the library's functions give."""
+    """Equations 1 to 14 written out for the paper's wheel, next to what the library's functions give."""
     load, soil, bekker = LOADS[0], MEIRION_GRIFFITH_SPENKO, BEKKER
     r, kappa = 0.5 * DIAMETER, bekker.shear_displacement
     modulus = soil.k * DIAMETER**soil.m

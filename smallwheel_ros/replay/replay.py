@@ -292,7 +292,7 @@ class _Drive:
         return VehicleEstimates.joined(with_classes)
 
     def _told(self) -> list[dict[str, Any]]:
-        """What is told of the soils of the newest turn."""
+        """Fields of SoilEstimate of the soils of the newest turn."""
         told = []
         for soil in self._happened.soils:
             known = next((fields for one, fields in self._soils if one is soil), None)
@@ -317,7 +317,7 @@ class _Drive:
             write_map(path, whole)
 
     def _hints(self) -> list[str]:
-        """What is to be said of stamps, and of messages that were damaged."""
+        """Hints about stamps, and about messages that were damaged."""
         streams, notes = self._pipeline.streams, []
         if self._bag.damaged:
             notes.append(f"{self._bag.damaged} damaged messages are not in the new bag")

@@ -70,7 +70,7 @@ def files_in(folder: Path) -> dict[str, str]:
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Return what a replay into that folder said of itself; empty where there is none."""
+    """Return the summary of a replay into that folder; empty where there is none."""
     try:
         content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -108,7 +108,7 @@ def draft(spec: ReplaySpec) -> Iterator[Path]:
     there = files_in(folder)
     if there and not read_summary(folder):
         raise ReplayError(
-            f"folder {folder} has {next(iter(there.values()))}, which no replay has made: give another"
+            f"folder {folder} has {next(iter(there.values()))}, which no replay wrote: give another"
             " folder, or remove it"
         )
     hidden = folder / _DRAFT

@@ -129,22 +129,26 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
     """The replay with what its bag tells as the parameter file, which is put into its folder.
 
-    Raises BagError, or InitError where the bag does not tell enough, or
+    Raises BagError, or InitError where the bag does not give enough, or
     another parameter file is in the folder.
     """
     rover = rover_of_bag(like.bag)
     if rover.missing:
         raise InitError(
-            f"{like.bag}: no parameter file was given, and the bag does not tell "
+            f"{like.bag}: no parameter file was given, and the bag does not give "
             f"{', '.join(rover.missing)}: `smallwheel init {like.bag} -o {_CONFIG}` writes one; fill in "
             f"what is marked, and give it with --config {_CONFIG}"
         )
     path, text = like.folder / _CONFIG, rover.parameter_file()
     if path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
-        raise InitError(f"{path} is not what the bag tells: give it with --config, or remove it")
+        raise InitError(
+            f"{path} differs from what the bag gives: give it with --config, or remove it"
+        )
     like.folder.mkdir(parents=True, exist_ok=True)
     write_bytes(path, text.encode())
-    said = f"no parameter file was given: {path} is what the bag tells ({', '.join(rover.wheels)})"
+    said = (
+        f"no parameter file was given: {path} was written from the bag ({', '.join(rover.wheels)})"
+    )
     return replace(like, config=path, notes=(said, *rover.notes))
 
 
@@ -205,7 +209,7 @@ def _description_topic(values: Mapping[str, object]) -> str:
 def _described(
     topic: str, reader: BagReader, values: Mapping[str, object]
 ) -> tuple[Mapping[str, Value], list[str]]:
-    """Return what the bag's first robot description fills, and what is to be said of that."""
+    """Return what the bag's first robot description fills, and notes about it."""
     if (topic, DESCRIPTION_TYPE) not in {t[:2] for t in reader.topics if t.message_count}:
         needed = needs_description(values)
         return {}, [f"no robot description: {topic} is not in the bag"] if needed else []

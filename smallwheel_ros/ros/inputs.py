@@ -184,7 +184,7 @@ class Inputs:
     def take(self) -> bool:
         """Decode what has come since the last turn, and give it to the streams; return whether any has.
 
-        All of it goes in the order in which it came. A simulated clock goes first: else it would be behind.
+        All of it goes in the order in which it came. A simulated clock goes first: else it would be late.
         """
         for clock in (s for s in self._node.subscriptions if s.topic_name == "/clock"):
             for message, _ in _queued(clock, raw=False):
@@ -255,7 +255,7 @@ class Inputs:
     def say_what_is_missing(self) -> None:
         """Log what is still waited for and why, in a line for all of one type and reason.
 
-        What has been said is not said again.
+        What has been reported is not reported again.
         """
         groups: dict[str, list[str]] = {}
         for topic, why in self._missing():

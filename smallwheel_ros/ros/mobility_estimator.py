@@ -182,7 +182,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
             return response
 
     def _configure_anew(self, changes: str) -> None:
-        """Go by what the robot description has said after the configuration."""
+        """Use the robot description that came after the configuration."""
         if self._session is None:
             return
         self.get_logger().info(f"configured anew, the soil starts over: {changes}")

@@ -277,7 +277,7 @@ class Outputs:
         self.cost.publish(self._node.get_clock().now().nanoseconds)
 
     def publish_speed_limit(self) -> None:
-        """Publish how far to slow down, where somebody is to be told: the last publisher counts."""
+        """Publish how far to slow down, where a topic is configured: the last publisher counts."""
         topic, kind = self._settings.speed_limit_topic, message_class(SPEED_LIMIT)
         if not topic or kind is None:
             return
@@ -286,7 +286,7 @@ class Outputs:
         message.header = header_of(now, self._settings.base_frame)
         self._publishers[topic].publish(message)
         if self._node.count_publishers(topic) > 1:
-            text = "somebody else publishes speed limits there (a SpeedFilter?): whoever is last counts"
+            text = "somebody else publishes speed limits there (a SpeedFilter?): the last message counts"
             self._report(topic, "two_publishers", text)
 
     def publish_markers(self, frame: str) -> None:

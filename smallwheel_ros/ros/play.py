@@ -86,7 +86,7 @@ class PlayedRecording:
             self.latencies.append(time.monotonic() - sent)
 
     def on_vehicle(self, message: Any) -> None:
-        """Keep what is said of the vehicle."""
+        """Keep the vehicle's messages."""
         self.vehicle.append(_row(message))
 
     def on_soil(self, message: Any) -> None:
@@ -206,7 +206,7 @@ class _Player:
         return NODE_NAME in self._node.get_node_names()
 
     def _hold_back(self, now: int) -> None:
-        """Wait while the node is behind; of what it has nothing to say to, once. now: log time, ns."""
+        """Wait while the node lags; once for a message that it does not answer. now: log time, ns."""
         found = self.found
 
         def follows() -> bool:

@@ -118,7 +118,7 @@ class Session:
     """The estimate of a configured node, with its topics; it is made whole or raises.
 
     One timer is all that works: at each turn it decodes what has come, takes it through the pipeline, and
-    publishes. wall: a clock that goes on while /clock stands still. warnings: what is to be said once of the
+    publishes. wall: a clock that goes on while /clock stands still. warnings: what is reported once about the
     configuration. restored: what saved soil and cost map it goes on from, in words; empty where there is
     none.
 

@@ -37,7 +37,7 @@ class HiddenLaw:
     | `stress` | contact, circumstances, soil | factor on the stress at each point, (rows, nodes) |
     | `carried_away` | contact, circumstances | thickness (m) of soil at each point that is gone |
     | `resistance` | depth (m), soil, circumstances | resistance (N) besides that of the front's stress |
-    | `rebound` | pressure (Pa) under the wheel | how far the soil comes up behind it (m); it unloads as |
+    | `rebound` | pressure (Pa) under the wheel | how far the soil comes up at its rear (m); it unloads as |
     | | | the share of that which is still to come, to this exponent |
     | `shown_sinkage`, `shown_resistance`, `shown_load` | value, circumstances | what an instrument |
     | | | without noise shows of it |

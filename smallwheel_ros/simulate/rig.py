@@ -212,7 +212,7 @@ def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
 
 @dataclass(frozen=True)
 class RigTruth:
-    """Soil, effects and settings behind a table; `measure` takes more measurements of it."""
+    """Soil, effects and settings that made a table; `measure` takes more measurements of it."""
 
     settings: RigSettings
     soil: TruthSoil
@@ -233,7 +233,7 @@ class RigTruth:
 
 @dataclass(frozen=True)
 class Rig:
-    """A simulated table (headers with units, ready to be written) and the truth behind it."""
+    """A simulated table (headers with units, ready to be written) and the truth that it was made from."""
 
     table: pd.DataFrame
     truth: RigTruth

@@ -2,8 +2,8 @@
 """What the sensors of a world's vehicle make of the truth: rows of stamps (ns) and values, by stream.
 
 Columns are those of the library's streams: of the odometry speed, yaw rate, x, y, cosine and sine of the yaw,
-variances of the first two (0: not told), pitch and roll, and of a rover that steers speed aside; of the imu
-yaw rate, specific force, and where up is. A sinkage has its variance beside it.
+variances of the first two (0: not stated), pitch and roll, and of a rover that steers speed aside; of the imu
+yaw rate, specific force, and where up is. A sinkage comes with its variance.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class MeasuredRows:
         self.half = np.array([0.5 * w.diameter for w in rover.wheels])
 
     def normal(self, size: int | tuple[int, ...] | None = None) -> Any:
-        """What all noise is made of: numbers of deviation 1, or as large as the noise is to be."""
+        """The numbers from which all noise is computed: of deviation 1, or as large as the noise is to be."""
         return self.sensors.noise_factor * self.rng.standard_normal(size)
 
     def rows(self) -> Rows:
@@ -124,7 +124,7 @@ class MeasuredRows:
         return _stamped(time, np.column_stack([shown, variance]))
 
     def _joints(self) -> Rows:
-        """Encoders of so many steps a turn, of wheels whose radius is not quite as told; motors' torques."""
+        """Encoders of so many steps a turn, of wheels with slightly wrong radii; motors' torques."""
         sensors, time = self.sensors, self._times(self.sensors.joint_rate)
         radius = self.half * (1.0 + 0.007 * (self.normal() + self.normal(self.half.size)))
         step = 2.0 * np.pi / self.rng.choice(sensors.encoder_steps)
@@ -156,7 +156,7 @@ class MeasuredRows:
         return found
 
     def _own(self, time: Array, rate: float) -> tuple[Array, float]:
-        """A speed that is made of pictures: late, of another scale, with errors that last for a while."""
+        """A speed computed from pictures: late, of another scale, with errors that last for a while."""
         sensors, truth = self.sensors, self.truth
         smooth = self.rng.uniform(*sensors.lag)
         true = truth.speed
@@ -173,7 +173,7 @@ class MeasuredRows:
         return scale * self.truth.at(time - self.lag, true) + deviation * noise, deviation
 
     def _of_wheels(self, time: Array, filtered: bool) -> Array:
-        """A speed that is made of the joints, as it is or by a filter with the imu's gains."""
+        """A speed that is computed from the joints, as it is or by a filter with the imu's gains."""
         when, rims = self.shown_rims
         shown = rims.mean(axis=1)
         if not filtered:

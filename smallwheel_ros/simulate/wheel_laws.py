@@ -41,7 +41,7 @@ class RimStrength:
     """Strength of a soil under a rim.
 
     rolling: share of the displacement by rolling that shears soil, as a tread yields. residual: what is left
-    of the shear stress far behind its peak (Wong 1979), over that.
+    of the shear stress far beyond its peak (Wong 1979), over that.
     """
 
     cohesion: float
@@ -118,7 +118,7 @@ class Sand:
 class Stresses:
     """The shape of the stresses.
 
-    peak: where the pressure peaks, c1 and c2 of Wong and Reece. rear: of the entry angle, behind. moved:
+    peak: where the pressure peaks, c1 and c2 of Wong and Reece. rear: of the entry angle, at the rear. moved:
     share of its pressure that soil carries which the wheel dug. hump: how far shear falls after its peak.
     bias: of the load, on the pull.
     """

@@ -113,8 +113,8 @@ class Sensors:
     """What the vehicle measures, how often (Hz) and how well; SI units.
 
     sinkage, load, torque, pull: whether it is measured, the pull as often as the load; without loads they are
-    the weight's. current: the torque is told by a motor's current, which is 0 at standstill. noise_factor: on
-    all noise. sinkage_told: share of the sinkage in its variance, beside the noise; the true one is 0.03.
+    the weight's. current: torque by a motor's current, which is 0 at standstill. noise_factor: on
+    all noise. sinkage_told: share of the sinkage in its variance, besides the noise; the true one is 0.03.
     load_scale: of each wheel. encoder_steps: in a turn of a wheel, one of them. odometry: `own` is made of
     pictures or echoes, `wheels` of the joints, `filter` of joints and imu, `half` a filter of wheels and
     pictures, `pose` tells places alone. lag, noise: s and m/s, of the odometry; alike: s over which its

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of which a result is told. A page of them is text on the terminal, HTML, and pictures.
+"""Blocks of which a result consists. A page of them is text on the terminal, HTML, and pictures.
 
 A table is rows as the result's JSON has them (SI units) and columns that say how each is shown, so that the
-number of a file and that of a page cannot differ. HTML is made of blocks by web/page.html.
+number of a file and that of a page cannot differ. HTML is rendered from blocks by web/page.html.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Show = Callable[[Any], str]
 class Column(NamedTuple):
     """A column of a table. cell: a key of the rows, or what a row says; show: that as text.
 
-    right: set to the right, as numbers are. bar: the share (0 to 1) that is drawn behind the text.
+    right: set to the right, as numbers are. bar: the share (0 to 1) that is drawn in the background.
     """
 
     header: str
@@ -42,7 +42,7 @@ class Column(NamedTuple):
         return self.show(row.get(self.cell) if isinstance(self.cell, str) else self.cell(row))
 
     def share(self, row: Row) -> float | None:
-        """What is drawn behind the cell, per cent; None without a bar."""
+        """What is drawn in the cell's background, per cent; None without a bar."""
         share = self.bar(row) if self.bar else None
         return None if share is None else round(100.0 * share)
 

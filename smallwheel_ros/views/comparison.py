@@ -276,9 +276,9 @@ def _error_panel(found: Comparison, channel: str) -> Panel:
 
 
 def left_blocks(found: Comparison) -> list[Block]:
-    """What a model leaves, one that the reader picks beside the best of those that predict every channel.
+    """What a model leaves, one that the reader picks next to the best of those that predict every channel.
 
-    A regression has no pull: where that is measured, plots beside it would lack it.
+    A regression has no pull: where that is measured, plots next to it would lack it.
     """
     errors = {str(i): m.held_out or m.in_sample for i, m in enumerate(found.models)}
     if not found.channels:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A diagnosis as people see it: its page is made of its document, and of the models that can be set."""
+"""A diagnosis as people see it: its page comes from its document, and of the models that can be set."""
 
 from __future__ import annotations
 
@@ -250,12 +250,12 @@ def _ranking(rows: Sequence[Row], named: Sequence[str]) -> Table:
         probability("probability", "probability"),
         share_of("error removed", "reduction"), Column("", "reason", _doubts),
     ]  # fmt: skip
-    caption = "Probability: beside all others. Error removed: by the effect alone, added to the base model"
+    caption = "Probability: all others compete. Error removed: by the effect alone, added to the base model"
     return Table(columns, rows, caption, strong=lambda row: row["effect"] in named)
 
 
 def _doubts(reason: str) -> str:
-    """What a reason says beside the probability and the verdict, which have columns."""
+    """What a reason says other than probability and verdict, which have columns."""
     parts = [
         part.partition(": ")[2] if part.startswith("probability") else part
         for part in (reason or "").split("; ")

@@ -134,7 +134,7 @@ def _of_file(found: Benchmark, file: Path) -> list[Block]:
 
 
 def _of_channel(table: LawTable, channel: str) -> list[Block]:
-    """The laws on one channel: the table, what is to be said of it, and the errors of each part."""
+    """The laws on one channel: the table, remarks on it, and the errors of each part."""
     task, laws = table.task, table.of(channel)
     against = [None if law.against is None else asdict(law.against) for law in laws]
     listed_laws = [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A learnt law as people see it: made of its document, and of the laws that fit as well."""
+"""A learnt law as people see it: from its document, and from the laws that fit as well."""
 
 from __future__ import annotations
 

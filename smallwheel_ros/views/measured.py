@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table of measurements as people see it, before anything is made of it."""
+"""A table of measurements as people see it, before anything is computed from it."""
 
 from __future__ import annotations
 

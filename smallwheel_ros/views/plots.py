@@ -87,7 +87,7 @@ class Bar:
 class Panel:
     """A plot: labels of its axes, title, layers or bars. level: a dashed line across bars, with its name.
 
-    log: the y-axis; equal: one scale for both axes; spans: behind it all; marks: lines across. height: inch;
+    log: the y-axis; equal: one scale for both axes; spans: at the back; marks: lines across. height: inch;
     wide: as two others.
     """
 

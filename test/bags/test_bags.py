@@ -437,7 +437,7 @@ def test_what_a_killed_recorder_left_in_its_log_is_said(tmp_path):
     (killed / "metadata.yaml").unlink()
     good, text = salvaged(killed)
     assert good == whole
-    assert "a log beside it, whose messages are not read" in text
+    assert "a write-ahead log next to it, whose messages are not read" in text
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])

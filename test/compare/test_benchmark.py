@@ -104,7 +104,7 @@ def test_each_table_is_told_when_it_is_done(tmp_path: Path) -> None:
 def test_what_is_not_used_is_said(found: tuple[Path, Result, dict[str, Any]]) -> None:
     _, result, document = found
     assert set(document["not_used"]) == {"unlicensed/plates.csv", "ours/notes.csv"}
-    assert "no licence beside it" in document["not_used"]["unlicensed/plates.csv"]
+    assert "no licence next to it" in document["not_used"]["unlicensed/plates.csv"]
     assert "Not used: unlicensed/plates.csv" in result.output
 
 

@@ -98,7 +98,7 @@ def test_while_tf_is_gone_a_map_of_another_frame_waits_and_is_counted_each_time(
     for _ in range(2):
         assert heard.inputs.take_elevation(grid_map({"elevation": LEVEL}, frame="map"))
     assert [reason for _, reason, _ in heard.said] == ["other_frame"] * 2
-    assert "counts once tf says where" in heard.said[0][2]
+    assert "is used once tf relates the two" in heard.said[0][2]
 
     def known() -> int:
         grids = heard.map.grids()

@@ -64,7 +64,7 @@ def test_what_is_no_saved_soil_is_said_and_nothing_is_lost(driven: Driven, tmp_p
     assert path.read_text() == "{"
     assert SoilFile("").save(driven[0], ground) == (
         False,
-        "nothing saved: parameter soil.file says where to, and is empty",
+        "nothing saved: parameter soil.file is empty: set the file to save to",
     )
 
 

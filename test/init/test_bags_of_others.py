@@ -128,25 +128,25 @@ CASES: dict[str, tuple[Change, str, bool]] = {
     "positions alone": (wrapped, "its velocity is missing or always 0", True),
     "degrees alone": (
         lambda _, s: [States(NAMES, np.degrees(s.position), NONE, NONE)],
-        "63 times the way of the odometry: in deg (positions)? expected rad", False,
+        "63 times the distance by the odometry: in deg (positions)? expected rad", False,
     ),
     "rpm": (times(30.0 / math.pi), "perhaps in rpm: expected rad/s; it will not be used", False),
     "deg/s": (times(180.0 / math.pi), "perhaps in deg/s: expected rad/s; it will not be used", False),
     "m/s": (times(RADIUS), "perhaps in m/s at the rim: expected rad/s; it will not be used", False),
     "rpm without positions": (
         lambda _, s: [States(NAMES, NONE, 30.0 / math.pi * s.velocity, NONE)],
-        "10.5 times the way of the odometry: in rpm? expected rad", False,
+        "10.5 times the distance by the odometry: in rpm? expected rad", False,
     ),
     "m/s without positions": (
         lambda _, s: [States(NAMES, NONE, RADIUS * s.velocity, NONE)],
-        "0.11 times the way of the odometry: in turns/s or m/s at the rim? expected rad", False,
+        "0.11 times the distance by the odometry: in turns/s or m/s at the rim? expected rad", False,
     ),
     "zeros after": (with_zeros(first=False, velocity=True), "", True),
     "zeros before": (with_zeros(first=True, velocity=True), "", True),
     "positions of zero": (with_zeros(first=True, velocity=False), "", True),
     "an arm, and effort NaN": (with_an_arm, "", True),
 }  # fmt: skip
-ODD = ("perhaps", "times the way", "difference of")
+ODD = ("perhaps", "times the distance", "difference of")
 
 
 @pytest.fixture(scope="module")

@@ -129,7 +129,7 @@ def test_replay_goes_by_what_the_bag_tells_and_says_so(bag: Path, tmp_path: Path
     assert found(tmp_path / "out" / "rover.yaml")["front_left.load_topic"] == "/ft/fl/wrench"
     (tmp_path / "out" / "rover.yaml").write_text("mine")
     refused = run("replay", other, "-o", tmp_path / "out", code=2)
-    assert "is not what the bag tells" in refused.stderr
+    assert "differs from what the bag gives" in refused.stderr
 
 
 def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_
     assert text.count(FILL_IN) == 4 + 1  # and where it is explained
     assert json.loads((tmp_path / "found.json").read_text())["missing"][0] == "all_wheels.diameter"
     refused = run("replay", bag, "-o", tmp_path / "out", code=2).stderr
-    assert "does not tell all_wheels.diameter" in refused
+    assert "does not give all_wheels.diameter" in refused
     assert f"smallwheel init {bag} -o rover.yaml" in refused
     assert not (tmp_path / "out").exists()
     half = run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out", code=2)
@@ -329,7 +329,7 @@ def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> N
     bag = plain_drive(tmp_path / "drive", {"/wheel/odom": 0.0, "/lidar/pose": 0.1})
     config = tmp_path / "rover.yaml"
     said = run("init", bag, "-o", config).stdout
-    assert "assumed: /lidar/pose is odom; /wheel/odom is made of the wheels" in said
+    assert "assumed: /lidar/pose is odom; /wheel/odom is computed from the wheels" in said
     assert "joint_sign of front_left, rear_left by the drive" in said
     assert f"then: smallwheel replay {bag} --config {config} -o out" in said
     text = config.read_text()
@@ -377,7 +377,7 @@ def test_a_description_beside_the_bag(tmp_path: Path) -> None:
     (tmp_path / "rover.urdf").write_text(text)
     said = run("init", bag, "--urdf", tmp_path / "rover.urdf", "-o", tmp_path / "r.yaml").stdout
     assert "to be filled in: vehicle.mass\n" in said
-    assert "/odom is made of the wheels" in said
+    assert "/odom is computed from the wheels" in said
     values = found_in(filled_in((tmp_path / "r.yaml").read_text()))
     assert values["rear_right.lateral_position"] == -0.28
     assert values["rear_left.joint_sign"] == -1  # by the drive, whatever the description says
@@ -588,7 +588,7 @@ def test_an_odometry_that_looks_back_is_named_and_turns_no_joint(tmp_path: Path)
     joints = [j.replace("0 1 0", "0 -1 0") if "name='right_" in j else j for j in joints]
     (tmp_path / "rover.urdf").write_text("<joint ".join([head, *joints]))
     said = run("init", bag, "--urdf", tmp_path / "rover.urdf", "-o", tmp_path / "r.yaml").stdout
-    assert "the odometry looks back" in said
+    assert "the odometry looks backward" in said
     values = found_in(filled_in((tmp_path / "r.yaml").read_text()))
     assert [values[f"{wheel}.joint_sign"] for wheel in PLACES] == [1, -1, 1, -1]
 

@@ -201,7 +201,7 @@ def test_shear_alone_is_shown_and_a_file_needs_a_model(tmp_path: Path) -> None:
     shown = CliRunner().invoke(cli.main, ["fit", str(sheared)])
     assert shown.exit_code == 0
     assert "phi = " in shown.output
-    assert "No model was made: shear tests tell" in shown.output
+    assert "No model was made: shear tests give" in shown.output
     done = CliRunner().invoke(cli.main, ["fit", str(sheared), "--json", "-"])
     document = json.loads(done.stdout)
     assert document["schema"] == 1

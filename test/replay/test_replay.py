@@ -624,7 +624,7 @@ def test_a_folder_of_somebody_else_is_left_alone(bag, rover, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "estimates.csv").write_text("mine")
     text = smallwheel("replay", bag, "--config", rover, "-o", tmp_path / "out", code=2).stderr
-    assert "which no replay has made" in text
+    assert "which no replay wrote" in text
     assert (tmp_path / "out" / "estimates.csv").read_text() == "mine"
     text = smallwheel("replay", bag, "--config", rover, "-o", bag, code=2).stderr
     assert "is the bag itself" in text

@@ -101,7 +101,7 @@ def test_odometry_that_is_made_of_the_wheels_is_said(
 ) -> None:
     summary, table = replay(bags["wheels"], repository, tmp_path / "out")
     said = [event["text"] for event in summary["events"]]
-    assert any("made of them and shows no slip" in words for words in said), said
+    assert any("computed from them and shows no slip" in words for words in said), said
     last = table.iloc[-1]
     assert np.isnan(last["slip"])
     vehicle = pd.read_csv(tmp_path / "out" / "vehicle.csv").iloc[-1]

@@ -89,7 +89,7 @@ def test_a_file_that_is_no_soil_is_said_and_the_prior_used(
         peer.configure_with("soil.file", "")
         answer = peer.trigger("save_soil")
         assert not answer.success
-        assert "parameter soil.file says where to" in answer.message
+        assert "parameter soil.file is empty" in answer.message
         assert file.read_text() == "not a soil"
         assert node.death() is None
     assert "Traceback" not in log.read_text()

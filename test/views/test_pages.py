@@ -490,7 +490,9 @@ def test_measured_over_predicted_has_every_model_and_moves_no_row(comparison: Co
 
 
 def test_the_first_screen_is_the_answer() -> None:
-    notes = [f"sand.p{i} is at its bound, {i}: the data wants to go further" for i in range(40)]
+    notes = [
+        f"sand.p{i} is at its bound, {i}: the data favours values beyond it" for i in range(40)
+    ]
     lines = diagnosed_view.text(diagnosed_as({**DOCUMENT, "notes": notes})).splitlines()
     assert lines[0].startswith("The model lacks slip sinkage")
     assert any("4.30 mm" in line for line in lines)

@@ -45,7 +45,7 @@ class Trust:
     """What is known of the speed at each of some instants.
 
     variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
-    whether it is made of them; may_be: whether it is not known yet to be, or not to be; since: s for which
+    whether it is computed from the wheels; may_be: whether that is not known yet; since: s for which
     the message has been the same; way: m by the rims meanwhile; mean: s before its stamp at which it holds.
     """
 
@@ -69,7 +69,7 @@ class BelievedRows:
     streams
         Raw rows by stream, as kept.
     moves
-        Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: not told) over ground as measured, (rows, 3).
+        Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured, (rows, 3).
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
@@ -138,7 +138,7 @@ class BelievedRows:
         return self._of(self.source, instants, self.moves.at(instants, self.rules)[:, :2])
 
     def aside(self, instants: Integers) -> Array:
-        """Speed (m/s) of the base frame to the left as measured over ground; NaN: not told, (instants,)."""
+        """Speed (m/s) of the base frame to the left as measured over ground; NaN: unknown, (instants,)."""
         found = self.moves.at(instants, self.rules)[:, 2:3]
         return self._of(self.source, instants, found)[:, 0]
 
@@ -180,7 +180,7 @@ class BelievedRows:
         return rigid_motion(self.each_rim(instants) + rate * arm[:, None], x, y, angle)
 
     def unsteered_rims(self, instants: Integers) -> Array:
-        """Mean speed (m/s) of the rims that are not steered, which some odometries are made of."""
+        """Mean speed (m/s) of the rims that are not steered, from which some odometries are computed."""
         rolling, steered = self.settings.rolling, self.settings.steered
         fixed = [wheel.name not in steered for wheel in rolling]
         return mean_of_known(self.each_rim(instants)[fixed])

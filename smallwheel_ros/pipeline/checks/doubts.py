@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which streams are not believed, and from which stamp on: what every stage reads raw rows through.
 
-Checks put it down at fixed stamps, for rows after these. So what is made of a row depends on its stamp, not
+Checks put it down at fixed stamps, for rows after these. So what follows from a row depends on its stamp, not
 on where blocks are cut; and since nothing is assembled but of what is believed here, a doubt reaches all
 that is derived.
 """

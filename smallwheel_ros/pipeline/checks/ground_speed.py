@@ -8,7 +8,7 @@
               vehicle drives, since stamps are off. The larger of what 0.8 of them keep to. Of poses also by
               their stamps: how far one is from the line between its neighbours, over the rims' speed, is how
               much its stamp is off
-    lag       by how much the turning and the speed follow gyro and rims: largest correlation, as last found;
+    lag       by how much the turning and the speed follow gyro and rims: largest correlation, the newest;
               until anything follows, it may be half a second
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
@@ -71,7 +71,7 @@ _UNTRIED = (
 class Known:
     """What has turned out of odometry and imu, for those that report it.
 
-    share: of the way by which an odometry that is made of the wheels is no multiple of them; NaN: of its own.
+    share: of the way by which an odometry that comes from the wheels is no multiple of them; NaN: of its own.
     no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
     """
 
@@ -81,7 +81,7 @@ class Known:
 
     @property
     def of_wheels(self) -> bool:
-        """Whether the odometry is made of the wheels."""
+        """Whether the odometry is computed from the wheels."""
         return math.isfinite(self.share)
 
     @property
@@ -260,7 +260,7 @@ class GroundSpeed:
         self.moves.extend(middle[rising], np.column_stack([speed, turn, aside_told])[rising])
 
     def _aside(self, values: Array) -> Array:
-        """Speed aside (m/s) of a twist; while it is exactly 0 in every message it is not told."""
+        """Speed aside (m/s) of a twist; while it is exactly 0 in every message it is not known."""
         if not self.settings.steered:
             return np.zeros(len(values))
         aside = values[:, ASIDE if self.source == ODOMETRY else 2]
@@ -396,7 +396,7 @@ class GroundSpeed:
 def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:
     """By how much (m) the pose before each is off the line between its neighbours, as one place is, or NaN.
 
-    Along its heading, where time is way. begin: of each row, the first behind a silence. widest: ns.
+    Along its heading, where time is way. begin: of each row, the first after a silence. widest: ns.
     """
     rows = np.arange(stamps.size)
     now, middle, then = rows, np.maximum(rows - 1, 0), np.maximum(rows - 2, 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is learnt of an odometry by gyro and rims: how late it comes, and whether it is made of the wheels.
+"""What is learnt of an odometry by gyro and rims: how late it comes, and whether it comes from the wheels.
 
 Sums that go on over cuts: each row depends on those before it alone.
 """
@@ -85,7 +85,7 @@ class Lag:
 
 
 class OfWheels:
-    """Whether an odometry is made of the wheels, or may be, and by which share of the way it is not."""
+    """Whether an odometry comes from the wheels, or may, and by which share of the path it does not."""
 
     def __init__(self) -> None:
         self._total, self._last = np.zeros((2, 4))
@@ -134,7 +134,7 @@ class OfWheels:
 def _scatter(pieces: Array) -> float:
     """By which share of the way the odometry is no multiple of the rims: straight on, or in turns.
 
-    That of the last pieces, or what is usual of all that are kept, whichever is larger: made of the wheels it
+    That of the last pieces, or what is usual of all that are kept, whichever is larger: from the wheels it
     is their multiple all the time, and an odometry of its own may be for some metres.
     """
     found = np.inf

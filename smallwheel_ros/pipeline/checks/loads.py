@@ -110,7 +110,7 @@ class Swapped:
         self.count, self.sums, self.products = 0, np.zeros(2 * n), np.zeros((2 * n, 2 * n))
 
     def take(self, window: Window) -> list[Said]:
-        """A piece is over two pieces behind the newest one."""
+        """A piece is over two pieces before the newest one is."""
         if window.loads is None or window.sinkages is None or window.rims is None:
             return []
         for row, table in ((0, window.loads), (2, window.sinkages)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of `checks` about odometry and imu: what they are made of, when they come, how they are mounted."""
+"""Rules of `checks` about odometry and imu: where they come from, when they come, how they are mounted."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class RepeatedTwists:
 
 
 class OfWheelsRule:
-    """Whether the odometry is made of the wheels: then no rule takes it for a witness."""
+    """Whether the odometry is computed from the wheels: then no rule takes it for a witness."""
 
     def take(self, window: Window) -> list[Said]:
         """Its places are of use all the same."""
@@ -94,8 +94,8 @@ class OfWheelsRule:
         if not known.of_wheels:
             return []
         text = (
-            f"it agrees with the wheels to {known.share:.2%} of the way: it is made of them and shows no"
-            " slip: give an odometry of its own (camera, lidar, GNSS), or velocity_topic"
+            f"it agrees with the wheels to {known.share:.2%} of the distance: it is computed from them and"
+            " shows no slip: give an independent odometry (camera, lidar, GNSS), or velocity_topic"
         )
         return [Said("odometry", known.share, text, (ODOMETRY,), places=True)]
 
@@ -195,7 +195,7 @@ class FeltGravity:
         self._seconds, self._sum = 0.0, np.zeros(3)
 
     def take(self, window: Window) -> list[Said]:
-        """Where an orientation comes beside it that tells the slope, the imu goes on being used."""
+        """Where an orientation comes as well that gives the slope, the imu goes on being used."""
         imu = window.imu
         if imu is None:
             return []

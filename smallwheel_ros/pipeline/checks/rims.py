@@ -226,8 +226,8 @@ class RollingAll:
         if not 0.1 < middle < 1.0 - max(ROLL_OFF, ROLL_SURE * scatter / np.sqrt(len(ratio))):
             return []
         text = (
-            f"the rims turn {middle:.3f} times the way of the odometry on {len(ratio)} straight, level m:"
-            " check the diameters and the scale of the odometry"
+            f"the rims travel {middle:.3f} times the distance by the odometry on {len(ratio)} m, straight and"
+            " level: check the diameters and the scale of the odometry"
         )
         return [Said("radii", middle, text)]
 

@@ -8,7 +8,7 @@
 1. A difference of slips is no fault: stuck vehicles spin diagonally. No wheel is judged by others' slips.
 2. Exact before statistical: bit-for-bit repeats over way, signs, impossible sizes, sums.
 3. Rows are chosen: signs and radii on straight rows, signs of turning on rows that turn.
-4. What was named is no witness any more: odometry that repeats, or is made of the wheels, is not asked.
+4. What was named is no witness any more: odometry that repeats, or is computed from the wheels, is not asked.
 5. What cannot be told apart is "A or B", or not said.
 
 Rules are judged at fixed stamps, once in `SPAN`, of sums that do not grow: what they say does not depend on
@@ -128,7 +128,7 @@ RULES: tuple[Rule, ...] = (
         "way of the odometry against that of the rims, or its turn against right less left: rms over the way",
         f"under {MADE:g}, {PIECES} pieces",
         "the best odometries of their own wander by 0.005; worst good drive 0.03",
-        "the odometry is made of the wheels and shows no slip",
+        "the odometry is computed from the wheels and shows no slip",
         lambda vehicle: OfWheelsRule(),
     ),
     Rule(
@@ -319,7 +319,7 @@ RULES: tuple[Rule, ...] = (
 
 @dataclass(frozen=True)
 class Finding:
-    """What is to be said. stamp: ns, at which it was judged; text: what, since when, what to do."""
+    """A finding about a source. stamp: ns, at which it was judged; text: what, since when, what to do."""
 
     stamp: int
     rule: str

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the rules of `checks` look at: raw rows of a short, fixed span of time, put side by side.
 
-A span begins at a multiple of `SPAN` of the stamps, and is looked at once all rows up to `AROUND` behind it
+A span begins at a multiple of `SPAN` of the stamps, and is looked at once all rows up to `AROUND` after it
 are there. So a rule meets the same rows in the same portions, however the messages were cut into blocks.
 """
 
@@ -242,7 +242,7 @@ class Window:
     def direction_at(self, t: Array) -> Array:
         """Way that the vehicle goes against its heading (rad) by poses 0.5 s apart; NaN: not known.
 
-        Within 90 degrees of ahead, backward too. Poses that are made of the wheels tell none.
+        Within 90 degrees of ahead, backward too. Poses that are computed from the wheels show none.
         """
         o = self.odometry
         if o is None or self.memory.known.of_wheels or not o.x[:, [X, Y]].any():

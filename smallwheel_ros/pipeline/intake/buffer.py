@@ -23,7 +23,7 @@ _WIDEST = 3 * SECOND // 2  # over more nothing is interpolated, and slip over it
 class StampRules:
     """Of stamps, all ns: how long a silent stream is waited for; how far values are held; what is a jump.
 
-    future, age: how far a stamp may be ahead of the clock, and behind it.
+    future, age: how far a stamp may be ahead of the clock, and how old.
     """
 
     silence: int = SECOND
@@ -63,7 +63,7 @@ class Sampled:
         return stamps[rows], self.values[rows]
 
     def after(self, stamp: int) -> tuple[Integers, Array]:
-        """Rows as they came, behind a stamp (ns)."""
+        """Rows as they came, with stamps over a stamp (ns)."""
         first = int(np.searchsorted(self.stamps, stamp, side="right"))
         return self.stamps[first:], self.values[first:]
 
@@ -205,7 +205,7 @@ class Stream(Sampled):
         self.newest = int(stamps[-1])
 
     def _move(self, more: int) -> tuple[int, int]:
-        """Make room for more rows behind those that are kept, elsewhere: views of the old ones stay."""
+        """Make room for more rows after those that are kept, elsewhere: views of the old ones stay."""
         stamps, values = self.stamps, self.values
         kept = stamps.size
         room = max(2 * (kept + more), _ROOM)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rows of streams from serialised messages, many at once: fields lie at the same bytes in all of a topic.
 
-Messages of ROS are CDR: numbers at multiples of their size, strings and lists behind their lengths. Where all
+Messages of ROS are CDR: numbers at multiples of their size, strings and lists after their lengths. Where all
 strings and lengths of a topic's messages are those of the first one, every number lies where it lies there.
 Others make a group of their own. Padding may hold anything, and either end of a number may come first.
 """

@@ -97,7 +97,10 @@ def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
         Key and words of the flaw; None if there is none.
     """
     if kind == "odom" and not all(abs(value) < _LARGEST for value in values[4:6]):
-        return "no_orientation", "the orientation is no unit quaternion: no wheel has a place"
+        return (
+            "no_orientation",
+            "the orientation is not a unit quaternion: the wheels have no position",
+        )
     if kind == "load" and values[0] < _LIGHTEST:
         return "load_not_positive", (
             f"load is {values[0]:g} N, expected more than 0: the wheel is in the air, or the sensor's"

@@ -4,9 +4,9 @@
 A callback appends numbers and does nothing else. What is decided about a message depends on what came
 before it and on its `now` alone, never on when somebody looks:
 
-    kept     stamp is behind the stream's newest one, and behind what the stream has missed:
+    kept     stamp is later than the stream's newest one, and than what the stream has missed:
              frontier = newest,  or  latest - reorder  where it was silent for longer than `silence`
-    late     any other: counted by reason, and not kept; out_of_order where it is behind its own stream
+    late     any other: counted by reason, and not kept; out_of_order where its own stream is further already
     clock    now - age <= stamp <= now + future, or the message is refused
     jump     latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
              second message in a row has to agree: of another stamp, and of another stream or of one that
@@ -15,7 +15,7 @@ before it and on its `now` alone, never on when somebody looks:
     watermark = min over streams of newest,  of a silent one latest - reorder - gap
 
 Nothing at or before the watermark changes any more: a sample of a stream at t is between its last one
-before t and its first one at or behind t, within its gap: that of the parameters, or more of a slow stream,
+before t and its first one at or after t, within its gap: that of the parameters, or more of a slow stream,
 1.5 of the second longest time between its newest messages. A slow stream is silent later, too.
 """
 
@@ -226,7 +226,7 @@ class Streams:
                 return "far", f"stamp is {apart:.3f} s from all others: another has to agree first"
         if stamp < self.latest:
             back = (self.latest - stamp) / SECOND
-            self.note(name, "time_jump", f"time went back by {back:.3f} s: everything begins anew")
+            self.note(name, "time_jump", f"time went back by {back:.3f} s: everything starts over")
             self._on_jump()
             self.clear()
         return None

@@ -222,7 +222,7 @@ class Align:
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
 
     def _gained_aside(self, believed: BelievedRows, stamps: Integers) -> Array:
-        """Speed that the vehicle gains to its left, m/s^2; 0 where that is not told."""
+        """Speed that the vehicle gains to its left, m/s^2; 0 where that is not known."""
         over = np.maximum(_GAINING, 2 * believed.period(stamps))
         change = believed.aside(stamps) - believed.aside(stamps - over)
         return np.nan_to_num(change / (over / SECOND))

@@ -101,7 +101,7 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
 
 
 def _off_track(rows: Aligned, wheels: tuple[Wheel, ...]) -> Flags:
-    """Where hind wheels run beside the ruts of the first: half in them, as far as is known.
+    """Where hind wheels run next to the ruts of the first: half in them, as far as is known.
 
     In a bend of radius r these are off by wheelbase^2 / (2 r), here over half a wheel's width; or the vehicle
     goes across.

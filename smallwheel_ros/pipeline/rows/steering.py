@@ -67,7 +67,7 @@ class SteeredRows:
 
 
 def _reach(settings: OnboardSettings, number: int) -> float:
-    """Size (m) of what the middle of a rolling wheel is beside its steering axis."""
+    """Size (m) of the distance of a rolling wheel's middle from its steering axis."""
     wheel = settings.rolling[number]
     steered = settings.steered.get(wheel.name)
     if steered is None:

@@ -105,7 +105,7 @@ def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
 
 
 def _likeliest(rows: Stretches, counts: Integers, own: Array, size: Array, sigma: Array) -> Border:
-    """Of a border behind each row. counts, own: rows beyond, and shift, of each wheel, (rows, wheels)."""
+    """Of a border after each row. counts, own: rows beyond, and shift, of each wheel, (rows, wheels)."""
     agree: Flags = ((counts == 0) | (own / size[:, None] > _SHARE)).all(axis=1)
     enough = (counts > 0).sum(axis=1) >= min(2, int((counts[-1] > 0).sum()))
     sigma = np.where(agree & enough & (np.abs(size) >= _LEAST_SHIFT), sigma, 0.0)

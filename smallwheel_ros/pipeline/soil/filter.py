@@ -3,7 +3,7 @@
 
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
-              Q = (1 - F^2) P0. For a metre behind a border u has the size of the change in Q besides.
+              Q = (1 - F^2) P0. For a metre after a border u has the size of the change in Q besides.
     update    z = h(x) + v of all stretches that are ready together, linearised at the newest x, until u moves
               by less than 0.01, at most 4 times (Bell and Cathey 1993). R is that of a stretch among its
               neighbours, larger by Huber's weight beyond 2.5 deviations.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What keeps a number of the soil from being known better.
 
-Faults of sensors and ground are in the filter's state beside the law. Were a group g of them known exactly,
+Faults of sensors and ground are in the filter's state, too. Were a group g of them known exactly,
 the variance v of a number would fall by
 
     share = c^T C_gg^-1 c / v,    c = C_g. a
@@ -58,7 +58,7 @@ _GROUPS = (
 
 @dataclass(frozen=True, eq=False)
 class StateBelief:
-    """What is believed of the filter's state beside the soil's own numbers.
+    """What is believed of the filter's state other than the soil's own numbers.
 
     slopes: of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: of the state.
     """

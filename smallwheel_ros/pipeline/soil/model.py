@@ -11,11 +11,11 @@ State:
     l    ln of the load cells' scale
     b    what the load cells show too much, over the reference wheel's load W_ref
     s    slip sinkage: z (1 + s i) at slip i > 0
-    t    s, by which sinkage is shown behind the load
+    t    s, by which sinkage is shown later than the load
     e    m/rad, error of the shown sinkage with pitch
     c    m, zero of all sinkage sensors
     f    ln of the scale of all sinkage sensors
-    d_w, l_w   of each wheel besides: zero of its sensor (m), ln of the scale of its load cell
+    d_w, l_w   of each wheel, in addition: zero of its sensor (m), ln of the scale of its load cell
 
 Of f the measurements say nothing: a soil on which all sinkages are a twentieth less fits as well. h of a
 wheel with load W, slip i, and p of its rut:

@@ -148,7 +148,7 @@ def check_may_replace(path: Path) -> None:
     except (OSError, ValueError, RecursionError):
         pass
     raise EstimatorError(
-        f"{path}: there is something that is no saved soil, and it is left as it is; remove it, or"
+        f"{path}: this is not a saved soil, and is left as it is; remove it, or"
         " save under another name"
     )
 

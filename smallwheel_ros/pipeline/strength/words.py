@@ -25,9 +25,9 @@ _SAME_LOAD, _SAME_SLIP = 1.3, 0.1  # largest over smallest; apart
 _NAMES = ("cohesion", "friction_angle", "shear_displacement", "other_resistance")
 _LIMITS = {"thrust": _HELD}
 _NEEDS = {
-    "balance": "vehicle.mass is not given; it would tell friction and the reserve on slopes",
+    "balance": "vehicle.mass is not given; it would give friction and the reserve on slopes",
     "slope": "not yet: it needs load and slip of all wheels, and a slope (imu_topic, or odom with pitch)",
-    "torque": "<wheel>.torque_per_effort is not given; it would tell what each wheel pulls at this moment",
+    "torque": "<wheel>.torque_per_effort is not given; it would give what each wheel pulls at this moment",
 }
 
 
@@ -37,7 +37,7 @@ class StrengthEstimate:
 
     cohesion, friction_angle, shear_displacement: Pa, rad, m; the last with what forms of the shear curve mean
     by it. other_resistance: that the law does not give, as a share of the load. steps: of the path that it
-    rests on; 0: it is the configured one. sources: of balance, torque and pull, those that have told of it.
+    rests on; 0: it is the configured one. sources: of balance, torque and pull, those that have measured it.
     remaining: posterior over prior standard deviation of each, and of `thrust`. status: in words, what is not
     determined and why; empty when everything is.
     """

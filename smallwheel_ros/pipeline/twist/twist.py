@@ -52,7 +52,7 @@ class Twists(Columns):
         m/s, m^2/s^2: ahead, of one reading. vy is 0 and vy_var what that may be off by: an estimate of vy
         dead-reckons worse than 0.
     yaw, yaw_var
-        rad/s, rad^2/s^2: of the rims alone where both sides are there, so that a gyro may be fused beside it.
+        rad/s, rad^2/s^2: of the rims alone where both sides are there, so that a gyro may be fused as well.
     slip
         1: deviation of the slip speed over the rim's speed, as learnt.
     period
@@ -274,7 +274,7 @@ def _held(stamps: Integers, values: Array, at: Integers, hold: int) -> Array:
 
 
 def _felt(gyro: _Stream, force: _Stream, start: Integers, end: Integers, hold: int) -> Array:
-    """Means of yaw rate and force behind `start` up to `end`, (N, 3), or what is held, or NaN."""
+    """Means of yaw rate and force over (`start`, `end`], (N, 3), or what is held, or NaN."""
     found = np.empty((end.size, 3))
     for columns, (stamps, values) in ((slice(0, 1), gyro), (slice(1, 3), force)):
         held = _held(stamps, values, end, hold)

@@ -16,7 +16,7 @@ at once takes away no speed before (docs/without_soil_sensors.md).
 A start is not judged: an odometry that is late shows slip there. It is over where slip is under 0.3, or after
 3 s: who starts in ground that does not carry it may never slip by less.
 
-Nothing is said where slip may be none: it has to be over 0 by three deviations, as they are stated of it (the
+No warning is given where slip may be none: it has to be over 0 by three deviations, as stated (the
 speed over ground late, scattered, or hardly known).
 
 Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is taken, so that
@@ -96,10 +96,10 @@ class Instants(Columns):
 
 @dataclass(frozen=True)
 class Warned(Columns):
-    """What is to be said of each instant.
+    """What holds at each instant.
 
     hazard, slip: 1; NaN where it is not judged. level: 0, 1 on the way to get stuck, 2 gets stuck (the
-    rolling wheels dig in). told: 1 or 2 where a message of that level is due, else 0.
+    rolling wheels dig in). told: 1 or 2 where a warning of that level is due, else 0.
     """
 
     stamp: Integers

@@ -8,9 +8,9 @@ accelerometer along the way over g is net pull over load, slope and gain of spee
 without a turn *the slip at the pull asked for* is compared, not the pull at a slip. More pull than the
 grip gives cannot be, so that what a vehicle does bounds its margin from below.
 
-What is believed is a set of points drawn from the prior once, with weights; of ground that lies behind it is
+What is believed is a set of points drawn from the prior once, with weights; of ground that it has left is
 forgotten, exp(-way/10 m). For ground ahead 0.08 is added: what the places of one field differ by. Where
-what told of motion turns out to have been wrong from the beginning, all that it taught is dropped.
+the source of motion turns out to have been wrong from the beginning, all that it taught is dropped.
 
 Of what ground ahead gives at most (at the slip with which a vehicle makes no way) each metre that the vehicle
 got over is evidence as well: had such ground been common, it would have been stuck. A point's weight is
@@ -155,7 +155,7 @@ class GroundMargin:
         self._order, self._most_order = np.argsort(self.margins), np.argsort(self._most)
 
     def forget(self, metres: float) -> None:
-        """Of the ground behind less is believed."""
+        """Forget part of what was learnt: of ground left that far back less is believed."""
         kept = math.exp(-metres / PATCH)
         self.logs *= kept
         self.crossed *= kept

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of the warning: their numbers in messages, and what is said at each.
+"""Levels of the warning: their numbers in messages, and the words of each.
 
 The only place of both: messages, log, diagnostics, replay's list and pages read them here.
 """
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 class WarningLevel(IntEnum):
     """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg.
 
-    meaning: in the words of the message's comment and of docs/node.md. sentence: what is said at that level.
+    meaning: in the words of the message's comment and of docs/node.md. sentence: the warning at that level.
     """
 
     meaning: str
     sentence: str
 
     def __new__(cls, number: int, meaning: str = "", sentence: str = "") -> Self:
-        """A level with its words; where no sentence is given, what it means is said."""
+        """A level with its words; where no sentence is given, its meaning is the warning."""
         one = int.__new__(cls, number)
         one._value_, one.meaning, one.sentence = number, meaning, sentence or meaning
         return one

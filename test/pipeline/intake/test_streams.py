@@ -115,7 +115,7 @@ def test_time_that_goes_back_begins_anew_and_nothing_of_before_is_lost(clock: bo
     assert abs(both.path[len(first)]) < 1e-9
     reasons = {reason for _, reason in pipeline.streams.problems}
     assert "time_jump" in reasons
-    assert any("begins anew" in text for text in pipeline.streams.words.values())
+    assert any("starts over" in text for text in pipeline.streams.words.values())
 
 
 def test_one_message_far_from_all_others_is_dropped() -> None:

@@ -150,5 +150,5 @@ def test_only_a_saved_soil_may_be_replaced(saved: Path, content: bytes) -> None:
     check_may_replace(saved)
     check_may_replace(saved.with_name("new.json"))
     saved.write_bytes(content)
-    with pytest.raises(EstimatorError, match="no saved soil, and it is left as it is"):
+    with pytest.raises(EstimatorError, match="not a saved soil, and is left as it is"):
         check_may_replace(saved)
