@@ -32,7 +32,7 @@ def add(
         The model to add it to.
     data
         Measurements; their diagnosis decides whether the effect is recommended.
-    effects : or what `sw.effects.load` made of it
+    effects : or what `sw.effects.load` returned
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects that do not compete, by id; `unknown` for curves without a name.

@@ -73,14 +73,14 @@ def compare(
         The measurements, or a folder of data sets.
     models : one, several, or several by name
         A further model to compare on a table, used as it is.
-    effects : or what `sw.effects.load` made of it
+    effects : or what `sw.effects.load` returned
         A Python file with effects of your own. It is run: name only files that you trust.
     law
         A Python file with laws of your own to enter for a folder, which is run.
     done
         Given each set of rows of a folder when its laws are through.
     progress
-        Told how many of how many fits are done; for a folder, in words what is worked on.
+        Called with the numbers of fits done and in all; for a folder with what is being compared, in words.
 
     Examples
     --------

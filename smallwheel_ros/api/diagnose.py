@@ -35,7 +35,7 @@ def diagnose(
     model
         Start from this model; its soil is refitted within its covariance. Without it: the contact
         integral alone.
-    effects : or what `sw.effects.load` made of it
+    effects : or what `sw.effects.load` returned
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects that do not compete, by id; `unknown` for curves without a name.
@@ -44,7 +44,7 @@ def diagnose(
     seed
         Seed of the simulations behind the p-values: the same seed gives the same result.
     progress
-        Told each step in words.
+        Called with each step in words.
 
     Examples
     --------

@@ -38,7 +38,7 @@ def learn(
     model
         Start from this model; its soil is refitted within its covariance. Without it: the contact
         integral alone.
-    effects : or what `sw.effects.load` made of it
+    effects : or what `sw.effects.load` returned
         A Python file with effects of your own. It is run: name only files that you trust.
     without
         Effects to take out of the model, by id; the law is not compared with them.
@@ -51,7 +51,7 @@ def learn(
     seed
         Seed of permutations and folds: the same seed gives the same result, to the byte.
     progress
-        Told each step in words, how many are done, and of how many (0: not known).
+        Called with each step in words, and the numbers done and in all (0: not known).
 
     Examples
     --------

@@ -61,7 +61,7 @@ def predict(
         Which soil of a model that has several; without a model, one of the library.
     closed_form
         Use the paper's closed form (eq. 10) instead of the contact integral, on a soil of the library.
-    effects : or what `sw.effects.load` made of it
+    effects : or what `sw.effects.load` returned
         A Python file with effects of your own. It is run: name only files that you trust.
     others : as ``speed=0.1``
         A further column that an effect needs, in SI or with a unit.

@@ -73,7 +73,7 @@ def read_test(data: Any, **how: Any) -> "Measurements | ShearTests":
     Parameters
     ----------
     data, how
-        As of `read`.
+        See `read`.
     """
     from smallwheel_ros.measurements.from_file import read_tests
     from smallwheel_ros.measurements.measurements import Measurements, ShearTests
@@ -91,7 +91,7 @@ def conditions_of(data: Any, **how: Any) -> "Measurements":
     Parameters
     ----------
     data, how
-        As of `read`.
+        See `read`.
     """
     from smallwheel_ros.measurements.from_file import read_conditions
     from smallwheel_ros.measurements.measurements import Measurements

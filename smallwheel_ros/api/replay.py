@@ -59,7 +59,7 @@ def replay(
     soil_file
         Start from the soil saved there, if any, and save it there at the end.
     progress
-        Told how many of how many messages are done.
+        Called with the numbers of messages done and in all.
 
     Examples
     --------

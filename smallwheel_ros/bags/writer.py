@@ -126,7 +126,7 @@ class BagWriter:
         Parameters
         ----------
         topic, kind, log_time
-            As of `write`; a type that `message_type` knows.
+            See `write`; a type that `message_type` knows.
         data
             CDR, with its four bytes of encapsulation.
         """
@@ -155,7 +155,7 @@ class BagWriter:
         Parameters
         ----------
         topic, kind
-            As of `write`; a type that `message_type` knows.
+            See `write`; a type that `message_type` knows.
         keeps_last
             Whether a player of the bag gives its last message to those that listen later.
         """

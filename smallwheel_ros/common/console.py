@@ -47,7 +47,7 @@ def tell(
     text
         For people.
     json_file, written
-        As of `show`.
+        See `show`.
     """
     from smallwheel_ros.common.tables import write_json
 

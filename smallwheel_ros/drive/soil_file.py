@@ -164,7 +164,7 @@ class SoilFile:
         Parameters
         ----------
         pipeline, cost_map
-            As of `prepared`.
+            See `prepared`.
         """
         try:
             return True, self.write(self.prepared(pipeline, cost_map))

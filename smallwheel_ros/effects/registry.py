@@ -145,7 +145,7 @@ class Registry(Mapping[str, type[Effect]]):
         Parameters
         ----------
         id, form
-            As of `form`.
+            See `form`.
         values
             Numbers by name, SI units.
 
@@ -428,6 +428,6 @@ def effect(id: str, form: str | None = None, **values: float) -> Effect:
     Parameters
     ----------
     id, form, values
-        As of `Registry.effect`.
+        See `Registry.effect`.
     """
     return default_registry().effect(id, form, **values)

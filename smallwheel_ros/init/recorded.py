@@ -226,14 +226,14 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 
 
 def unit_by_way(times: float, radius: float) -> str:
-    """What unit speeds of joints are in, by how far their rims turn; "" where they are in rad/s.
+    """Unit of the joints' speeds, by the path of their rims; "" where it is rad/s.
 
-    Wheels that slip by 0.75 turn 4 times the way, and no drive is like that from end to end.
+    Rims with a slip of 0.75 travel 4 times the path, and no drive is like that from end to end.
 
     Parameters
     ----------
     times
-        How many times the vehicle's way the rims turn.
+        Path of the rims over that of the vehicle.
     radius
         Of the wheels, m.
     """

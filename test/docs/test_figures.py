@@ -63,6 +63,16 @@ def test_the_rates_are_those_of_the_files_of_results(tmp_path: Path) -> None:
     assert page.read_text(encoding="utf-8") == run.PAGE.read_text(encoding="utf-8")
 
 
+def test_what_fails_in_words_is_in_the_files_of_results() -> None:
+    text = prose(run.PAGE)
+    traction, priors = (pd.read_csv(run.FOLDER / f"{name}.csv") for name in ("traction", "priors"))
+    pulls = traction[traction.what == "pull in its 95 % band"].value.astype(float)
+    assert f"{pulls.min():.2f} of the pulls of the worst world" in text
+    flags = priors[priors.what == "drives with a wrong flag"].set_index("world").value.astype(float)
+    assert f"{flags['all']:.2f} of the drives of `priors`" in text
+    assert list(flags[flags > 0.0].index) == ["all", "two sizes, pull sensor"]
+
+
 def test_the_real_drives_are_those_of_their_file() -> None:
     table = pd.read_csv(real_drives.CSV, keep_default_na=False)
     text = (ROOT / "docs" / "real_robots.md").read_text(encoding="utf-8")

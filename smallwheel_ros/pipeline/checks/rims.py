@@ -55,7 +55,7 @@ class Mirrored:
 
 
 class Dead:
-    """Way over which a joint shows exactly 0 on straight rows on which most others roll."""
+    """Path over which a joint shows exactly 0 on straight rows on which most others roll."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]

@@ -74,7 +74,7 @@ class Weighed(NamedTuple):
 
 
 class Weighing:
-    """Of a vehicle whose wheels' loads are all measured. mass: kg, 0: not known. gravity: m/s^2."""
+    """Compares the loads of all wheels with the vehicle's weight. mass: kg, 0: not known. gravity: m/s^2."""
 
     def __init__(self, wheels: int, mass: float, gravity: float = GRAVITY) -> None:
         self._mass, self._gravity = mass, gravity

@@ -116,7 +116,7 @@ def risk_ahead(
     asked
         Pull over load.
     median, lower_std, beyond
-        As of `Margins`.
+        See `Margins`.
     """
     spread = np.hypot(lower_std, scatter_ahead(median))
     return np.asarray(ndtr((asked - median - beyond) / np.maximum(spread, _EXACT)))
