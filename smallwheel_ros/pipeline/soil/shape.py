@@ -44,7 +44,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
     beyond = np.maximum(depth[:, None] - edges, 0.0)
     # Woodbury: S^-1 = N - N H (P0^-1 + H^T N H)^-1 H^T N, with e = miss + H (x - x0)
     by = by_state / noise[:, None]
-    information = np.linalg.inv(model.soil_covariance) + by_state.T @ by
+    information = np.linalg.inv(model.unnamed_covariance) + by_state.T @ by
     about = miss + by_state @ (state - model.mean)
 
     def whitened(columns: Array) -> Array:

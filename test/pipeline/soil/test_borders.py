@@ -203,7 +203,7 @@ def test_the_bank_together_is_the_prior() -> None:
     wheels = (Wheel("one", 0.25, 0.1),)
     found = SoilFilter(prior, EstimatorSettings(), (), wheels, (60.0, 0.25, 0.1))
     np.testing.assert_allclose(found.mean, found.model.mean, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, found.model.soil_covariance, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, found.model.unnamed_covariance, atol=1e-12)
 
 
 def test_a_sensor_that_is_stuck_goes_to_no_filter() -> None:
