@@ -23,14 +23,18 @@ from .stretches import Stretches
 NEWEST = 120  # times at which stretches were used that are looked back on
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
-# Least of both; a smaller share hardly changes a sinkage.
-_SIGMAS, _SHARE = 3.0, 0.4
+# Least of both; a smaller share hardly changes a sinkage. Ground that was once found to be so stays so until
+# less than a deviation of it is left: the newest stretches do not always show it.
+_SIGMAS, _SHARE, _STAYS = 3.0, 0.4, 1.0 / 3.0
 _QUARTILES = (0.25, 0.5, 0.75)
 _CUT = 3.0  # deviations to which a residual counts in full
 
 
-def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
-    """In words, where stretches that the law has used refute its shape; empty where they do not."""
+def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
+    """In words, where stretches that the law has used refute its shape; empty where they do not.
+
+    doubted: whether those of this soil did so before.
+    """
     if len(rows) < _ENOUGH or not law.settled:
         return ""
     model, state = law.model, law.widest
@@ -58,7 +62,8 @@ def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
     sigmas = score / np.sqrt(np.maximum(weight, 1e-30))
     best = int(np.argmax(np.abs(sigmas)))
     share = float(score[best] / max(weight[best], 1e-30))
-    if abs(sigmas[best]) <= _SIGMAS or abs(share) <= _SHARE:
+    least = _STAYS if doubted else 1.0
+    if abs(sigmas[best]) <= least * _SIGMAS or abs(share) <= least * _SHARE:
         return ""
     what, depth = "harder" if share < 0.0 else "softer", 1e3 * edges[best]
     return (
