@@ -267,7 +267,8 @@ class Soils:
         self._used.append(rows)
         if self._distance >= self._shape_due:
             self._shape_due = self._distance + EVERY
-            self._shape = shape_doubt(Stretches.joined(list(self._used)), self.filter)
+            newest = Stretches.joined(list(self._used))
+            self._shape = shape_doubt(newest, self.filter, bool(self._shape))
         self.accepted += int(rows.count.sum())
         for wheel, load in zip(rows.wheel.tolist(), rows.load.tolist(), strict=True):
             size = self.wheels[wheel]

@@ -19,7 +19,8 @@ both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stret
 
 A wrong zero of the sinkage sensors bends u and n together, far from linearly, so that there is a filter for
 each of 11 zeros, sure of its own to about the way to its neighbours (a sum of Gaussians; Alspach and Sorenson
-1972): together they are the prior. One more, the first, has a tenth of the prior's deviations of passes and
+1972): together they are the prior, with twice its deviation of ln pressure, since a soil often is not the one
+that was named. One more, the first, has the named soil's and a tenth of the prior's deviations of passes and
 zeros. Weights are shares times likelihoods to the power of 0.3, or of 1 over how much neighbouring errors
 are alike where that is less: what the law has no part for goes on over metres and looks like a wrong zero.
 The mean is that of all filters, the covariance that of the eleven about this mean: a nuisance that the data
@@ -67,7 +68,7 @@ _SHARES = np.cosh(_AT) * np.exp(-0.5 * _ZEROS**2)
 _SHARES /= _SHARES.sum()
 _WHOLE = float(_SHARES @ (_ZEROS**2 + _OWN))  # variance of all together, to be 1
 _ZEROS, _OWN = _ZEROS / math.sqrt(_WHOLE), _OWN / _WHOLE
-_WIDE_SHARE, _TIGHT = 0.3, 0.1  # that a nuisance is there at all; deviations of the tight filter
+_WIDE_SHARE = 0.3  # that anything is wrong at all
 _TEMPER, _FORGET, _LOWEST = 0.5, 0.002, -15.0
 # Of likelihoods that weigh the bank, at most: members differ by what the law bends to as well, so that a
 # zero would be known too well. Of 0.2 to 0.5, by a few drives of another author's simulator: hardly settled.
@@ -175,7 +176,8 @@ class SoilFilter:
         self.model = LawModel(prior, settings, effects, wheels, reference)
         self.scatter = SoilScatter(settings.soil_scatter, len(wheels))
         model = self.model
-        self.bank = self._bank(model.mean, model.prior(_TIGHT), model.prior(1.0))
+        named, unnamed = model.soil_covariance, model.unnamed_covariance
+        self.bank = self._bank(model.mean, model.fault_free(named), unnamed)
         drives = any(wheel.contact == ROLLING for wheel in wheels)
         drift = 2.0 * (prior.log_reference_pressure_std / _DRIFT) ** 2
         self._fade = drift if drives else math.inf  # a rig presses into one soil
@@ -380,20 +382,26 @@ class SoilFilter:
             Of the vehicle at the newest stretch that waits, m.
         """
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
-        for member in self.bank:
-            x, member.kalman.P = self._with_law(member.x, member.kalman.P, law)
+        for i, member in enumerate(self.bank):
+            x, member.kalman.P = self._with_law(
+                member.x, member.kalman.P, law or self._prior_law(i > 0)
+            )
             member.kalman.x = x - self.model.mean
         self.used, self.settled = 0, law is not None
         self._remember()
         self._mix()
 
-    def _with_law(self, x: Array, P: Array, law: Law | None) -> tuple[Array, Array]:
-        """The same with another law, that of the prior for None."""
-        model, x, P = self.model, x.copy(), P.copy()
+    def _prior_law(self, unnamed: bool) -> Law:
+        """That of a soil of which nothing is known. unnamed: whether it may be another than its name."""
+        model = self.model
+        covariance = model.unnamed_covariance if unnamed else model.soil_covariance
+        return model.mean[:LAW], covariance[:LAW, :LAW]
+
+    def _with_law(self, x: Array, P: Array, law: Law) -> tuple[Array, Array]:
+        """The same with another law."""
+        x, P = x.copy(), P.copy()
         P[:LAW, :] = P[:, :LAW] = 0.0
-        x[:LAW], P[:LAW, :LAW] = (
-            (model.mean[:LAW], model.soil_covariance[:LAW, :LAW]) if law is None else law
-        )
+        x[:LAW], P[:LAW, :LAW] = law
         return x, P
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
@@ -410,7 +418,8 @@ class SoilFilter:
         """
         x = self.model.mean.copy()
         x[:WHEELS] = mean
-        tight, wide = self.model.prior(_TIGHT), self.model.prior(1.0)
+        wide = self.model.soil_covariance.copy()
+        tight = self.model.fault_free(wide)
         tight[:WHEELS, :WHEELS] = wide[:WHEELS, :WHEELS] = covariance
         self.bank = self._bank(x, tight, wide)
         self.used, self.settled = used, True
@@ -427,7 +436,7 @@ class SoilFilter:
         rows
             The stretches.
         """
-        x, P = self._with_law(*self.likeliest, law)
+        x, P = self._with_law(*self.likeliest, law or self._prior_law(False))
         shown = self.model.h(x, rows)
         alone, _, _ = self.scatter.noise(rows, shown)
         value = np.maximum(shown.value, 1e-4)

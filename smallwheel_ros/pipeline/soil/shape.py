@@ -23,13 +23,14 @@ from .stretches import Stretches
 NEWEST = 120  # times at which stretches were used that are looked back on
 EVERY = 2.0  # m between tests
 _ENOUGH = 60  # stretches
-# Least of both; a smaller share hardly changes a sinkage.
-_SIGMAS, _SHARE = 3.0, 0.4
+# Least of both; a smaller share hardly changes a sinkage. Ground that was once found to be so stays so until
+# less than a deviation of it is left: the newest stretches do not always show it.
+_SIGMAS, _SHARE, _STAYS = 3.0, 0.4, 1.0 / 3.0
 _QUARTILES = (0.25, 0.5, 0.75)
 _CUT = 3.0  # deviations to which a residual counts in full
 
 
-def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
+def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     """Explain how stretches refute the shape of the law.
 
     Parameters
@@ -38,6 +39,8 @@ def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
         Stretches that the law has used.
     law
         The filter.
+    doubted
+        Whether earlier stretches of this soil did so.
 
     Returns
     -------
@@ -57,7 +60,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
     beyond = np.maximum(depth[:, None] - edges, 0.0)
     # Woodbury: S^-1 = N - N H (P0^-1 + H^T N H)^-1 H^T N, with e = miss + H (x - x0)
     by = by_state / noise[:, None]
-    information = np.linalg.inv(model.soil_covariance) + by_state.T @ by
+    information = np.linalg.inv(model.unnamed_covariance) + by_state.T @ by
     about = miss + by_state @ (state - model.mean)
 
     def whitened(columns: Array) -> Array:
@@ -71,7 +74,8 @@ def shape_doubt(rows: Stretches, law: SoilFilter) -> str:
     sigmas = score / np.sqrt(np.maximum(weight, 1e-30))
     best = int(np.argmax(np.abs(sigmas)))
     share = float(score[best] / max(weight[best], 1e-30))
-    if abs(sigmas[best]) <= _SIGMAS or abs(share) <= _SHARE:
+    least = _STAYS if doubted else 1.0
+    if abs(sigmas[best]) <= least * _SIGMAS or abs(share) <= least * _SHARE:
         return ""
     what, depth = "harder" if share < 0.0 else "softer", 1e3 * edges[best]
     return (

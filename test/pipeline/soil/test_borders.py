@@ -198,12 +198,16 @@ def test_nothing_changes_on_one_soil_however_noisy(seed: int) -> None:
     assert soils.changes == 0
 
 
-def test_the_bank_together_is_the_prior() -> None:
+def test_the_bank_together_is_the_prior_of_ground_that_may_be_misnamed() -> None:
     prior = SoilPrior.from_soil(soil("dry_sand"))
     wheels = (Wheel("one", 0.25, 0.1),)
     found = SoilFilter(prior, EstimatorSettings(), (), wheels, (60.0, 0.25, 0.1))
     np.testing.assert_allclose(found.mean, found.model.mean, atol=1e-12)
-    np.testing.assert_allclose(found.covariance, found.model.soil_covariance, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, found.model.unnamed_covariance, atol=1e-12)
+    of_law = found.law[1] @ found.covariance @ found.law[1].T
+    expected = prior.law[1].copy()
+    expected[0, 0] *= 4.0  # of ln pressure, another soil's than the named one's
+    np.testing.assert_allclose(of_law, expected, atol=1e-9)
 
 
 def test_a_sensor_that_is_stuck_goes_to_no_filter() -> None:

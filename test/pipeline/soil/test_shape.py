@@ -19,7 +19,7 @@ WHEELS = (Wheel("left", 0.3, 0.11), Wheel("right", 0.3, 0.11))
 LAYER = 0.009  # m
 
 
-def driven(hard: float, seed: int, count: int = 240) -> str:
+def driven(hard: float, seed: int, count: int = 240, *, doubted: bool = False) -> str:
     """Stretches on a soil that below `LAYER` is so many times as stiff; what the test says in the end."""
     rng = np.random.default_rng(seed)
     n, modulus = rng.uniform(0.7, 1.1), 0.0
@@ -47,7 +47,7 @@ def driven(hard: float, seed: int, count: int = 240) -> str:
     })  # type: ignore[arg-type]  # fmt: skip
     for first in range(0, count, 2):
         law.absorb(rows.take(slice(first, first + 2)))
-    return shape_doubt(rows, law)
+    return shape_doubt(rows, law, doubted)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -58,6 +58,11 @@ def test_a_hard_layer_is_no_power_of_depth(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_soil_of_the_law_is_one(seed: int) -> None:
     assert driven(0.0, seed) == ""
+
+
+def test_a_doubt_stays_while_evidence_is_left() -> None:
+    assert driven(1.0, 1) == ""
+    assert "harder below" in driven(1.0, 1, doubted=True)
 
 
 def test_of_few_stretches_nothing_is_said() -> None:
