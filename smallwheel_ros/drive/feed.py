@@ -100,11 +100,11 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
             pipeline.note(stream, "no_value", IDLE, int(idle.sum()))
             stamps, values, order = stamps[~idle], values[~idle], order[~idle]
         unit = pipeline.units[stream]
-        usable = unit.usable(stamps, values[:, 0], values[:, 1])
-        if not usable.all():
-            text = unit.wrong or "its velocity is far from what its position turns: not yet used"
-            pipeline.note(stream, "velocity_unit", text, int((~usable).sum()))
-            stamps, values, order = stamps[usable], values[usable], order[usable]
+        stamps, values, free, refused = unit.take(stamps, values, pipeline.streams.rules.reorder)
+        order = order[free]
+        if refused:
+            text = unit.wrong or "its velocity does not yet agree with what its position turns"
+            pipeline.note(stream, "velocity_unit", text, refused)
         before, left_out = joint.by_positions, joint.left_out
         found, speeds, index = joint.take(stamps, values[:, 0], values[:, 1], values[:, 2] > 0.0)
         if joint.by_positions and not before:

@@ -7,10 +7,11 @@ import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 
+from .lateness import MOVES, SIGN_SHARE
 from .sums import Pieces, Run, RunningAgreement, Said, robust
-from .window import AHEAD, MOVES, STRAIGHT, CheckedWheels, Window
+from .window import AHEAD, STRAIGHT, CheckedWheels, Window
 
-SIGN_WAY, SIGN_SHARE = 1.0, 0.8  # m, 1
+SIGN_WAY = 1.0  # m
 DEAD_WAY = 2.0  # m
 HELD = 10  # changes of the others
 TURN, TURN_AGREES = 1.5, 0.5  # rad, 1
