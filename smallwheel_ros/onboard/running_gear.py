@@ -182,7 +182,7 @@ def running_gear(urdf: Urdf) -> RunningGear:
 
 
 def _mates(could: list[_Turning], why: Mapping[str, str]) -> list[str]:
-    """Joints that are too high, but called wheels, on the other side of one that is not: a rocker is drawn tilted."""
+    """Joints that are too high, but called wheels, beside one that is not: tilted rockers."""
     low = [place_of(one.joint.name) for one in could if not why[one.joint.name]]
     found = []
     for one in could:

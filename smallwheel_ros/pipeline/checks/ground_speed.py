@@ -311,7 +311,7 @@ class GroundSpeed:
             made, may_be = made | other[0], may_be | other[1]
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
-        against = self._goes_against.take(mean[:, 0], speed, passed)
+        against = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed)
         rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against]
         self._trust.extend(stamps, np.column_stack(rows))
 

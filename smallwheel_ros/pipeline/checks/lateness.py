@@ -17,6 +17,7 @@ from .sums import robust
 MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
 # Of the way, that goes against a joint whose sign is wrong: a delay of 0.5 s at 1 m/s and no more.
 SIGN_SHARE = 0.8
+_BENDS = 0.5  # of the rims' mean: by less all of them surely go one way
 _START = 0.05  # m: what noise of a speed and its delay make of a start
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
@@ -121,10 +122,15 @@ class Against:
     def __init__(self) -> None:
         self._total = np.zeros(2)
 
-    def take(self, rims: Array, speed: Array, passed: Array) -> Flags:
-        """Whether it does at each row; rims and speed (m/s), and how long (s) each row counts."""
+    def take(self, rims: Array, turn: Array, speed: Array, passed: Array) -> Flags:
+        """Whether it does at each row.
+
+        rims: m/s, their mean; turn: half of right less left, m/s, NaN without sides: where one side goes
+        back nothing is asked. speed: m/s. passed: s, for which each row counts.
+        """
         with np.errstate(invalid="ignore"):
             moves = np.minimum(np.abs(rims), np.abs(speed)) > MOVES
+            moves &= ~(np.abs(turn) >= _BENDS * np.abs(rims))
             goes = np.where(moves, np.abs(speed) * passed, 0.0)
             ways = np.column_stack([goes, np.where(rims * speed < 0.0, goes, 0.0)])
         total = np.cumsum(np.concatenate([self._total[None], ways]), axis=0)[1:]
