@@ -36,7 +36,9 @@ def test_columns_between_blanks_with_a_header_in_a_comment(tmp_path, mark: str, 
 
 
 def test_decimal_commas_between_blanks(tmp_path) -> None:
-    text = "load[N]  diameter[mm] width[mm] sinkage[mm]\n20,5 150,0 75,0 5,62\n40,5 150,0 75,0 6,25\n"
+    text = (
+        "load[N]  diameter[mm] width[mm] sinkage[mm]\n20,5 150,0 75,0 5,62\n40,5 150,0 75,0 6,25\n"
+    )
     np.testing.assert_allclose(read(tmp_path, text).conditions.load, [20.5, 40.5])
 
 
@@ -64,7 +66,9 @@ def test_a_wheels_speed_in_rpm_is_not_the_speed_over_ground(tmp_path) -> None:
 def test_a_torques_symbol_needs_its_unit(tmp_path) -> None:
     head = "load_N,D_mm,b_mm,z_mm,{}\n"
     rows = "20,150,75,5.62,1.5\n40,150,75,6.25,2.5\n"
-    np.testing.assert_allclose(read(tmp_path, head.format("T_Nm") + rows).channels["torque"], [1.5, 2.5])
+    np.testing.assert_allclose(
+        read(tmp_path, head.format("T_Nm") + rows).channels["torque"], [1.5, 2.5]
+    )
     assert "torque" not in read(tmp_path, head.format("T") + rows).channels
     assert "torque" not in read(tmp_path, head.format("T [degC]") + rows).channels
 
