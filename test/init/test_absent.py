@@ -68,7 +68,7 @@ def refused(bag: Path, *more: str) -> str:
     ("names", "turns", "words"),
     [
         (["left_wheel", "right_wheel"], False, "none of them turns: left_wheel, right_wheel"),
-        (["a", "b"], True, "its joints are a, b"),
+        (["pan", "tilt"], True, "its joints are pan, tilt"),
         ([], True, "its messages name none"),
         (None, True, f"(no topic of type {JOINTS})"),
     ],

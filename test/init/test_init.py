@@ -428,7 +428,10 @@ def test_a_bag_without_wheels_says_what_it_looked_for(bag: Path, tmp_path: Path)
     other = rewritten(bag, tmp_path / "drive", gone | {"/joint_states": None})
     refused = run("init", other, "-o", tmp_path / "r.yaml", code=2)
     assert "no topic of a wheel's load (geometry_msgs/msg/WrenchStamped)" in refused.stderr
-    assert "no joint that turns like a wheel (it has no joint)" in refused.stderr
+    assert (
+        "no joint that turns like a wheel (no topic of type sensor_msgs/msg/JointState)"
+        in refused.stderr
+    )
     assert "smallwheel init BAG --urdf FILE" in refused.stderr
 
 

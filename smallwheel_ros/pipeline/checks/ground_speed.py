@@ -75,11 +75,13 @@ class Known:
 
     share: of the way by which an odometry that is made of the wheels is no multiple of them; NaN: of its own.
     no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
+    against: m that went against the rims, where nearly all did; else 0.
     """
 
     share: float = math.nan
     no_twist: float = 0.0
     down: bool = False
+    against: float = 0.0
 
     @property
     def of_wheels(self) -> bool:
@@ -169,8 +171,9 @@ class GroundSpeed:
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
             return Known(down=down)
-        of_wheels, no_twist, share = values[0, [2, 7, 8]].tolist()
-        return Known(share if of_wheels else math.nan, no_twist, down)
+        of_wheels, no_twist, share, against = values[0, [2, 7, 8, AGAINST]].tolist()
+        against = against if self.source == ODOMETRY else 0.0
+        return Known(share if of_wheels else math.nan, no_twist, down, against)
 
     # --- What came
 

@@ -122,8 +122,8 @@ class Against:
     def __init__(self) -> None:
         self._total = np.zeros(2)
 
-    def take(self, rims: Array, turn: Array, speed: Array, passed: Array) -> Flags:
-        """Whether it does at each row.
+    def take(self, rims: Array, turn: Array, speed: Array, passed: Array) -> Array:
+        """Way (m) that went against the rims up to each row; 0 where it is not nearly all.
 
         rims: m/s, their mean; turn: half of right less left, m/s, NaN without sides: where one side goes
         back nothing is asked. speed: m/s. passed: s, for which each row counts.
@@ -136,7 +136,7 @@ class Against:
         total = np.cumsum(np.concatenate([self._total[None], ways]), axis=0)[1:]
         self._total = total[-1]
         way, against = total.T
-        return np.asarray((against > _START) & (against > SIGN_SHARE * way))
+        return np.where((against > _START) & (against > SIGN_SHARE * way), against, 0.0)
 
 
 def _scatter(pieces: Array) -> float:

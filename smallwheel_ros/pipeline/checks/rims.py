@@ -37,12 +37,13 @@ class Mirrored:
             self.total += way.sum(axis=1)
             self.against += (way * (rim * v < 0)).sum(axis=1)
         bad = (self.total > SIGN_WAY) & (self.against > SIGN_SHARE * self.total)
-        if bad.all() and len(bad) > 1:
+        against = window.memory.known.against  # also where nothing tells what is straight
+        if len(bad) > 1 and (bad.all() or against > SIGN_WAY):
             text = (
                 "all wheels turn against the travel: odometry looks backward, or joint_sign of all is"
                 " wrong: check both; until then slip is not known"
             )
-            return [Said(ODOMETRY, float(self.against.min()), text, (ODOMETRY,))]
+            return [Said(ODOMETRY, max(float(self.against.min()), against), text, (ODOMETRY,))]
         return [
             Said(
                 self.names[i],
