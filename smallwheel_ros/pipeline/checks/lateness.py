@@ -125,8 +125,16 @@ class Against:
     def take(self, rims: Array, turn: Array, speed: Array, passed: Array) -> Array:
         """Way (m) that went against the rims up to each row; 0 where it is not nearly all.
 
-        rims: m/s, their mean; turn: half of right less left, m/s, NaN without sides: where one side goes
-        back nothing is asked. speed: m/s. passed: s, for which each row counts.
+        Parameters
+        ----------
+        rims
+            Their mean speed, m/s, shape (rows,).
+        turn
+            Half of right less left, m/s, NaN without sides: where one side goes back nothing is asked.
+        speed
+            Over ground, m/s.
+        passed
+            Time for which each row counts, s.
         """
         with np.errstate(invalid="ignore"):
             moves = np.minimum(np.abs(rims), np.abs(speed)) > MOVES
