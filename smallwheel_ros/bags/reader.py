@@ -175,11 +175,14 @@ class BagReader:
         if not ends:
             return
         most = max(range(len(parts)), key=lambda i: len(parts[i]))
+        pace = (parts[most][-1] - parts[most][0]) // max(len(parts[most]) - 1, 1)
+        # Where a clock stood as many messages were recorded as usually in their time.
+        apart = [pace * (len(part) if part[0] == part[-1] else 1) for part in parts]
         shifts = [0] * len(parts)
         for i in range(most - 1, -1, -1):
-            shifts[i] = shifts[i + 1] + parts[i + 1][0] - parts[i][-1]
+            shifts[i] = shifts[i + 1] + parts[i + 1][0] - parts[i][-1] - apart[i]
         for i in range(most + 1, len(parts)):
-            shifts[i] = shifts[i - 1] - (parts[i][0] - parts[i - 1][-1])
+            shifts[i] = shifts[i - 1] - (parts[i][0] - parts[i - 1][-1]) + pace
         self._shifts = [(part[-1], shift) for part, shift in zip(parts, shifts, strict=True)]
         self.start_time, self.end_time = (
             time + self._shift(time) for time in (times[0], times[-1])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.common.tables import each
+from smallwheel_ros.diagnosis.bad_runs import stuck
 from smallwheel_ros.diagnosis.competitors import Competitor, Field
 from smallwheel_ros.diagnosis.curves import curve_shown
 from smallwheel_ros.diagnosis.faults import Witness
@@ -25,7 +26,7 @@ from smallwheel_ros.fitting.held_out import CvErrors, compare_cv, in_sample
 from smallwheel_ros.fitting.measured import tied_settings
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.posterior import posterior_covariance
-from smallwheel_ros.fitting.result import expected_error, off_by
+from smallwheel_ros.fitting.result import expected_error, off_by, strays
 from smallwheel_ros.measurements.display import number, probability_text, shown_value, words
 from smallwheel_ros.measurements.settings import repeatability
 
@@ -121,6 +122,9 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     base, explained = verdict.steps[0].errors, found.ordered[0]
     best = verdict.best if verdict.named else explained
     learnt = found.field.learnt_from(measurements)
+    fitted = problem.result(verdict.steps[-1].model)
+    # What a gauge shows that does not move, no other settings make better known.
+    of_fit = strays(fitted) if stuck(problem.points) else fitted.notes
     left, floors = residuals_left(fitter, best), expected_error(fitter, best)
     worst = worst_left(left, measurements)
     alone = errors_alone(problem, found, evidence.held_out, verdict.probabilities)
@@ -162,7 +166,7 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
             for one in evidence.bad
         ],
         "notes": [
-            *problem.result(verdict.steps[-1].model).notes,
+            *of_fit,
             *measurements.notes,
             *(
                 f"{name} was learnt from this very data, so it has no p here: other data must judge it"

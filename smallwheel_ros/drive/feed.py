@@ -100,13 +100,13 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
             pipeline.note(stream, "no_value", IDLE, int(idle.sum()))
             stamps, values, order = stamps[~idle], values[~idle], order[~idle]
         unit = pipeline.units[stream]
-        usable = unit.usable(stamps, values[:, 0], values[:, 1])
-        if not usable.all():
+        stamps, values, free, refused = unit.take(stamps, values, pipeline.streams.rules.reorder)
+        order = order[free]
+        if refused:
             text = (
                 unit.wrong or "its velocity disagrees with how its position changes: not yet used"
             )
-            pipeline.note(stream, "velocity_unit", text, int((~usable).sum()))
-            stamps, values, order = stamps[usable], values[usable], order[usable]
+            pipeline.note(stream, "velocity_unit", text, refused)
         before, left_out = joint.by_positions, joint.left_out
         found, speeds, index = joint.take(stamps, values[:, 0], values[:, 1], values[:, 2] > 0.0)
         if joint.by_positions and not before:

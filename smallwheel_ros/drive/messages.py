@@ -138,6 +138,8 @@ def _in_words(
             why = "no steering angle of this wheel near this reading, or it is doubted"
         elif Condition.STANDS in conditions:
             why = "the wheel stands"
+        elif doubt := pipeline.doubt_of_slip(settings.wheels[wheel].name):
+            why = doubt
         read = ", ".join(e.id for e in settings.effects if {"slip", "speed"} & set(e.needs))
         also = f", and no sinkage: {read} of the model reads it" if read else ""
         words.append(f"slip unknown ({why}): no thrust, no drawbar pull{also}")

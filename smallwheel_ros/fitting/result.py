@@ -114,7 +114,8 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         errors = ", ".join(f"{words(n)} {shown_value(n, v)}" for n, v in self.held_out.items())
         said = f"; held-out error: {errors}" if errors else ""
         return (
-            f"{self.bare.headline()}, {known} of {len(self.parameters)} parameters determined{said}"
+            f"{rows_kept(self)}{self.bare.headline()}, {known} of {len(self.parameters)} parameters"
+            f" determined{said}"
         )
 
     @cached_property
@@ -325,9 +326,29 @@ def _parameter(
     )
 
 
+def rows_kept(found: FitResult) -> str:
+    """How many rows a fit is of, where some lie far off and are left out: the beginning of a line."""
+    count, there = found.outliers.size, len(found.measurements)
+    return f"{there - count} of {there} rows kept; " if count else ""
+
+
+def strays(found: FitResult) -> list[str]:
+    """Which rows a fit left out, and why, where there are any."""
+    if not found.outliers.size:
+        return []
+    data = found.measurements
+    lines = ", ".join(str(line) for line in data.line[found.outliers][:20])
+    count = found.outliers.size
+    place = data.place + ("" if count == 1 else "s")
+    few = "1 row lies far off the others of its run and is" if count == 1 else (
+        f"{count} rows lie far off the others of their run and are"
+    )  # fmt: skip
+    return [f"{rows_kept(found)}{few} left out: {place} {lines}"]
+
+
 def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> list[str]:
     """What to know of a fit besides its numbers. scatter: the components that are `unusual`."""
-    notes = list(points.notes)
+    notes = [*strays(found), *points.notes]
     said = {
         "held": "{0} is held at {1:g}: only k D^m is determined with one wheel diameter; {2}",
         "at its bound": "{0} is at its bound, {1:g}: the data favours values beyond it",
@@ -347,14 +368,6 @@ def _notes(found: FitResult, points: Points, scatter: Mapping[str, float]) -> li
             f"{found.names[b]} and {found.names[a]} are tied (correlation {found.correlation[a, b]:.3f}): "
             "only a combination of them is determined"
         )
-    if found.outliers.size:
-        lines = ", ".join(str(line) for line in points.measurements.line[found.outliers][:20])
-        count = found.outliers.size
-        place = points.measurements.place + ("" if count == 1 else "s")
-        few = "1 row lies far off the others of its run and is" if count == 1 else (
-            f"{count} rows lie far off the others of their run and are"
-        )  # fmt: skip
-        notes.append(f"{few} left out: {place} {lines}")
     for name in points.forces:
         off, far = off_by(found.errors.error[name], points.measurements.conditions, name)
         notes += [f"{words(name)} is {off}"] if far else []

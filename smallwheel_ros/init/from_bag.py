@@ -15,6 +15,7 @@ import numpy as np
 from smallwheel_ros.arguments import BagOrUrdf, Count, TopicName, Urdf
 from smallwheel_ros.bags import BagError, BagReader
 from smallwheel_ros.common.node_parameter import Value
+from smallwheel_ros.init.absent import absent, of_transforms
 from smallwheel_ros.init.joint_topics import (
     USUAL,
     free_joints,
@@ -64,6 +65,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINTS = "sensor_msgs/msg/JointState"
 TWIST = "geometry_msgs/msg/TwistStamped"
 IMU = "sensor_msgs/msg/Imu"
+_UNUSED = "the robot description is not used"
 
 
 def rover_of_bag(
@@ -101,7 +103,7 @@ class _Finder:
     def __init__(
         self, reader: BagReader, joint_states: str | None = None, namespace: str | None = None
     ) -> None:
-        self._reader, self._asked = reader, joint_states
+        self._reader, self._asked, self._namespace = reader, joint_states, namespace
         self._notes: list[str] = [reader.hole] if reader.hole else []
         # Parameters of topics that are not called as is expected.
         self._named: dict[str, Value] = {}
@@ -129,7 +131,7 @@ class _Finder:
             except RobotDescriptionError as error:
                 if urdf is not None:
                     raise InitError(f"{urdf}: {error}") from None
-                self._notes.append(f"the robot description is not used: {error}")
+                self._notes.append(f"{_UNUSED}: {error}")
                 description = None
         topic, found, words = joint_states_of(
             self._reader, self._topics[JOINTS], turned.values(), self._asked
@@ -203,9 +205,9 @@ class _Finder:
         """Choose the odometry, and say why; of several one that the wheels have no part in goes first."""
         topics = self._topics[ODOMETRY]
         if not topics:
-            self._notes.append(
-                f"no topic of type {ODOMETRY}: without odom there is no slip and no thrust"
-            )
+            why = absent(self._reader, ODOMETRY, self._namespace)
+            pose = of_transforms(self._reader)
+            self._notes.append(f"{why}: without odom there is no slip and no thrust{pose}")
             return None
         speeds = {topic: speed_of(self._reader, topic) for topic in topics}
         shares = {topic: unlike_wheels(joints, speed, rims) for topic, speed in speeds.items()}
@@ -297,17 +299,21 @@ class _Finder:
         topics = self._topics[IMU]
         if not topics:
             return False
-        found = only_or_best_match("imu", topics) or topics[0]
-        way, why = upright(self._reader, found)
-        if not way:
-            self._notes.append(f"{found} is not used: {why}")
-            return False
-        values["imu_topic"] = found
-        shown = "up as gravity shows" if way > 0 else "down as gravity shows: it is turned over"
-        self._notes.append(
-            f"{found} is the imu, z {shown}; if its x axis does not look ahead, write imu_yaw"
-        )
-        return True
+        first = only_or_best_match("imu", topics) or topics[0]
+        for found in sorted(topics, key=lambda topic: topic != first):
+            way, why = upright(self._reader, found)
+            if not way:
+                self._notes.append(f"{found} is not used: {why}")
+                continue
+            values["imu_topic"] = found
+            shown = "up as gravity shows" if way > 0 else "down as gravity shows: it is turned over"
+            others = ", ".join(topic for topic in topics if topic != found)
+            instead = f"; in place of {others}, if you write that as imu_topic" if others else ""
+            self._notes.append(
+                f"{found} is the imu, z {shown}; if its x axis does not look ahead, write imu_yaw{instead}"
+            )
+            return True
+        return False
 
     def _recorded_joints(self, values: dict[str, Value], joints: JointSpeeds) -> dict[str, str]:
         """By wheel, its joint; where the description calls it otherwise than joint states, as these do."""
@@ -337,12 +343,9 @@ class _Finder:
             turned = wheels_named_by(turning_wheels(joints))
         wheels = list(loads or depths or turned)
         if not wheels:
-            there = (
-                f"its joints are {', '.join(joints.names)}" if joints.names else "it has no joint"
-            )
             raise InitError(
                 f"{self._reader.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}),"
-                f" no robot description with wheels, and no joint that turns like a wheel ({there}):"
+                f" {self._no_description()}, and no joint that turns like a wheel ({self._no_joint(joints)}):"
                 " `smallwheel init BAG --urdf FILE` reads a robot description from a file, and"
                 " `smallwheel init --wheels N` makes a file to fill in"
             )
@@ -366,8 +369,23 @@ class _Finder:
             self._notes.append(f"no topic of the sinkage of {of}: it is only predicted")
         if not loads:
             values["load.source"] = "static"
-            self._notes.append(f"no topic of type {WRENCH}: the mass is split over the wheels")
+            why = absent(self._reader, WRENCH, self._namespace)
+            self._notes.append(f"{why}: the mass is split over the wheels")
         return values
+
+    def _no_joint(self, joints: JointSpeeds) -> str:
+        """Why no joint turns a wheel, as far as joint states tell."""
+        if not self._topics[JOINTS]:
+            return absent(self._reader, JOINTS, self._namespace)
+        if not joints.names:
+            return "which topic has them is not clear, or its messages name none"
+        which = "none of them turns:" if not joints.turning() else "its joints are"
+        return f"{which} {', '.join(joints.names)}"
+
+    def _no_description(self) -> str:
+        """Why no robot description tells the wheels."""
+        unused = [note for note in self._notes if note.startswith(_UNUSED)]
+        return unused[0] if unused else "no robot description with wheels"
 
     def _description(self) -> str | None:
         """The text of the bag's robot description, if there is one."""

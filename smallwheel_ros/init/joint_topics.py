@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from smallwheel_ros.bags import BagReader
+from smallwheel_ros.init.absent import absent
 from smallwheel_ros.init.recorded import JointSpeeds, joint_speeds
 from smallwheel_ros.init.rover import InitError
 from smallwheel_ros.onboard.wheel_names import PLACES, best_match, words_of
@@ -37,9 +38,8 @@ def of_robot(namespace: str, topics: Sequence[str]) -> list[str]:
     found = [topic for topic in topics if topic.startswith(begin)]
     if not found:
         spaces = sorted({topic.split("/")[1] for topic in topics if topic.count("/") > 1})
-        raise InitError(
-            f"no topic is in the namespace {begin.strip('/')!r}, expected one of {', '.join(spaces)}"
-        )
+        words = f"expected one of {', '.join(spaces)}" if spaces else "the bag has no namespace"
+        raise InitError(f"no topic is in the namespace {begin.strip('/')!r}, {words}")
     return found
 
 
@@ -93,8 +93,8 @@ def joint_states_of(
 def _only(reader: BagReader, topics: Sequence[str]) -> tuple[str | None, JointSpeeds | None, str]:
     if topics:
         return topics[0], joint_speeds(reader, topics[0]), ""
-    words = "no topic of type sensor_msgs/msg/JointState: without joint_states there is no slip and no thrust"
-    return None, None, words
+    why = absent(reader, "sensor_msgs/msg/JointState")
+    return None, None, f"{why}: without joint_states there is no slip and no thrust"
 
 
 def _one_robot(topics: Sequence[str]) -> None:

@@ -97,7 +97,7 @@ def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
             c[~idle] for c in (stamps, velocity, position, has_one)
         )
         unit = VelocityUnit()
-        unit.usable(stamps, velocity, position)
+        unit.take(stamps, np.column_stack([velocity, position]))
         wrong |= {name: unit.wrong} if unit.wrong else {}
         joint = JointMotion()
         at, speeds, _ = joint.take(stamps, velocity, position, has_one)

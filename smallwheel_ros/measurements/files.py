@@ -7,7 +7,9 @@ import csv
 import hashlib
 import io
 import os
+import re
 import stat
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 _SAMPLE = 100_000  # characters in which the header must stand
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+_BLANKS = " "
+_EASTERN = ("gb18030", "shift_jis")
 _EXPECTED = "expected a table: CSV text, xlsx, xls, ods or Parquet"
 _ENCODINGS = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig"))
 _OTHERS = (
@@ -124,6 +128,12 @@ def _text_grid(data: bytes) -> CellGrid:
     if text[:4].lower() == "sep=":  # a line that only Excel knows
         text, before = text.partition("\n")[2], 1
     separator = _separator(text)
+    if separator == _BLANKS:
+        said.append("cells are separated by blanks")
+        rows = [_by_blanks(line) for line in text.splitlines()]
+        _refuse_many_cells(len(rows), max(map(len, rows), default=0))
+        numbers = [before + 1 + i for i in range(len(rows))]
+        return CellGrid([*rows], numbers, "line", comma=True, said=said)
     if separator != ",":
         said.append(f"cells are separated by {_SEPARATORS[separator]}")
     most = 2 * MOST_CELLS  # before any list is made of them; texts in quotes have separators too
@@ -162,6 +172,8 @@ def _decoded(data: bytes) -> tuple[str, list[str]]:
                 "save it as CSV UTF-8"
             ) from None
         bad = error.start
+    if code := _eastern(data):
+        return data.decode(code), [f"text in {code.upper()}, as it is not UTF-8"]
     try:
         return data.decode("cp1252"), ["text in Windows-1252, as it is not UTF-8"]
     except UnicodeDecodeError:
@@ -170,6 +182,23 @@ def _decoded(data: bytes) -> tuple[str, list[str]]:
             f"line {line}: byte 0x{data[bad]:02x} is neither UTF-8 nor Windows-1252 text, "
             f"{_EXPECTED} (save it as CSV UTF-8)"
         ) from None
+
+
+def _eastern(data: bytes) -> str:
+    """Code of a Chinese or Japanese file, whose headers then name quantities; empty for any other."""
+    best, most = "", max(1, _known(data, "cp1252"))
+    for code in _EASTERN:
+        with suppress(UnicodeDecodeError):
+            data.decode(code)
+            if (known := _known(data, code)) > most:
+                best, most = code, known
+    return best
+
+
+def _known(data: bytes, code: str) -> int:
+    """Most names of quantities in a line, of bytes read by a code."""
+    lines = data[:_SAMPLE].decode(code, "ignore").splitlines()[:SEARCHED]
+    return max((known_cells(re.split(r"[,;\t|]", line)) for line in lines), default=0)
 
 
 def _separator(text: str) -> str:
@@ -184,7 +213,13 @@ def _separator(text: str) -> str:
         score = max(map(known_cells, rows), default=0), max(map(len, rows), default=0)
         if separator in text[:_SAMPLE] and score > most:
             best, most = separator, score
-    return best
+    by_blanks = [_by_blanks(line) for line in text[:_SAMPLE].splitlines()[:SEARCHED]]
+    return _BLANKS if max(map(known_cells, by_blanks), default=0) > max(most[0], 1) else best
+
+
+def _by_blanks(line: str) -> list[str]:
+    """Cells of a line between blanks; a unit in brackets and a mark of a comment stay with their word."""
+    return re.sub(r"\s+(?=[\[(])|(?<=^[#%])\s+", "", line.strip()).split()
 
 
 def _parquet_grid(data: bytes) -> CellGrid:

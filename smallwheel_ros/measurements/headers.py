@@ -233,6 +233,8 @@ def _heading(name: str, match: Match | None, unit: str | None) -> Heading:
         if by_symbol and ours and expected and not fits(ours, expected):
             match = None  # `s [mm]` is no slip, `i [A]` neither
         unit = ours or unit  # an unknown one is reported with its values
+    elif match is not None and match.name == "torque" and name in SYMBOLS:
+        match = None  # T and M alone may be a temperature, a mass
     if match is None:
         return Heading(name, name, unit, UNKNOWN)
     if match.name == "radius":

@@ -116,7 +116,7 @@ def known_cells(row: Sequence[Cell]) -> int:
             continue
         if any(c.isalpha() or c == "Ø" for c in cell):
             with suppress(UnitsError):
-                count += read_heading(cell.strip().lstrip("#").strip()).rank < UNKNOWN
+                count += read_heading(cell.strip().lstrip("#%").strip()).rank < UNKNOWN
     return count
 
 
@@ -136,7 +136,7 @@ def find_layout(grid: CellGrid) -> Layout:
         said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
         headers = [shown(cell).strip() for cell in grid.rows[rows[at]]]
-        headers[0] = headers[0].lstrip("# ")
+        headers[0] = headers[0].lstrip("#% ")
         rows = rows[at + 1 :]
     comments = [i for i in rows if str(grid.rows[i][0]).startswith(_COMMENTS)]
     if comments:
@@ -262,12 +262,27 @@ def rows_not_measured(
     """
     found = dict.fromkeys(_summaries(layout, named, parsed), _SUMMARY)
     nothing = np.all([n.blank for n in parsed.values()], axis=0) if parsed else []
+    signed = _signed(layout, parsed)
     again = [i for i, cell in enumerate(layout.columns[0]) if cell == layout.headers[0]]
-    for row in {*np.flatnonzero(nothing).tolist(), *again, *layout.ragged}:
+    for row in {*np.flatnonzero(nothing).tolist(), *again, *layout.ragged, *signed}:
         # a remark has texts only where the table has numbers
-        if all(row in numbers.faults or numbers.blank[row] for numbers in parsed.values()):
+        texts = (row in numbers.faults or numbers.blank[row] for numbers in parsed.values())
+        if row in signed or all(texts):
             found[row] = _REMARK
     return dict(sorted((_means(layout, parsed, names, found) | found).items()))
+
+
+def _signed(layout: Layout, parsed: Mapping[int, Numbers]) -> set[int]:
+    """Rows without any digit where the table has numbers: who checked it, where it ends."""
+    found: set[int] | None = None
+    for position, numbers in parsed.items():
+        if not np.isfinite(numbers.values).any():
+            continue
+        cells = layout.columns[position]
+        words = {row for row in numbers.faults if not any(map(str.isdigit, str(cells[row])))}
+        here = words | {*np.flatnonzero(numbers.blank).tolist()}
+        found = here if found is None else found & here
+    return found or set()
 
 
 def _summaries(

@@ -42,6 +42,7 @@ from smallwheel_ros.measurements.columns import (
     Texts,
     UnitsError,
     base_unit,
+    fits,
     is_bookkeeping,
     is_mass,
     shown_unit,
@@ -70,6 +71,8 @@ from smallwheel_ros.measurements.layout import (
 )
 
 BEFORE_TOUCH = ("load", "sinkage")  # noise around 0 before a plate touches: `lab` looks at it
+# Settings that a table may lack: one in another unit is something else, the speed of a rim in rpm.
+_OF_ANOTHER = ("speed", "slope", "slip_angle", "grouser_height")
 _MOST_PROBLEMS, _MOST_ROWS, _MOST_NAMES = 20, 10, 30  # that a message lists
 MOST_CHARACTERS = 64_000_000  # of all texts, rows times the longest cell: the room that NumPy takes
 _GIVEN_TWICE = (
@@ -335,6 +338,15 @@ def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     return columns
 
 
+def _in_its_unit(heading: Heading) -> bool:
+    """Whether the unit of a column, if it has a known one, is of the dimension of its quantity."""
+    unit = heading.unit
+    try:
+        return unit is None or unit == DIMENSIONLESS or fits(unit, COLUMNS[heading.name].unit)
+    except UnitsError:
+        return True  # said where its values are read
+
+
 def _is_nobodys(heading: Heading) -> bool:
     """Whether a column is of no quantity that is known here."""
     return heading.rank == UNKNOWN and heading.name not in {*COLUMNS, *TEXTS}
@@ -381,6 +393,15 @@ def _headings(
             columns.add(f"header '{clipped(text)}'{' and ' if both else ': '}{error}")
             if both:  # the column is there, and its unit is not known
                 found[position] = heading
+    for position, heading in found.items():
+        if position not in wanted and heading.name in _OF_ANOTHER and not _in_its_unit(heading):
+            # The speed of a wheel in rpm is not the speed over ground.
+            own = heading.text.partition("[")[0].partition("(")[0].strip() or heading.text
+            found[position] = heading._replace(name=own, rank=UNKNOWN)
+            columns.notes.append(
+                f"column '{clipped(heading.text)}' is not {heading.name}, whose unit is"
+                f" {COLUMNS[heading.name].unit}: it is a column of its own"
+            )
     _settle(found, columns)
     names = {heading.name for heading in found.values()}
     for heading in found.values():
@@ -433,10 +454,11 @@ def _settle(found: dict[int, Heading], columns: TableColumns) -> None:
         best = min(found[i].rank for i in positions)
         first, *others = [i for i in positions if found[i].rank == best]
         if others:
+            one, other = (clipped(found[i].text) for i in (first, others[0]))
+            which = f", or say which with --map {clipped(name)}='{one}'" if one != other else ""
             columns.add(
-                f"two columns are named '{clipped(name)}' ('{clipped(found[first].text)}' and "
-                f"'{clipped(found[others[0]].text)}'), expected one: remove or rename the other, or say "
-                f"which with --map {clipped(name)}='{clipped(found[first].text)}'"
+                f"two columns are named '{clipped(name)}' ('{one}' and '{other}'), expected one: remove or"
+                f" rename the other{which}"
             )
         for i in positions:
             if i != first:

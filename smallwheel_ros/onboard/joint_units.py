@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,11 @@ _STANDS = 30.0  # rad by velocities without positions that follow: these tell no
 _APART = 2.0
 # rad by positions, and a factor that no start from rest gives: beyond it nothing is used yet.
 _LITTLE, _FAR = 0.05, 4.0
+# Ticks of an encoder and rad, after which it is known within a fourth how far it has turned: positions of a
+# joint that stands flicker by less.
+_TICKS, _FLICKERS = 4, 0.01
+# Of the time that messages wait for those of other wheels: so long they wait here, until it is known.
+_WAITS = 0.75
 _STARTED = 5  # blocks, after which a filter's delay no longer makes a fourth of a speed
 _ALIKE = 0.9  # correlation of the two, under which they are not of one joint
 _NEAR = 0.04  # of a known factor
@@ -46,26 +52,70 @@ class VelocityUnit:
         # rad that it has turned since the beginning, by positions and by velocities; whether these agreed
         self._net_position = self._net_velocity = 0.0
         self._agreed = False
+        self._tick = math.inf  # rad, the least by which its position has changed
+        self._waiting: deque[tuple[int, Array]] = deque()
 
-    def usable(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
-        """Which messages may be used, shape (messages,): not those of a velocity in another unit.
+    def take(
+        self, stamps: Integers, values: Array, wait: int = 0
+    ) -> tuple[Integers, Array, Integers, int]:
+        """Go on with messages in the order in which they came.
+
+        As long as it is not known, messages in which it turns wait for what those after them show.
 
         Parameters
         ----------
         stamps
-            ns, in the order in which the messages came, shape (messages,).
-        velocity, position
-            rad/s and rad, NaN where a message has none, shape (messages,).
+            ns, shape (messages,).
+        values
+            Of each message velocity (rad/s) and position (rad), NaN where it has none, and what goes with
+            them, shape (messages, columns).
+        wait
+            ns, for which streams wait for messages that belong before others.
+
+        Returns
+        -------
+        Stamps and values of messages that may be used, also of earlier calls; of each the number of the
+        message, of these, with which it came free; and how many will not be used, since their velocity is
+        in another unit.
         """
-        found = np.ones(stamps.size, dtype=bool)
-        rows = zip(stamps.tolist(), velocity.tolist(), position.tolist(), strict=True)
-        for number, row in enumerate(rows):
-            if self._known:
-                found[number:] = not self.wrong
-                break
-            self._add(*row)
-            found[number] = not (self.wrong or self._suspect or self._not_yet())
-        return found
+        if self._known and not self._waiting:
+            every = np.arange(0 if self.wrong else stamps.size)
+            return stamps[every], values[every], every, stamps.size - every.size
+        found: list[tuple[int, Array, int]] = []
+        refused = 0
+        for number, stamp in enumerate(stamps.tolist()):
+            refused += self._one(stamp, values[number], round(_WAITS * wait), number, found)
+        if not found:
+            return stamps[:0], values[:0], np.empty(0, dtype=np.int64), refused
+        free, rows, numbers = zip(*found, strict=True)
+        return np.array(free, dtype=np.int64), np.array(rows), np.array(numbers), refused
+
+    def _one(
+        self,
+        stamp: int,
+        row: Array,
+        wait: int,
+        number: int,
+        found: list[tuple[int, Array, int]],
+    ) -> int:
+        """Take a message; what comes free with it is added, and how many are refused is returned."""
+        waiting = self._waiting
+        velocity, position = float(row[0]), float(row[1])
+        if not self._known:
+            self._add(stamp, velocity, position)
+        doubtful = bool(self.wrong) or (not self._known and (self._suspect or self._not_yet()))
+        goes_back = bool(waiting) and abs(stamp - waiting[-1][0]) > _LONGEST
+        waiting.append((stamp, row))
+        refused = 0
+        tells = not self._known and math.isfinite(velocity) and math.isfinite(position)
+        keeps = tells and not self._agreed and not goes_back and bool(velocity or len(waiting) > 1)
+        while waiting and not (keeps and stamp - waiting[0][0] < wait):
+            first, values = waiting.popleft()
+            if doubtful:
+                refused += 1
+            else:
+                found.append((first, values, number))
+        return refused
 
     def _add(self, stamp: int, velocity: float, position: float) -> None:
         if not (math.isfinite(velocity) and math.isfinite(position)):
@@ -76,6 +126,8 @@ class VelocityUnit:
         turned = position - last[2]
         if abs(turned) > math.pi:  # it begins anew at each turn
             return
+        if turned:
+            self._tick = min(self._tick, abs(turned))
         by_velocity = 0.5 * (velocity + last[1]) * (stamp - last[0]) / SECOND
         self._net_position += turned
         self._net_velocity += by_velocity
@@ -83,33 +135,31 @@ class VelocityUnit:
         block[0] += stamp - last[0]
         block[1] += turned
         block[2] += by_velocity
-        if block[0] < _BLOCK:
+        if block[0] < _BLOCK or (abs(block[1]) < _FLICKERS and block[0] < SECOND):
             return
         _, by_position, by_velocity = block
         self._block = [0, 0.0, 0.0]
-        if by_velocity == 0.0:
+        self._by_velocity += abs(by_velocity)
+        self._known = self._by_velocity > _STANDS > 100.0 * self._by_position
+        if by_velocity == 0.0 or abs(by_position) < _FLICKERS:
             return
         self._count += 1
         self._pp += by_position**2
         self._vv += by_velocity**2
         self._pv += by_position * by_velocity
         self._by_position += abs(by_position)
-        self._by_velocity += abs(by_velocity)
         factor = abs(self._pv) / self._pp if self._by_position > _LITTLE else 1.0
         slow = self._count >= _STARTED and factor < 1.0 / _FAR
         self._suspect = factor > _FAR or slow
         if self._by_position >= _TURNED and self._count >= _FEWEST:
             self._judge()
-        elif self._by_velocity > _STANDS > 100.0 * self._by_position:
-            self._known = True
 
     def _not_yet(self) -> bool:
         """Whether the joint turns by its positions, and its velocities have not yet shown that they agree."""
         turned = abs(self._net_position)
-        nothing = (
-            turned < _LITTLE or self._net_velocity == 0.0
-        )  # `JointMotion` knows what zeros are
-        if self._agreed or self._known or nothing:
+        little = min(_LITTLE, max(_FLICKERS, _TICKS * self._tick))
+        # Of velocities that are 0 so far, `JointMotion` knows what they are.
+        if self._agreed or self._known or turned < little or self._net_velocity == 0.0:
             return False
         self._agreed = turned / _APART <= abs(self._net_velocity) <= turned * _APART
         return not self._agreed

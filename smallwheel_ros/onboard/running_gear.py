@@ -31,6 +31,7 @@ _LEVEL = 0.1
 _TRAIL = 0.1  # of its height above a wheel: a swivel so far ahead of the wheel's axis is a caster's
 _OF_TRACK = 3  # wheels of a side, from which others above them in line make it a track
 _IN_LINE = 0.15  # of the vehicle's width: rollers are beside sprockets
+_OTHER_SIDE = {"left": "right", "right": "left"}
 _SHOWN = 6  # joints that are named
 _AHEAD = (
     (1.0, 0.0),
@@ -143,6 +144,7 @@ def running_gear(urdf: Urdf) -> RunningGear:
             above = min(_above_lowest(could, one, "low"), _above_lowest(could, one, "middle"))
             if above > highest:
                 why[one.joint.name] = f"{above:.2g} m above the lowest wheel"
+        why |= dict.fromkeys(_mates(could, why), "")
     wheels = [one for one in could if not why[one.joint.name]]
     _refuse_tracks(wheels, [one for one in could if why[one.joint.name]], across)
     if (
@@ -177,6 +179,19 @@ def running_gear(urdf: Urdf) -> RunningGear:
         left = {name: reason for name, reason in left.items() if not _is_steer(name, one)}
     notes += [f"joints that turn and are no wheels: {words}" for words in _left_out(left)]
     return RunningGear([one.joint for one in wheels], notes)
+
+
+def _mates(could: list[_Turning], why: Mapping[str, str]) -> list[str]:
+    """Joints that are too high, but called wheels, beside one that is not: tilted rockers."""
+    low = [place_of(one.joint.name) for one in could if not why[one.joint.name]]
+    found = []
+    for one in could:
+        name = one.joint.name
+        other = {_OTHER_SIDE.get(word, word) for word in place_of(name)}
+        alone = place_of(name) not in low and other in low
+        if why[name] and "wheel" in name.lower() and len(other) > 1 and alone:
+            found.append(name)
+    return found
 
 
 def _refuse_tracks(wheels: list[_Turning], higher: list[_Turning], across: int) -> None:

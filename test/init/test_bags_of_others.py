@@ -200,3 +200,23 @@ def test_half_of_the_messages_of_two_publishers_are_refused(name: str, folder: P
     assert sum(drop["count"] for drop in refused) == pytest.approx(750, rel=0.1)
     assert {drop["reason"] for drop in refused} <= {"no_value", "duplicate"}
     assert all("publisher" in drop["example"] for drop in refused)
+
+
+def test_an_odometry_that_looks_back_shows_no_slip_and_warns_of_nothing(folder: Path) -> None:
+    """Which of the two looks back, odometry or all joints, nobody can tell: from the first metre on."""
+
+    def against(_: int, states: States) -> list[States]:
+        return [states._replace(position=-states.position, velocity=-states.velocity)]
+
+    bag, config, out = drive(folder / "back", against), folder / "back.yaml", folder / "back out"
+    assert "the odometry looks back" in smallwheel(
+        "init", bag, "--urdf", folder / "robot.urdf", "-o", config
+    )
+    config.write_text(config.read_text().replace("FILL_IN", "24.0"))
+    said = smallwheel("replay", bag, "--config", config, "-o", out, "--copy", "none")
+    assert "No warning of getting stuck" in said
+    assert "all wheels turn against the travel" in said
+    rows = pd.read_csv(out / "estimates.csv")
+    unknown = rows[rows["time"] > 3.5]  # it has gone 0.05 m by then
+    assert unknown["slip"].isna().all()
+    assert unknown["status_text"].str.contains("goes backward|odom is doubted").all()

@@ -10,6 +10,7 @@ import json
 import re
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -427,7 +428,10 @@ def test_a_bag_without_wheels_says_what_it_looked_for(bag: Path, tmp_path: Path)
     other = rewritten(bag, tmp_path / "drive", gone | {"/joint_states": None})
     refused = run("init", other, "-o", tmp_path / "r.yaml", code=2)
     assert "no topic of a wheel's load (geometry_msgs/msg/WrenchStamped)" in refused.stderr
-    assert "no joint that turns like a wheel (it has no joint)" in refused.stderr
+    assert (
+        "no joint that turns like a wheel (no topic of type sensor_msgs/msg/JointState)"
+        in refused.stderr
+    )
     assert "smallwheel init BAG --urdf FILE" in refused.stderr
 
 
@@ -522,6 +526,23 @@ def test_an_imu_is_left_out_for_its_own_reason(up: float, words: str, tmp_path: 
     assert "/imu/data is not used: " in said
     assert words in said
     assert "gravity is not along its z axis" not in said
+
+
+def test_of_two_imus_the_one_that_stands_upright_is_taken_and_both_are_named(
+    tmp_path: Path,
+) -> None:
+    """The other is of a camera that looks down."""
+    plain = plain_drive(tmp_path / "plain", {"/odom": 0.1})
+    with BagReader(plain) as reader, BagWriter(tmp_path / "two") as writer:
+        for name, kind, time, message in reader.messages():
+            writer.write(name, kind, time, message)
+            if name == "/imu/data":
+                a = message.linear_acceleration
+                felt = type(a)(x=a.z, y=a.y, z=a.x)
+                writer.write("/camera/imu", kind, time, replace(message, linear_acceleration=felt))
+    said = run("init", tmp_path / "two", "-o", tmp_path / "rover.yaml").stdout
+    assert found_in(filled_in((tmp_path / "rover.yaml").read_text()))["imu_topic"] == "/imu/data"
+    assert "in place of /camera/imu" in said
 
 
 def joined(bag: Path, target: Path, *copies: Mapping[str, str]) -> Path:

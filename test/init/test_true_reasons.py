@@ -63,7 +63,7 @@ def unit(factor: float, *, turns: bool = True) -> str:
     stamps, speed = (seconds * SECOND).astype(np.int64) + SECOND, 4.0 + np.sin(seconds)
     position = np.cumsum(speed) / 50.0 if turns else np.full(600, 0.3)
     one = VelocityUnit()
-    one.usable(stamps, factor * speed, position)
+    one.take(stamps, np.column_stack([factor * speed, position]))
     return one.wrong
 
 

@@ -176,3 +176,18 @@ def test_a_swivel_above_the_base_is_no_articulation() -> None:
 def test_a_description_without_wheels_is_an_error_of_its_own() -> None:
     with pytest.raises(RobotDescriptionError):
         running_gear(Urdf(robot()))
+
+
+def test_a_wheel_of_a_rocker_that_is_drawn_tilted_is_one_by_its_name_and_its_mate() -> None:
+    """Some rovers are drawn with a rocker up; what is as high and has no mate below is no wheel."""
+    at = {name: (0.4 * x, 0.3 * y, 0.0) for name, (x, y) in SIX.items()}
+    at["front_right"] = (0.4, -0.3, 0.35)
+    parts = [
+        wheel(f"wheel_{n}_joint", "base_link", f"{x} {y} {z}", body=robots.MESH)
+        for n, (x, y, z) in at.items()
+    ]
+    spare = wheel("spare_wheel", "base_link", "-0.5 0 0.5", body=robots.MESH)
+    arm = joint("arm", "base_link", "arm_link", "0.5 0 0.6", "0 0 1")
+    gear = running_gear(Urdf(robot(*parts, spare, arm)))
+    assert {one.name for one in gear.wheels} == {f"wheel_{n}_joint" for n in SIX}
+    assert "spare_wheel (0.5 m above the lowest wheel)" in "; ".join(gear.notes)

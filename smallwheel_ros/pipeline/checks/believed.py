@@ -25,6 +25,7 @@ from .rigid_motion import places_of, rigid_motion
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
 NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 10)))
+AGAINST = 9  # of a row of what has been learnt of the speed
 _TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: some messages of it
 
 
@@ -73,7 +74,7 @@ class BelievedRows:
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
-        What has been learnt of the speed with each of its messages, (rows, 9).
+        What has been learnt of the speed with each of its messages, (rows, 10).
     doubted
         Which streams are not believed, from which stamp on.
     since, done
@@ -109,8 +110,17 @@ class BelievedRows:
         return frozenset[str]().union(*self.doubted.streams)
 
     def _of(self, name: str, stamps: Integers, values: Array) -> Array:
-        """Rows of a stream, NaN where it is doubted."""
-        return self.doubted.believed(name, stamps, values) if name in self._ever else values
+        """Rows of a stream, NaN where it is doubted, and of a speed that goes against all rims so far."""
+        found = self.doubted.believed(name, stamps, values) if name in self._ever else values
+        if not self._goes_against or name not in (self.source, SHOWS_NO_SLIP):
+            return found
+        against = self.trusted.last(stamps)[1][:, AGAINST] > 0.0
+        return np.where(against[:, None], np.nan, found)
+
+    @cached_property
+    def _goes_against(self) -> bool:
+        """Whether the speed goes against all rims so far at any time."""
+        return bool(self.trusted.values.size and self.trusted.values[:, AGAINST].any())
 
     # --- At instants
 

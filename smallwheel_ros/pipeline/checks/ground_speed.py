@@ -12,6 +12,8 @@
               until anything follows, it may be half a second
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
+    against   of all the way so far nearly all goes against the rims: it looks back, or the joints do, and
+              which is not known. A vehicle that slides back has driven ahead before
     imu       turned over where its z axis looks down
 
 Each row depends on messages up to its own stamp alone, and sums go on over cuts.
@@ -37,9 +39,9 @@ from smallwheel_ros.pipeline.intake.buffer import NEVER, Samples, Stream
 from smallwheel_ros.pipeline.intake.layout import rules_of
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, steps_of, unknown
 
-from .believed import NO_ROWS, BelievedRows, RawRows
+from .believed import AGAINST, NO_ROWS, BelievedRows, RawRows
 from .doubts import Doubts
-from .lateness import LAGS, Lag, OfWheels
+from .lateness import LAGS, Against, Lag, OfWheels
 from .sums import RunningDeviation
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL, ASIDE = range(11)
@@ -73,11 +75,13 @@ class Known:
 
     share: of the way by which an odometry that comes from the wheels is no multiple of them; NaN: of its own.
     no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
+    against: m that went against the rims, where nearly all did; else 0.
     """
 
     share: float = math.nan
     no_twist: float = 0.0
     down: bool = False
+    against: float = 0.0
 
     @property
     def of_wheels(self) -> bool:
@@ -120,7 +124,7 @@ class GroundSpeed:
         self._own = Stream(
             "own", 6
         )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
-        self._trust = Stream("trust", 9)
+        self._trust = Stream("trust", 10)
         self.posed = True
         self._told_aside = False  # whether a twist has ever had a speed aside
         self._way = 0.0
@@ -128,7 +132,7 @@ class GroundSpeed:
         self._turned = [NEVER]  # stamps at which the imu was turned over, and back
         self._sums = _Sums()
         self._turns_late, self._speed_late, self._of_wheels = Lag(), Lag(), OfWheels()
-        self._of_unsteered = OfWheels()
+        self._of_unsteered, self._goes_against = OfWheels(), Against()
 
     def take(self, raw: Mapping[str, Samples]) -> None:
         """Take what came: raw rows by stream."""
@@ -167,14 +171,21 @@ class GroundSpeed:
             self.settings, self._raw, *own, self.doubts.now, since, done, began, anew
         )
 
+    @property
+    def goes_against(self) -> bool:
+        """Whether, up to the newest message, the speed goes against the rims."""
+        values = self._trust.samples.values
+        return bool(values.size and values[-1, AGAINST] > 0.0)
+
     def known(self, stamp: int) -> Known:
         """What has turned out up to a stamp (ns) up to which has been learnt."""
         down = bisect_right(self._turned, stamp) % 2 == 0
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
             return Known(down=down)
-        of_wheels, no_twist, share = values[0, [2, 7, 8]].tolist()
-        return Known(share if of_wheels else math.nan, no_twist, down)
+        of_wheels, no_twist, share, against = values[0, [2, 7, 8, AGAINST]].tolist()
+        against = against if self.source == ODOMETRY else 0.0
+        return Known(share if of_wheels else math.nan, no_twist, down, against)
 
     # --- What came
 
@@ -315,7 +326,8 @@ class GroundSpeed:
             made, may_be = made | other[0], may_be | other[1]
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
-        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share]
+        against = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed)
+        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against]
         self._trust.extend(stamps, np.column_stack(rows))
 
     def _spread(

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is learnt of an odometry by gyro and rims: how late it comes, and whether it comes from the wheels.
+"""What is learnt of an odometry by gyro and rims: how late it is, and whether it comes from the wheels.
+
+It may go against them, too: it looks back, or the joints do.
 
 Sums that go on over cuts: each row depends on those before it alone.
 """
@@ -14,6 +16,11 @@ from smallwheel_ros.pipeline.tables import SECOND, Array, Flags
 
 from .sums import robust
 
+MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
+# Of the way, that goes against a joint whose sign is wrong: a delay of 0.5 s at 1 m/s and no more.
+SIGN_SHARE = 0.8
+_BENDS = 0.5  # of the rims' mean: by less all of them surely go one way
+_START = 0.05  # m: what noise of a speed and its delay make of a start
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
     0.1,
@@ -129,6 +136,40 @@ class OfWheels:
         share[begin:] = self._share
         self._total = total[-1]
         return found, may_be, share
+
+
+class Against:
+    """Whether nearly all of the way so far goes against the rims: what looks back, speed or joints, is open.
+
+    A vehicle that slides back with its wheels has driven ahead before.
+    """
+
+    def __init__(self) -> None:
+        self._total = np.zeros(2)
+
+    def take(self, rims: Array, turn: Array, speed: Array, passed: Array) -> Array:
+        """Way (m) that went against the rims up to each row; 0 where it is not nearly all.
+
+        Parameters
+        ----------
+        rims
+            Their mean speed, m/s, shape (rows,).
+        turn
+            Half of right less left, m/s, NaN without sides: where one side goes back nothing is asked.
+        speed
+            Over ground, m/s.
+        passed
+            Time for which each row counts, s.
+        """
+        with np.errstate(invalid="ignore"):
+            moves = np.minimum(np.abs(rims), np.abs(speed)) > MOVES
+            moves &= ~(np.abs(turn) >= _BENDS * np.abs(rims))
+            goes = np.where(moves, np.abs(speed) * passed, 0.0)
+            ways = np.column_stack([goes, np.where(rims * speed < 0.0, goes, 0.0)])
+        total = np.cumsum(np.concatenate([self._total[None], ways]), axis=0)[1:]
+        self._total = total[-1]
+        way, against = total.T
+        return np.where((against > _START) & (against > SIGN_SHARE * way), against, 0.0)
 
 
 def _scatter(pieces: Array) -> float:

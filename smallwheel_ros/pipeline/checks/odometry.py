@@ -12,6 +12,7 @@ from smallwheel_ros.onboard.felt_gravity import unlike_gravity
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.tables import Array
 
+from .lateness import MOVES
 from .sums import Run, Said
 from .window import (
     ABOVE,
@@ -19,7 +20,6 @@ from .window import (
     GAP,
     GYRO,
     LEFT,
-    MOVES,
     SPEED,
     CheckedWheels,
     Rows,

@@ -7,10 +7,11 @@ import numpy as np
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 
+from .lateness import MOVES, SIGN_SHARE
 from .sums import Pieces, Run, RunningAgreement, Said, robust
-from .window import AHEAD, MOVES, STRAIGHT, CheckedWheels, Window
+from .window import AHEAD, STRAIGHT, CheckedWheels, Window
 
-SIGN_WAY, SIGN_SHARE = 1.0, 0.8  # m, 1
+SIGN_WAY = 1.0  # m
 DEAD_WAY = 2.0  # m
 HELD = 10  # changes of the others
 TURN, TURN_AGREES = 1.5, 0.5  # rad, 1
@@ -36,12 +37,13 @@ class Mirrored:
             self.total += way.sum(axis=1)
             self.against += (way * (rim * v < 0)).sum(axis=1)
         bad = (self.total > SIGN_WAY) & (self.against > SIGN_SHARE * self.total)
-        if bad.all() and len(bad) > 1:
+        against = window.memory.known.against  # also where nothing tells what is straight
+        if len(bad) > 1 and (bad.all() or against > SIGN_WAY):
             text = (
                 "all wheels turn against the travel: odometry looks backward, or joint_sign of all is"
                 " wrong: check both; until then slip is not known"
             )
-            return [Said(ODOMETRY, float(self.against.min()), text, (ODOMETRY,))]
+            return [Said(ODOMETRY, max(float(self.against.min()), against), text, (ODOMETRY,))]
         return [
             Said(
                 self.names[i],

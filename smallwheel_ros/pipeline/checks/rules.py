@@ -32,7 +32,7 @@ from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
 
 from .doubts import SHOWS_NO_SLIP, Doubts
 from .ground_speed import DOWN, GroundSpeed
-from .lateness import MADE, PIECES
+from .lateness import MADE, PIECES, SIGN_SHARE
 from .loads import (
     SWAP,
     SWAP_PIECES,
@@ -72,7 +72,6 @@ from .rims import (
     ROLL_PIECES,
     ROLL_SCATTER,
     ROLL_SURE,
-    SIGN_SHARE,
     SIGN_WAY,
     TURN,
     TURN_AGREES,

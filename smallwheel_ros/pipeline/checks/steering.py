@@ -19,9 +19,10 @@ import numpy as np
 
 from smallwheel_ros.pipeline.tables import Array
 
+from .lateness import MOVES
 from .rigid_motion import ACROSS, rows_across, rows_along
 from .sums import Said
-from .window import MOVES, CheckedWheels, Window
+from .window import CheckedWheels, Window
 
 SIGN_ANGLE = 0.1  # rad: twice the 3 degrees by which zeros of joints are off
 # Of the speed: a zero off by 3 degrees makes a wheel seem to go aside by so much.

@@ -19,13 +19,13 @@ from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers
 
 from .ground_speed import Known
+from .lateness import MOVES
 
 SPAN = 2 * SECOND  # ns, between judgements: long against the work of one, short against a fault
 AROUND = (
     2 * SECOND
 )  # ns of rows on both sides: a delay of 1 s, changes over 0.5 s and their mean are in it
 GAP = 0.5  # s: over a longer gap nothing is added up
-MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
 FAR = 0.5  # rad of a steering angle, beyond which what a rim does ahead hangs on the angle itself
 STRAIGHT = 0.1  # of v: what a bend may add to the speed of a wheel's place; a radius is known to that anyway
 SPEED, YAW_RATE, X, Y, COSINE, SINE = range(6)  # of a row of the odometry

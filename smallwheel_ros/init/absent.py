@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Why a bag gives no topic of a type: it has none, no message of it, no definition, or none of this robot."""
+
+from __future__ import annotations
+
+from smallwheel_ros.bags import BagReader
+
+_TF = "tf2_msgs/msg/TFMessage"
+
+
+def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
+    """The reason, in words.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    kind
+        The type, such as ``"nav_msgs/msg/Odometry"``.
+    namespace
+        Of the robot that was asked for; None: any.
+    """
+    there = [topic for topic in reader.topics if topic.type == kind]
+    if not there:
+        return f"no topic of type {kind}"
+    names = ", ".join(topic.name for topic in there)
+    if not any(topic.message_count for topic in there):
+        return f"no message of {names} ({kind})"
+    if not any(topic.message_count and topic.readable for topic in there):
+        return f"no definition of {names} ({kind}) that can be read"
+    return f"no topic of type {kind} in the namespace {str(namespace).strip('/')}, but {names}"
+
+
+def of_transforms(reader: BagReader) -> str:
+    """That a pose which only transforms tell is not read, where the bag has these; else empty."""
+    names = [topic.name for topic in reader.topics if topic.type == _TF and topic.message_count]
+    if not names:
+        return ""
+    return f"; {names[0]} may tell the pose, but is not read as one: publish it as odometry"

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tables as loggers and labs write them: each is read, or refused with a reason that holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from smallwheel_ros.measurements.cells import MeasurementsError
+from smallwheel_ros.measurements.from_file import read_measurements
+
+ROWS = [(20, 150, 75, 0.1, 5.62), (40, 200, 100, 0.1, 6.25), (80, 300, 150, 0.3, 8.5)]
+DEPTHS = [0.00562, 0.00625, 0.0085]
+
+
+def read(tmp_path, text: str, code: str = "utf-8"):
+    path = tmp_path / "table.txt"
+    path.write_bytes(text.encode(code))
+    return read_measurements(path)
+
+
+def body(by: str) -> str:
+    return "".join(by.join(map(str, row)) + "\n" for row in ROWS)
+
+
+@pytest.mark.parametrize("mark", ["# ", "#", "% ", ""])
+@pytest.mark.parametrize("blank", [" ", "   ", "\t "])
+def test_columns_between_blanks_with_a_header_in_a_comment(tmp_path, mark: str, blank: str) -> None:
+    """As numpy.savetxt and gnuplot have them."""
+    head = blank.join(["load [N]", "diameter[mm]", "width[mm]", "slip", "sinkage[mm]"])
+    text = f"# sand box, raked\n{mark}{head}\n{body(blank)}# the end\n"
+    data = read(tmp_path, text)
+    np.testing.assert_allclose(data.channels["sinkage"], DEPTHS)
+    np.testing.assert_allclose(data.conditions.load, [20, 40, 80])
+    assert "1 lines of comments are left out" in data.understood
+
+
+def test_decimal_commas_between_blanks(tmp_path) -> None:
+    text = (
+        "load[N]  diameter[mm] width[mm] sinkage[mm]\n20,5 150,0 75,0 5,62\n40,5 150,0 75,0 6,25\n"
+    )
+    np.testing.assert_allclose(read(tmp_path, text).conditions.load, [20.5, 40.5])
+
+
+def test_who_checked_it_is_a_remark_and_a_cell_with_a_digit_is_not(tmp_path) -> None:
+    head = "run;load [N];diameter [mm];width [mm];sinkage [mm]\n"
+    rows = "1;20;150;75;5.62\n2;40;150;75;6.25\n"
+    data = read(tmp_path, f"{head}{rows}end of data;;;;\nchecked by;B. Meier;;;\n")
+    assert len(data) == 2
+    assert data.understood[0] == "2 of 4 rows kept"
+    assert any("'checked by, B. Meier' is a remark" in said for said in data.understood)
+    with pytest.raises(MeasurementsError, match="'2O' found, expected a number"):
+        read(tmp_path, f"{head}{rows}3;2O;x;;\n")
+
+
+def test_a_wheels_speed_in_rpm_is_not_the_speed_over_ground(tmp_path) -> None:
+    head = "load [N],diameter [mm],width [mm],wheel speed [rpm],speed [mm/s],sinkage [mm]\n"
+    data = read(tmp_path, head + "20,150,75,6.4,45,5.62\n40,150,75,6.5,50,6.25\n")
+    np.testing.assert_allclose(data.conditions["speed"], [0.045, 0.05])
+    assert any("'wheel speed [rpm]' is not speed" in said for said in data.notes)
+    # What is asked for is not explained away.
+    with pytest.raises(MeasurementsError, match="unit 's' is a time, expected a force"):
+        read(tmp_path, "load [s],diameter [mm],width [mm],sinkage [mm]\n20,150,75,5\n40,150,75,6\n")
+
+
+def test_a_torques_symbol_needs_its_unit(tmp_path) -> None:
+    head = "load_N,D_mm,b_mm,z_mm,{}\n"
+    rows = "20,150,75,5.62,1.5\n40,150,75,6.25,2.5\n"
+    np.testing.assert_allclose(
+        read(tmp_path, head.format("T_Nm") + rows).channels["torque"], [1.5, 2.5]
+    )
+    assert "torque" not in read(tmp_path, head.format("T") + rows).channels
+    assert "torque" not in read(tmp_path, head.format("T [degC]") + rows).channels
+
+
+@pytest.mark.parametrize(
+    ("head", "code"),
+    [
+        ("载荷(N),轮径(mm),轮宽(mm),滑转率,沉陷量(mm)\n", "gb18030"),
+        ("荷重[N],直径[mm],幅[mm],スリップ率,沈下量[mm]\n", "shift_jis"),
+    ],
+)
+def test_files_of_the_far_east(tmp_path, head: str, code: str) -> None:
+    data = read(tmp_path, head + body(","), code)
+    np.testing.assert_allclose(data.channels["sinkage"], DEPTHS)
+    assert f"text in {code.upper()}, as it is not UTF-8" in data.understood
+
+
+def test_two_columns_of_one_name_are_not_told_apart_by_an_option(tmp_path) -> None:
+    head = "load [N],diameter [mm],width [mm],sinkage [mm],{}\n"
+    rows = "20,150,75,5.62,5.7\n40,150,75,6.25,6.3\n"
+    with pytest.raises(MeasurementsError) as refused:
+        read(tmp_path, head.format("sinkage [mm]") + rows)
+    assert str(refused.value).endswith("remove or rename the other")
+    with pytest.raises(MeasurementsError, match="or say which with --map sinkage='sinkage"):
+        read(tmp_path, head.format("Sinkage [cm]") + rows)
