@@ -217,7 +217,7 @@ def test_thousands_of_runs_are_judged_by_a_sample_that_is_said() -> None:
     assert any("drawn at random" in note for note in problem.points.notes)
 
 
-@pytest.mark.parametrize("contact", ["plate", "pressed"])
+@pytest.mark.parametrize("contact", ["plate", pytest.param("pressed", marks=pytest.mark.slow)])
 def test_density_of_the_rows_changes_no_verdict(folder: Path, contact: str) -> None:
     found = {
         (d.verdict, *d.missing_effects)
