@@ -50,6 +50,8 @@ lock:
 
 # Three workers, each with whole modules; those of the node on one of them, which mostly waits, and the
 # others give way to it (see test/conftest.py). ROOM: a folder of smallwheel_ros/, whose tests are in that of test/.
+# Workers, and threads of linear algebra in each, would stand in each other's way: one thread each.
+test coverage: export OPENBLAS_NUM_THREADS := 1
 test: env
 	@$(RUN) -m pytest -m "not slow" $(if $(ROOM),test/$(ROOM),-n 3 --dist loadfile)
 

@@ -12,10 +12,20 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import NodeSettings
+from smallwheel_ros.pipeline.checks.believed import BelievedRows
 from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
-from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND, Columns, Estimates, Readings
+from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
+from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
+from smallwheel_ros.pipeline.rows.motion import motion
+from smallwheel_ros.pipeline.tables import (
+    SECOND,
+    Columns,
+    Estimates,
+    Integers,
+    Readings,
+    none_of,
+)
 from smallwheel_ros.simulate import Drive
 from smallwheel_ros.simulate.drive_bag import recorded
 
@@ -152,6 +162,29 @@ def rows_of(made: Drive, late: Callable[[str], float] = lambda _: 0.0) -> list[R
         each = zip(stamps.tolist(), values.tolist(), arrival, strict=True)
         found += [(name, stamp, tuple(row), now) for stamp, row, now in each]
     return sorted(found, key=lambda row: (row[3], row[0]))
+
+
+class FirstStages(Pipeline):
+    """The pipeline up to the readings, with its checks: most of its work comes after them."""
+
+    def _through(self, believed: BelievedRows, heard: Integers) -> Turn:
+        aligned = self.align.take(believed)
+        rows = none_of(Readings) if aligned is None else motion(self.motion, aligned, self.settings)
+        nothing = none_of(Estimates), none_of(VehicleEstimates), None, None
+        return Turn(
+            believed.done, self._starts_over, rows, rows.wheel, *nothing, self.checks.findings
+        )
+
+
+def readings_of(
+    settings: NodeSettings,
+    rows: Sequence[Row],
+    cuts: Sequence[int] = (),
+    *,
+    pipeline: Pipeline | None = None,
+) -> Readings:
+    """Readings alone, without what the stages after them make of them."""
+    return run(settings, rows, cuts, pipeline=pipeline or FirstStages(settings.onboard))[0]
 
 
 def run(

@@ -71,9 +71,11 @@ class SteeredDrive:
     slip_angle: np.ndarray
     path: np.ndarray
 
-    def run(self, span: int = 5 * 10**9) -> tuple[Pipeline, Readings, Estimates]:
-        """Through a pipeline, in blocks of some seconds."""
-        pipeline = Pipeline(self.settings.onboard)
+    def run(
+        self, span: int = 5 * 10**9, kind: type[Pipeline] = Pipeline
+    ) -> tuple[Pipeline, Readings, Estimates]:
+        """Through a pipeline, in blocks of some seconds. kind: `FirstStages` for readings alone."""
+        pipeline = kind(self.settings.onboard)
         readings, estimates = [], []
         turns = []
         for begin in range(int(self.stamps[0]), int(self.stamps[-1]) + 1, span):

@@ -7,10 +7,11 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
+from rows_of_drives import FirstStages
+
 from rates.drive_trial import turns_of, with_faults
 from rates.drive_worlds import WORLDS, WorldDrive, make_drive
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Readings, unknown
 
 
@@ -36,6 +37,5 @@ def driven_world(subject: str, name: str, way: str, seed: int = 1) -> Driven:
     """A world's drive over another way."""
     drive = make_drive(replace(WORLDS[subject][name], way=way), seed)
     raw = with_faults(drive)
-    pipeline = Pipeline(raw.settings)
-    turns = [turn for _, turns in turns_of(pipeline, raw) for turn in turns]
+    turns = [turn for _, turns in turns_of(FirstStages(raw.settings), raw) for turn in turns]
     return Driven(drive, raw.settings, Readings.joined([turn.readings for turn in turns]))

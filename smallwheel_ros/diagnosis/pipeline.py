@@ -12,6 +12,7 @@ import numpy as np
 
 from smallwheel_ros.arguments import Ids, Levels, unheard
 from smallwheel_ros.common.result import Result, Writer
+from smallwheel_ros.common.threads import one_thread
 from smallwheel_ros.diagnosis import document as written
 from smallwheel_ros.diagnosis.bad_runs import BadRun, bad_runs, most_bad
 from smallwheel_ros.diagnosis.competitors import field_of
@@ -26,7 +27,6 @@ from smallwheel_ros.diagnosis.verdict import Evidence, Verdict, decide
 from smallwheel_ros.effects.registry import Registry, default_registry
 from smallwheel_ros.fitting import Base, FitResult, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS, TIE
-from smallwheel_ros.fitting.fit import one_thread
 from smallwheel_ros.fitting.points import Points
 from smallwheel_ros.fitting.problem import base_of
 from smallwheel_ros.measurements.measurements import Measurements

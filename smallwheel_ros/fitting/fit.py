@@ -17,15 +17,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.special import ndtr
-from threadpoolctl import ThreadpoolController
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.threads import one_thread
 from smallwheel_ros.effects.base import Effect, EffectError
 from smallwheel_ros.fitting.noise import Repeats
 from smallwheel_ros.fitting.parameters import SOIL_PARAMETERS, ParameterVector
@@ -40,18 +40,6 @@ Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 FAILURES = (SmallwheelError, ArithmeticError, ValueError, np.linalg.LinAlgError)  # of a fit
-_THREADS = ThreadpoolController()
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
-def one_thread(function: Function) -> Function:
-    """The function with one thread for linear algebra, whatever is set outside of it.
-
-    Matrices here are small: more threads cost more than they bring, many times more on a busy machine.
-    """
-    return cast(Function, _THREADS.wrap(limits=1, user_api="blas")(function))
-
-
 _TURNS = 4  # of theta and phi
 _STEPS = 10  # of Gauss-Newton in a turn
 _RESTS = 0.05  # nats: a gain below which a turn ends

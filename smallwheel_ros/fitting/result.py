@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.common.result import Result, Writer
+from smallwheel_ros.common.threads import one_thread
 from smallwheel_ros.fitting.constants import DETERMINED, FORCE_LAW, HIDE, SPREAD
-from smallwheel_ros.fitting.fit import Fit, Fitter, one_thread
+from smallwheel_ros.fitting.fit import Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, in_sample
 from smallwheel_ros.fitting.measured import measured_of
 from smallwheel_ros.fitting.named import (

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.arguments import unheard
+from smallwheel_ros.common.threads import one_thread
 from smallwheel_ros.diagnosis.competitors import independent
 from smallwheel_ros.fitting import Base, FittingError, Problem
 from smallwheel_ros.fitting.constants import FEWEST_RUNS
-from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter, one_thread
+from smallwheel_ros.fitting.fit import FAILURES, Fit, Fitter
 from smallwheel_ros.fitting.held_out import CvErrors, cross_validate, in_sample
 from smallwheel_ros.fitting.points import Points, points_of
 from smallwheel_ros.fitting.variance import Scatter

@@ -178,9 +178,12 @@ class Arc(NamedTuple):
 
     def around(self, *stresses: Array) -> Array:
         """Sums over the arc of each stress: what points up, forward, and around, (stresses, 3, rows)."""
-        whole = self.weight * np.stack(stresses)
-        up, forward = (np.einsum("knr,nr->kr", whole, part) for part in (self.sine, self.cosine))
-        return np.stack([up, forward, whole.sum(axis=1)], axis=1)
+        whole = self.weight * np.array(stresses)
+        found = np.empty((len(stresses), 3, whole.shape[-1]))
+        np.einsum("knr,nr->kr", whole, self.sine, out=found[:, 0])
+        np.einsum("knr,nr->kr", whole, self.cosine, out=found[:, 1])
+        np.add.reduce(whole, axis=1, out=found[:, 2])
+        return found
 
 
 class ArcRows(NamedTuple):

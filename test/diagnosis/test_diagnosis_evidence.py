@@ -254,6 +254,7 @@ def test_one_step_has_one_error_whatever_command_asks() -> None:
     assert base.rmse() == pytest.approx(before, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_beside_pull_too_one_step_has_one_error(tmp_path: Path) -> None:
     write_table(WORLDS["pull/rim-without-R-slip_sinkage"].table(3, 0), tmp_path / "rig.csv")
     measured = read_measurements(tmp_path / "rig.csv")

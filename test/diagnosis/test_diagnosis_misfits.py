@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from plain_rig import PlainRig, rolled
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import smallwheel_ros as sw
 from rates import _world_labs as swept
@@ -217,7 +217,7 @@ def test_thousands_of_runs_are_judged_by_a_sample_that_is_said() -> None:
     assert any("drawn at random" in note for note in problem.points.notes)
 
 
-@pytest.mark.parametrize("contact", ["plate", "pressed"])
+@pytest.mark.parametrize("contact", ["plate", pytest.param("pressed", marks=pytest.mark.slow)])
 def test_density_of_the_rows_changes_no_verdict(folder: Path, contact: str) -> None:
     found = {
         (d.verdict, *d.missing_effects)
@@ -243,7 +243,8 @@ def test_linear_algebra_has_one_thread_while_it_is_judged() -> None:
     def look(step: str) -> None:
         seen.extend(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
 
-    diagnose(PlainRig().measure(rolled(0, 8), 2), progress=look)
+    with threadpool_limits(2, user_api="blas"):  # whatever is set outside
+        diagnose(PlainRig().measure(rolled(0, 8), 2), progress=look)
     assert seen
     assert set(seen) == {1}
 

@@ -19,6 +19,7 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 
+import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader, BagWriter, message_type
 from smallwheel_ros.cli import main
 from smallwheel_ros.init.rover import FILL_IN, usual_names, wheels_named_by
@@ -148,7 +149,7 @@ def test_what_the_bag_does_not_tell_is_marked_and_stops_a_replay(bag: Path, tmp_
     assert "from 0.005 to 5 m: write the number in its place" in half.stderr
     sizes = text.replace(f"diameter: {FILL_IN}", "diameter: 0.25").replace(f": {FILL_IN}", ": 1")
     (tmp_path / "rover.yaml").write_text(sizes)
-    run("replay", bag, "--config", tmp_path / "rover.yaml", "-o", tmp_path / "out")
+    sw.replay(bag, tmp_path / "rover.yaml", tmp_path / "out")
 
 
 def test_other_names_of_topics_and_joints_are_found(bag: Path, tmp_path: Path) -> None:
@@ -343,7 +344,7 @@ def test_a_bag_without_soil_sensors_gives_a_file_that_works(tmp_path: Path) -> N
     assert values["front_left.joint_sign"] == -1
     assert "front_right.joint_sign" not in values
     assert values["imu_topic"] == "/imu/data"
-    run("replay", bag, "--config", config, "-o", tmp_path / "out")
+    sw.replay(bag, config, tmp_path / "out", copy="none")
     rows = pd.read_csv(tmp_path / "out" / "estimates.csv")
     assert rows["slip"].notna().mean() > 0.9
     assert rows["slip"].mean() == pytest.approx(0.1, abs=0.03)
@@ -355,7 +356,7 @@ def test_an_imu_that_looks_down_is_used_and_said(tmp_path: Path) -> None:
     assert "/imu/data is the imu, z down as gravity shows: it is turned over" in said
     config.write_text(filled_in(config.read_text()))
     assert found_in(config.read_text())["imu_topic"] == "/imu/data"
-    run("replay", bag, "--config", config, "--copy", "none", "-o", tmp_path / "out")
+    sw.replay(bag, config, tmp_path / "out", copy="none")
     rows = pd.read_csv(tmp_path / "out" / "estimates.csv")
     assert rows["slip"].notna().mean() > 0.9
     assert rows["slip"].mean() == pytest.approx(0.1, abs=0.03)

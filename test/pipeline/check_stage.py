@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, wraps
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from rows_of_drives import START, Row
@@ -46,6 +48,20 @@ from smallwheel_ros.pipeline.warning.judgement import Judged, Judgement
 
 Table = Columns
 Streams = dict[str, Samples]
+Made = TypeVar("Made")
+
+
+def made_once(make: Callable[[BelievedRows], Made]) -> Callable[[BelievedRows], Made]:
+    """What is made of a drive, made once: stages only read it. Drives are told apart by identity."""
+    known: dict[int, tuple[BelievedRows, Made]] = {}
+
+    @wraps(make)
+    def of(believed: BelievedRows) -> Made:
+        if id(believed) not in known:
+            known[id(believed)] = believed, make(believed)
+        return known[id(believed)][1]
+
+    return of
 
 
 def streams_of(rows: Sequence[Row], settings: OnboardSettings) -> Streams:
@@ -78,9 +94,10 @@ class Stage:
     name: str
     parts: Callable[[BelievedRows, Sequence[int]], list[Table | None]]
 
-    def whole(self, believed: BelievedRows) -> Table | None:
-        """Its table in one go."""
-        return joined(self.parts(believed, [believed.done]))
+    @cached_property
+    def whole(self) -> Callable[[BelievedRows], Table | None]:
+        """Gives its table in one go."""
+        return made_once(lambda believed: joined(self.parts(believed, [believed.done])))
 
 
 def joined(parts: Sequence[Table | None]) -> Table | None:
@@ -105,6 +122,7 @@ def _aligned(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]:
     return [stage.take(window) for window in windows(believed, ends)]
 
 
+@made_once
 def _rows(believed: BelievedRows) -> Aligned | None:
     return joined(_aligned(believed, [believed.done]))  # type: ignore[return-value]
 
@@ -118,6 +136,7 @@ def _readings(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None]
     return found
 
 
+@made_once
 def _all_readings(believed: BelievedRows) -> Readings | None:
     return joined(_readings(believed, [believed.done]))  # type: ignore[return-value]
 
@@ -202,19 +221,9 @@ class _Chain:
     judged: Judged
 
 
-_LAST: list[
-    tuple[BelievedRows, _Chain | None]
-] = []  # the newest chain, since a check asks for it often
-
-
+@made_once
 def _chain(believed: BelievedRows) -> _Chain | None:
     """The chain of a drive; what is made of it is only read."""
-    if not _LAST or _LAST[0][0] is not believed:
-        _LAST[:] = [(believed, _made_chain(believed))]
-    return _LAST[0][1]
-
-
-def _made_chain(believed: BelievedRows) -> _Chain | None:
     rows = _all_readings(believed)
     if rows is None:
         return None
@@ -423,23 +432,27 @@ def check_cuts(stage: Stage, believed: BelievedRows, ends: Sequence[int]) -> Non
     assert_alike(whole, joined(stage.parts(believed, twice)))
 
 
-def check_unknown(stage: Stage, believed: BelievedRows, stream: str, column: int) -> None:
-    """Without a column nothing fails, nothing is infinite."""
+def without(believed: BelievedRows, stream: str, column: int) -> BelievedRows:
+    """The drive of which a column is not known."""
     streams = dict(believed.streams)
     values = streams[stream].values.copy()
     values[:, column] = np.nan
     streams[stream] = Samples(streams[stream].stamps, values)
-    with np.errstate(divide="raise"):
-        assert_numbers(stage.whole(believed_of(streams, believed.settings)))
+    return believed_of(streams, believed.settings)
 
 
-def check_zeros(stage: Stage, believed: BelievedRows, names: Sequence[str]) -> None:
-    """Streams that show exactly 0 throughout: nothing is divided by a spread that is 0."""
+def with_zeros(believed: BelievedRows, names: Sequence[str]) -> BelievedRows:
+    """The drive with streams that show exactly 0 throughout."""
     streams = dict(believed.streams)
     for name in names:
         streams[name] = Samples(streams[name].stamps, np.zeros_like(streams[name].values))
+    return believed_of(streams, believed.settings)
+
+
+def check_numbers(stage: Stage, drive: Callable[[], BelievedRows]) -> None:
+    """Of a drive that lacks something nothing fails, nothing is infinite, and nothing is divided by 0."""
     with np.errstate(divide="raise"):
-        assert_numbers(stage.whole(believed_of(streams, believed.settings)))
+        assert_numbers(stage.whole(drive()))
 
 
 def one_wheel() -> OnboardSettings:

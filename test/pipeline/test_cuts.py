@@ -91,12 +91,13 @@ def _whole(name: str) -> tuple[NodeSettings, list[Row], Readings, Estimates]:
     return vehicle, rows, *run(vehicle, rows)
 
 
+@pytest.mark.parametrize("tries", [2, pytest.param(8, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", DRIVES)
-def test_cuts_do_not_matter(name: str) -> None:
+def test_cuts_do_not_matter(name: str, tries: int) -> None:
     vehicle, rows, readings, estimates = _whole(name)
     assert len(readings) > 100
 
-    @settings(max_examples=4, deadline=None, database=None, derandomize=True)
+    @settings(max_examples=tries, deadline=None, database=None, derandomize=True)
     @given(
         cuts=st.lists(st.integers(1, len(rows) - 1), min_size=1, max_size=40),
         together=st.booleans(),

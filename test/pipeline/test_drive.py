@@ -119,7 +119,7 @@ def test_a_wheel_that_stands_has_no_slip_and_says_so(
     assert np.isfinite(first.sinkage).all()
 
 
-@pytest.mark.parametrize("burst", [0.0, 0.8])
+@pytest.mark.parametrize("burst", [pytest.param(0.0, marks=pytest.mark.slow), 0.8])
 def test_order_of_arrival_does_not_matter(
     drive: Drive, whole: tuple[Pipeline, Readings, Estimates], burst: float
 ) -> None:

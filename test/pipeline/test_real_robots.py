@@ -5,7 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rows_of_drives import PLACES, SECOND, START, Row, drive, rover, run, static_rover
+from rows_of_drives import (
+    PLACES,
+    SECOND,
+    START,
+    FirstStages,
+    Row,
+    drive,
+    readings_of,
+    rover,
+    static_rover,
+)
 
 from smallwheel_ros.pipeline.checks.believed import Trust
 from smallwheel_ros.pipeline.pipeline import Pipeline
@@ -14,9 +24,9 @@ from smallwheel_ros.pipeline.tables import Readings
 
 def _drive(**how: object) -> tuple[Readings, Pipeline]:
     vehicle = static_rover()
-    pipeline = Pipeline(vehicle.onboard)
+    pipeline = FirstStages(vehicle.onboard)
     rows = drive(soil=False, **how)  # type: ignore[arg-type]
-    return run(vehicle, rows, range(0, len(rows), 500), pipeline=pipeline)[0], pipeline
+    return readings_of(vehicle, rows, range(0, len(rows), 500), pipeline=pipeline), pipeline
 
 
 def _while(rows: Readings, begin: float, end: float) -> Readings:
@@ -122,7 +132,7 @@ def test_poses_whose_stamps_are_off_are_as_unsure_as_that_makes_them(jitter: flo
             v, w, x, *rest = values
             values = (v, w, x + 0.8 * jitter * random.standard_normal(), *rest)
         rows.append((name, stamp, values, now))
-    found, _ = run(vehicle, rows, range(0, len(rows), 500))
+    found = readings_of(vehicle, rows, range(0, len(rows), 500))
     late = _while(found, 10.0, 59.0)
     known = np.isfinite(late.slip)
     assert known.mean() > 0.95
@@ -137,7 +147,7 @@ def test_poses_whose_stamps_are_off_are_as_unsure_as_that_makes_them(jitter: flo
 def test_a_lag_that_is_known_stays_known_when_the_ground_gives_way() -> None:
     """A speed that does not follow the rims any more comes no later for it."""
     vehicle = static_rover()
-    pipeline = Pipeline(vehicle.onboard)
+    pipeline = FirstStages(vehicle.onboard)
     rows = []
     for name, stamp, values, now in drive(
         60.0, soil=False, noise=0.01, speed=lambda t: 0.5 + 0.2 * np.sin(t)
@@ -146,7 +156,7 @@ def test_a_lag_that_is_known_stays_known_when_the_ground_gives_way() -> None:
         if name == "odom" and seconds > 15.0:
             values = (0.25 - 0.2 * np.sin(seconds), *values[1:])
         rows.append((name, stamp, values, now))
-    found, _ = run(vehicle, rows, range(0, len(rows), 500), pipeline=pipeline)
+    found = readings_of(vehicle, rows, range(0, len(rows), 500), pipeline=pipeline)
     assert trust_of(pipeline, START + 58 * SECOND).lag[0] == 0.0
     sure = _while(found, 20.0, 59.0)
     assert np.median(sure.slip_std) < 0.1
@@ -159,7 +169,7 @@ def test_frozen_odometry_is_not_believed_after_half_a_second() -> None:
     rows = [
         (n, s, still if n == "odom" and s > START + 6 * SECOND else v, now) for n, s, v, now in rows
     ]
-    found, _ = run(vehicle, rows)
+    found = readings_of(vehicle, rows)
     assert np.isfinite(_while(found, 4.0, 6.4).slip).all()
     frozen = _while(found, 6.7, 11.9)
     assert np.isnan(frozen.slip).all()
@@ -214,8 +224,8 @@ def test_good_odometry_is_not_said_to_be_made_of_the_wheels(noise: float) -> Non
         if name == "odom":
             values = (values[0] * float(slips(np.array(t))) / 0.3, *values[1:])
         rows.append((name, stamp, values, now))
-    pipeline = Pipeline(vehicle.onboard)
-    found, _ = run(vehicle, rows, pipeline=pipeline)
+    pipeline = FirstStages(vehicle.onboard)
+    found = readings_of(vehicle, rows, pipeline=pipeline)
     assert not pipeline.made_of_wheels
     assert np.isfinite(_while(found, 3.0, 39.0).slip).mean() > 0.98
 
@@ -244,7 +254,7 @@ def test_the_speed_of_each_side_goes_by_the_gyro() -> None:
         if name == "odom":
             values = (values[0], 0.5 * values[1], *values[2:])
         rows.append((name, stamp, values, now))
-    found, _ = run(vehicle, rows)
+    found = readings_of(vehicle, rows)
     steady = _while(found, 3.0, 11.0)
     for wheel in range(len(PLACES)):
         assert np.nanmedian(steady.slip[steady.wheel == wheel]) == pytest.approx(0.1, abs=0.01)
@@ -257,8 +267,8 @@ def _with_torque(torque: np.ndarray) -> tuple[Readings, Pipeline]:
         for k in range(400):
             stamp = START + k * SECOND // 50
             rows.append((f"{name}/torque", stamp, (float(torque[k]),), stamp))
-    pipeline = Pipeline(vehicle.onboard)
-    return run(vehicle, sorted(rows, key=lambda row: row[1]), pipeline=pipeline)[0], pipeline
+    pipeline = FirstStages(vehicle.onboard)
+    return readings_of(vehicle, sorted(rows, key=lambda row: row[1]), pipeline=pipeline), pipeline
 
 
 def test_a_motor_current_of_0_at_standstill_is_no_fault() -> None:
@@ -280,7 +290,7 @@ def test_a_velocity_topic_takes_the_place_of_odometry() -> None:
     rows = drive(soil=False, turn=lambda t: 0.3 * np.sin(t))
     radar = [("velocity", s, (v[0], v[1], 0.0), now) for n, s, v, now in rows if n == "odom"]
     rows = [(n, s, (9.0, *v[1:]) if n == "odom" else v, now) for n, s, v, now in rows]
-    found, _ = run(vehicle, sorted([*rows, *radar], key=lambda row: row[1]))
+    found = readings_of(vehicle, sorted([*rows, *radar], key=lambda row: row[1]))
     assert np.nanmedian(_while(found, 3.0, 11.0).vehicle_speed) == pytest.approx(0.3, abs=0.01)
     assert np.nanmedian(_while(found, 3.0, 11.0).slip) == pytest.approx(0.1, abs=0.01)
 
@@ -297,7 +307,7 @@ def test_a_pressed_wheel_comes_along_by_going_deeper() -> None:
         depth = 0.02 * np.sin(np.pi * k / 200.0)
         rows += [("rig/load", stamp, (max(1.0, 3000.0 * depth),), stamp)]
         rows += [("rig/sinkage", stamp, (float(depth), 0.0), stamp)]
-    found, _ = run(vehicle, rows)
+    found = readings_of(vehicle, rows)
     assert found.path[-1] == pytest.approx(0.02)
     assert (np.diff(found.path) >= 0.0).all()
     assert found.distance[-1] == pytest.approx(0.02)
@@ -327,7 +337,7 @@ def test_ground_that_is_crossed_again_has_been_rolled_over() -> None:
     """A circle of 1 m, twice: in the second round each wheel meets its own and the other's track."""
     vehicle = rover(imu_topic=None)
     rows = drive(50.0, speed=lambda t: 0.3 + 0.0 * t, turn=lambda t: 0.3 + 0.0 * t, noise=0.0)
-    found, _ = run(vehicle, rows)
+    found = readings_of(vehicle, rows)
     once = _while(found, 12.0, 20.0)
     twice = _while(found, 36.0, 45.0)
     for wheel in range(4):

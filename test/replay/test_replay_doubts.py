@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags whose sensors are wrong, or exact, through `smallwheel replay`: what is doubted is used no more.
+"""Bags whose sensors are wrong, or exact, through a replay: what is doubted is used no more.
 
 Skid-steered vehicles of 280 kg, written message by message: every rim slips by a tenth, by construction.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
+import smallwheel_ros as sw
 from smallwheel_ros.bags import BagWriter, Message, header
-from smallwheel_ros.cli import main
 
 BEGIN = 1_800_000_000  # s
 RADIUS, HALF_TRACK, SLIP = 0.3, 0.54, 0.1
@@ -122,11 +120,7 @@ def replayed(bag: Path, folder: Path) -> dict:
         ]  # fmt: skip
     head = ["/**:", "  ros__parameters:", f"    wheels: [{', '.join(WHEELS)}]"]
     config.write_text("\n".join([*head, *(f"    {line}" for line in lines)]) + "\n")
-    out = folder / "out"
-    arguments = ["replay", str(bag), "--config", str(config), "-o", str(out), "--copy", "none"]
-    done = CliRunner().invoke(main, arguments)
-    assert done.exit_code == 0, (done.output, done.exception)
-    return json.loads((out / "replay.json").read_text())
+    return sw.replay(bag, config, folder / "out", copy="none").to_dict()
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

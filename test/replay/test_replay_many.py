@@ -10,6 +10,7 @@ import importlib.util
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from bag_kinds import beginning
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from rates.speed import again_and_again
 from smallwheel_ros.bags import BagReader, BagWriter
@@ -90,8 +91,24 @@ def assert_merged(folder: Path, names: list[str]) -> None:
 # --- Many bags
 
 
-def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, tmp_path):
-    out = tmp_path / "out"
+def with_a_bad_one(folder: Path, bags, rover, jobs: int) -> Result:
+    """Replay two bags, and one between them that is none, into a folder."""
+    (folder / "bad.mcap").write_bytes(b"no bag at all")
+    return smallwheel(
+        "replay", bags[0], folder / "bad.mcap", bags[1],
+        "--config", rover, "-o", folder / "out", "--jobs", jobs, code=1,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def failed(bags, rover, tmp_path_factory) -> tuple[Path, Result]:
+    """The first two bags replayed, and one that is none: the folder, and what was said."""
+    folder = tmp_path_factory.mktemp("failed")
+    return folder, with_a_bad_one(folder, bags, rover, 1)
+
+
+def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, failed, tmp_path):
+    out = shutil.copytree(failed[0] / "out", tmp_path / "out")  # two of them are done
     printed = smallwheel("replay", *bags, "--config", rover, "-o", out, "--map").output
     assert "cost_map.yaml" in printed
     assert json.loads((out / "replays.json").read_text())["files"]["cost_map"] == "cost_map.yaml"
@@ -120,12 +137,13 @@ def test_bags_of_one_site_make_one_map_and_the_newest_is_on_top(bags, rover, tmp
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, jobs):
-    bad = tmp_path / "bad.mcap"
-    bad.write_bytes(b"no bag at all")
-    out = tmp_path / "out"
-    arguments = ("replay", bags[0], bad, bags[1], "--config", rover, "-o", out, "--jobs", jobs)
-    result = smallwheel(*arguments, code=1)
+def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, failed, tmp_path, jobs):
+    if jobs == 1:
+        result = failed[1]
+        shutil.copytree(failed[0], tmp_path, dirs_exist_ok=True)
+    else:
+        result = with_a_bad_one(tmp_path, bags, rover, jobs)
+    bad, out = tmp_path / "bad.mcap", tmp_path / "out"
     assert "bad.mcap: cannot be read" in result.stderr
     assert "2 of 3 bags are done" in result.stderr
     assert all(f"{bag}: complete" in result.stderr for bag in bags[:2])  # each when it is done
@@ -136,7 +154,9 @@ def test_a_failed_bag_is_reported_and_the_others_kept(bags, rover, tmp_path, job
     # What is done is not done again, and a bag that is mended meanwhile is.
     before = (out / "drive_1" / "estimates.csv").stat().st_mtime_ns
     bad.write_bytes(bags[0].read_bytes())
-    result = smallwheel(*arguments)
+    result = smallwheel(
+        "replay", bags[0], bad, bags[1], "--config", rover, "-o", out, "--jobs", jobs
+    )
     assert (out / "drive_1" / "estimates.csv").stat().st_mtime_ns == before
     assert result.stdout.count("(before)") == 2
     assert set(states(out).values()) == {"complete"}

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
+import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
@@ -39,24 +40,29 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return found
 
 
-def replay(bag: Path, repository: Path, folder: Path) -> tuple[dict, pd.DataFrame]:
+@pytest.fixture(scope="module")
+def own(
+    bags: dict[str, Path], repository: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, str]:
+    """A replay of the drive as it is: its folder, and what was printed."""
+    folder = tmp_path_factory.mktemp("own") / "out"
     config = repository / "config" / "without_soil_sensors.yaml"
-    arguments = ["replay", str(bag), "--config", str(config), "-o", str(folder), "--copy", "none"]
-    done = CliRunner().invoke(main, arguments)
+    arguments = ["replay", str(bags["own"]), "--config", str(config), "-o", str(folder)]
+    done = CliRunner().invoke(main, [*arguments, "--copy", "none"])
     assert done.exit_code == 0, (done.output, done.exception)
-    return json.loads((folder / "replay.json").read_text()), pd.read_csv(folder / "estimates.csv")
+    return folder, done.stdout
 
 
-def test_slip_grip_and_risk_are_known_and_sinkage_is_not(
-    bags: dict[str, Path], repository: Path, tmp_path: Path
-) -> None:
-    summary, table = replay(bags["own"], repository, tmp_path / "out")
+def test_slip_grip_and_risk_are_known_and_sinkage_is_not(own: tuple[Path, str]) -> None:
+    folder, _ = own
+    summary = json.loads((folder / "replay.json").read_text())
+    table = pd.read_csv(folder / "estimates.csv")
     rolls = table[table["slip"].notna()]
     assert len(rolls) > 0.5 * len(table) > 100
     assert (rolls["slip_standard_deviation"] > 0.0).all()
     for name in ("thrust", "drawbar_pull", "mobility_margin", "load"):
         assert rolls[name].notna().all(), name
-    risk = pd.read_csv(tmp_path / "out" / "vehicle.csv")["risk_of_getting_stuck"].dropna()
+    risk = pd.read_csv(folder / "vehicle.csv")["risk_of_getting_stuck"].dropna()
     assert len(risk) > 20
     assert risk.between(0.0, 1.0).all()
     assert summary["mobility"]["risk"]["highest"] == pytest.approx(risk.max())
@@ -64,7 +70,7 @@ def test_slip_grip_and_risk_are_known_and_sinkage_is_not(
     for name in ("sinkage_predicted", "compaction_resistance", "rolling_resistance_coefficient"):
         assert table[name].isna().all(), name
     assert table["status_text"].str.contains("sinkage and resistance unknown").all()
-    with BagReader(tmp_path / "out" / "bag") as reader:
+    with BagReader(folder / "bag") as reader:
         messages = [
             m.message
             for m in reader.messages(
@@ -89,8 +95,7 @@ def test_the_user_may_say_which_soil_it_is(
     named.write_text(
         text.replace("  ros__parameters:\n", "  ros__parameters:\n    soil.name: dry_sand\n")
     )
-    arguments = ["replay", str(bags["own"]), "--config", str(named), "-o", str(tmp_path / "out")]
-    assert CliRunner().invoke(main, [*arguments, "--copy", "none"]).exit_code == 0
+    sw.replay(bags["own"], named, tmp_path / "out", copy="none")
     table = pd.read_csv(tmp_path / "out" / "estimates.csv")
     assert table["sinkage_predicted"].notna().all()
     assert table["status_text"].str.contains("dry_sand as configured").all()
@@ -99,7 +104,9 @@ def test_the_user_may_say_which_soil_it_is(
 def test_odometry_that_is_made_of_the_wheels_is_said(
     bags: dict[str, Path], repository: Path, tmp_path: Path
 ) -> None:
-    summary, table = replay(bags["wheels"], repository, tmp_path / "out")
+    config = repository / "config" / "without_soil_sensors.yaml"
+    summary = sw.replay(bags["wheels"], config, tmp_path / "out", copy="none").to_dict()
+    table = pd.read_csv(tmp_path / "out" / "estimates.csv")
     said = [event["text"] for event in summary["events"]]
     assert any("computed from them and shows no slip" in words for words in said), said
     last = table.iloc[-1]
@@ -123,26 +130,18 @@ def test_encoders_and_an_imu_alone_give_the_twist_and_end_with_0(
     config.write_text(
         text.replace("  ros__parameters:\n", "  ros__parameters:\n    twist.publish: true\n")
     )
-    arguments = ["replay", str(tmp_path / "drive"), "--config", str(config), "--copy", "none"]
-    result = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "out")])
-    assert result.exit_code == 0, result.output
+    sw.replay(tmp_path / "drive", config, tmp_path / "out", copy="none")
     twists = pd.read_csv(tmp_path / "out" / "twists.csv")
     assert len(twists) > 100
 
 
-def test_what_is_a_priors_says_so_in_message_text_and_page(
-    bags: dict[str, Path], repository: Path, tmp_path: Path
-) -> None:
+def test_what_is_a_priors_says_so_in_message_text_and_page(own: tuple[Path, str]) -> None:
     """Margin, soil and strength of a drive that has told little of each."""
-    folder = tmp_path / "out"
-    config = repository / "config" / "without_soil_sensors.yaml"
-    arguments = ["replay", str(bags["own"]), "--config", str(config), "-o", str(folder)]
-    done = CliRunner().invoke(main, [*arguments, "--copy", "none"])
-    assert done.exit_code == 0, (done.output, done.exception)
+    folder, printed = own
     strength = "by the strength of any sand, not measured"
-    assert f"Thrust, pull and energy: {strength}." in done.stdout
+    assert f"Thrust, pull and energy: {strength}." in printed
     assert f"Thrust, pull and energy: {strength}." in (folder / "report.html").read_text()
-    assert "the soil's law is unknown" in done.stdout
+    assert "the soil's law is unknown" in printed
     table = pd.read_csv(folder / "estimates.csv")
     pulls = table[table["drawbar_pull"].notna()]
     assert pulls["status_text"].str.contains(strength).all()
@@ -154,4 +153,4 @@ def test_what_is_a_priors_says_so_in_message_text_and_page(
     summary = json.loads((folder / "replay.json").read_text())
     assert summary["strength"]["of_prior"] == "any sand"
     said = "any ground's: this drive has shown little of its own"
-    assert (said in done.stdout) == summary["mobility"]["margin"]["of_prior"]
+    assert (said in printed) == summary["mobility"]["margin"]["of_prior"]

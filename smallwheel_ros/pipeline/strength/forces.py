@@ -224,6 +224,7 @@ def _twice(
     """Forces at the sinkage, and a little deeper, one after the other."""
     peak = np.full(slip.size, at.peak)
     own = on.reaching, on.sinkage, on.diameter, at.width, slip, on.exponent
-    rows = WheelRows(*(np.concatenate([a, a]) for a in (*own, *x[:, OF_SOIL].T, peak, grip)))
+    once = np.array([*own, *x[:, OF_SOIL].T, peak, grip])
+    rows = WheelRows(*np.concatenate([once, once], axis=1))
     rows.sinkage[slip.size :] += more
     return sloped_forces(rows, at.factor(2))

@@ -10,11 +10,19 @@ from functools import cache
 
 import numpy as np
 import pytest
-from rows_of_drives import SECOND, Row, assert_same, drive, run, static_rover
+from rows_of_drives import (
+    SECOND,
+    FirstStages,
+    Row,
+    assert_same,
+    drive,
+    readings_of,
+    run,
+    static_rover,
+)
 
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.pipeline.checks.doubts import Doubts
-from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.tables import Estimates, Readings
 
 
@@ -57,19 +65,25 @@ FAULTS = {
 
 
 @cache
-def _good() -> tuple[Readings, Estimates]:
-    return run(static_rover(), drive(40.0, soil=False, **TURNS))
+def _good() -> Readings:
+    return readings_of(static_rover(), drive(40.0, soil=False, **TURNS))
+
+
+@cache
+def _whole(fault: str) -> tuple[list[Row], Readings, Estimates]:
+    rows = FAULTS[fault][0](drive(40.0, soil=False, **TURNS))
+    return rows, *run(static_rover(), rows)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_slip_is_right_or_unknown_once_a_sensor_is_named(fault: str) -> None:
     make, stream = FAULTS[fault]
-    pipeline = Pipeline(static_rover().onboard)
+    pipeline = FirstStages(static_rover().onboard)
     pipeline.checks.doubts.forget = lambda before: None  # type: ignore[method-assign]
-    rows, _ = run(static_rover(), make(drive(40.0, soil=False, **TURNS)), pipeline=pipeline)
+    rows = readings_of(static_rover(), make(drive(40.0, soil=False, **TURNS)), pipeline=pipeline)
     doubted = pipeline.checks.doubts.now.at(stream, rows.stamp)
     assert doubted[-1]
-    good, _ = _good()
+    good = _good()
     late = doubted & (rows.stamp > rows.stamp[doubted][0] + SECOND)
     known = late & np.isfinite(rows.slip)
     off = np.abs(rows.slip - good.slip)[known]
@@ -90,10 +104,12 @@ def test_slip_is_right_or_unknown_once_a_sensor_is_named(fault: str) -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("cuts", [range(500, 9000, 500), (3000, 3001, 3007, 7000)])
+@pytest.mark.parametrize(
+    "cuts",
+    [range(500, 9000, 500), pytest.param((3000, 3001, 3007, 7000), marks=pytest.mark.slow)],
+)
 def test_cuts_do_not_matter_to_doubts(fault: str, cuts: tuple[int, ...]) -> None:
-    rows = FAULTS[fault][0](drive(40.0, soil=False, **TURNS))
-    readings, estimates = run(static_rover(), rows)
+    rows, readings, estimates = _whole(fault)
     cuts = tuple(cut for cut in cuts if cut < len(rows))
     found, made = run(static_rover(), rows, cuts, span=SECOND // 3)
     assert_same(readings, found)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rows_of_drives import PLACES, drive, rover, run, static_rover
+from rows_of_drives import PLACES, drive, readings_of, rover, static_rover
 
 
 def test_slip_speed_and_path_are_those_of_the_drive() -> None:
-    rows, _ = run(rover(), drive(20.0, slip=0.2))
+    rows = readings_of(rover(), drive(20.0, slip=0.2))
     assert len(rows) > 4 * 25 * 15
     rolling = rows.take(rows.stamp > rows.stamp[0] + 3 * 10**9)
     assert np.nanmedian(rolling.slip) == pytest.approx(0.2, abs=0.01)
@@ -26,14 +26,14 @@ def test_slip_speed_and_path_are_those_of_the_drive() -> None:
 
 
 def test_a_wheel_that_stands_has_no_slip_and_is_said_to_stand() -> None:
-    rows, _ = run(rover(), drive(6.0, speed=lambda t: 0.0 * t))
+    rows = readings_of(rover(), drive(6.0, speed=lambda t: 0.0 * t))
     assert np.isnan(rows.slip).all()
     assert rows.path.max() == pytest.approx(0.0, abs=0.01)
 
 
 def test_rear_wheels_roll_in_the_track_of_front_ones() -> None:
     """Passes before this one."""
-    rows, _ = run(rover(), drive(20.0))
+    rows = readings_of(rover(), drive(20.0))
     names = list(PLACES)
     late = rows.take(rows.distance > 2.0)
     for wheel, name in enumerate(names):
@@ -42,6 +42,6 @@ def test_rear_wheels_roll_in_the_track_of_front_ones() -> None:
 
 
 def test_without_sensors_of_the_soil_there_are_readings_all_the_same() -> None:
-    rows, _ = run(static_rover(), drive(10.0, soil=False))
+    rows = readings_of(static_rover(), drive(10.0, soil=False))
     assert np.isnan(rows.sinkage).all()
     assert np.isfinite(rows.slip).mean() > 0.7

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rows_of_drives import FirstStages
 from steered_drives import CAR, FOUR, ROVER, SIX_OF_SIX, bend, crab, spot, steered_drive, weave
 
 from smallwheel_ros.drive.messages import mobility_columns
@@ -48,13 +49,13 @@ def test_slip_of_steered_wheels_has_no_bias(name, arm, odometry) -> None:
 
 def test_without_its_steering_joints_the_same_drive_is_off() -> None:
     drive = steered_drive(bend(0.8), ROVER, seconds=25.0, given=False)
-    _, rows, _ = drive.run()
+    _, rows, _ = drive.run(kind=FirstStages)
     assert np.abs(drive.error(rows).astype(float).mean(axis=1)).max() > 0.08
 
 
 def test_crab_without_a_speed_aside_goes_by_the_wheels() -> None:
     drive = steered_drive(crab(0.5), FOUR, seconds=25.0, linear_y=False)
-    _, rows, _ = drive.run()
+    _, rows, _ = drive.run(kind=FirstStages)
     assert np.abs(drive.error(rows).astype(float).mean(axis=1)).max() < 0.005
 
 

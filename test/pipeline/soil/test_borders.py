@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -76,10 +77,17 @@ def driven(
     return soils, versions, np.concatenate(found, axis=1)
 
 
+@cache
+def whole_drive(world: str) -> tuple[Soils, list[Version], np.ndarray]:
+    """A world's drive in one block, once; what is made of it is only read."""
+    drive = drive_of(world)
+    return driven(drive.rows, settings_of(drive))
+
+
 def test_a_soil_is_recovered_and_bands_hold() -> None:
     drive = drive_of("nominal")
     settings = settings_of(drive)
-    soils, versions, _ = driven(drive.rows, settings)
+    soils, versions, _ = whole_drive("nominal")
     mean, covariance = law_of(versions[-1])
     true = drive.drive.ground.soil
     off = mean - np.array([true.pressure, true.n, true.m])
@@ -89,9 +97,8 @@ def test_a_soil_is_recovered_and_bands_hold() -> None:
 
 
 def test_nothing_is_determined_before_the_law_was_taken_again() -> None:
-    drive = drive_of("nominal")
-    settings = settings_of(drive)
-    _, versions, _ = driven(drive.rows, settings)
+    settings = settings_of(drive_of("nominal"))
+    _, versions, _ = whole_drive("nominal")
     first = next(i for i, one in enumerate(versions) if flags_of(one, settings.prior).any())
     assert versions[first].settled
     assert (
@@ -108,7 +115,7 @@ def test_results_do_not_depend_on_where_blocks_are_cut(world: str, seed: int) ->
     rows = drive.rows
     rng = np.random.default_rng(seed)
     cuts = tuple(rng.integers(0, len(rows), [5, 300][seed]).tolist())
-    _, whole, expected = driven(rows, settings)
+    _, whole, expected = whole_drive(world)
     kept, cut, found = driven(rows, settings, cuts, forget=True)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     assert len(cut) == len(whole)
@@ -121,9 +128,8 @@ def test_results_do_not_depend_on_where_blocks_are_cut(world: str, seed: int) ->
 
 def test_a_border_is_found_and_wheels_behind_it_are_on_the_old_soil() -> None:
     drive = drive_of("soil x2")
-    settings = settings_of(drive)
     rows = drive.rows
-    soils, versions, found = driven(rows, settings)
+    soils, versions, found = whole_drive("soil x2")
     assert soils.changes == 1
     number = np.array([versions[int(i)].number for i in found[0]])
     first = rows.distance[number == 1].min()
@@ -220,8 +226,7 @@ def test_a_sensor_that_is_stuck_goes_to_no_filter() -> None:
 
 
 def test_sensors_in_whole_steps_are_not_stuck() -> None:
-    drive = drive_of("quantised 1 mm")
-    soils, _, _ = driven(drive.rows, settings_of(drive))
+    soils, _, _ = whole_drive("quantised 1 mm")
     assert not soils.sensors.stuck.any()
 
 
@@ -273,9 +278,8 @@ def test_a_slip_that_is_blank_under_an_effect_of_slip() -> None:
 
 
 def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
-    drive = drive_of("nominal")
-    settings = settings_of(drive)
-    soils, versions, _ = driven(drive.rows, settings)
+    settings = settings_of(drive_of("nominal"))
+    soils, versions, _ = whole_drive("nominal")
     saved = soils.record()
     assert saved is not None
     path, now = (

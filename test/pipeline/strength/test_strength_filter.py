@@ -228,14 +228,15 @@ def _missing(slip: float, asked: float, ahead: float, behind: float) -> float:
     return 0.5 * sum(balance(0.5, slip, math.exp(grip)) for grip in (ahead, behind)) - asked
 
 
-def test_places_of_different_grip_are_not_taken_for_a_flat_curve() -> None:
+@pytest.mark.parametrize("seeds", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_places_of_different_grip_are_not_taken_for_a_flat_curve(seeds: int) -> None:
     """Pull is asked for by the slope, slip follows grip, and over the drive pull hardly goes with slip.
 
     Slopes taken at the slip that was measured end at 0.2 rad for 0.5, five of their deviations too low.
     """
     wide = replace(PRIOR, friction_angle=Quantity(0.5, 0.25))
     off = []
-    for seed in range(3):
+    for seed in range(seeds):
         normal = np.random.default_rng(seed).standard_normal
         strengths = Strengths(wide, WHEELS, ALL, MASS)
         grip = [0.25 * normal()]
@@ -249,7 +250,8 @@ def test_places_of_different_grip_are_not_taken_for_a_flat_curve() -> None:
         angle, deviation = constants_of(strengths.believed[-1][0])["friction_angle"]
         off.append((angle - 0.5) / deviation)
     assert np.abs(off).max() < 2.0
-    assert abs(float(np.mean(off))) < 1.0
+    if seeds > 1:
+        assert abs(float(np.mean(off))) < 1.0
 
 
 @settings(max_examples=examples(40), deadline=None)

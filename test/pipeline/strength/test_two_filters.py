@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -79,7 +80,16 @@ def driven(
     return Known.joined(found), strengths, soils
 
 
-@pytest.mark.parametrize("kind", ["balance", BOTH, "pull sensor"])
+@cache
+def whole_drive(kind: str = BOTH) -> tuple[Known, Strengths, Soils]:
+    """A drive in one block, once; what is made of it is only read."""
+    drive = drive_of(kind)
+    return driven(drive.rows, drive.settings)
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param("balance", marks=pytest.mark.slow), BOTH, "pull sensor"]
+)
 def test_pull_and_margin_hold_the_truth(kind: str) -> None:
     """Through the whole pipeline; one seed of a world here, more in `rates/run.py traction`."""
     pipeline, line = judged(make_drive(WORLDS["traction"][f"patch; {kind}"], 1))
@@ -105,7 +115,7 @@ def test_without_anything_that_tells_of_strength_bands_are_wide_and_hold() -> No
 def test_results_do_not_depend_on_where_blocks_are_cut(cuts: int) -> None:
     rows, settings = drive_of().rows, drive_of().settings
     places = np.random.default_rng(cuts).integers(0, len(rows), cuts)
-    whole, one, _ = driven(rows, settings)
+    whole, one, _ = whole_drive()
     cut, other, _ = driven(rows, settings, cuts=tuple(places.tolist()))
     for field in fields(Known):
         expected, found = getattr(whole, field.name), getattr(cut, field.name)
@@ -116,7 +126,7 @@ def test_results_do_not_depend_on_where_blocks_are_cut(cuts: int) -> None:
 
 def test_what_was_not_measured_is_not_known_and_the_rest_is() -> None:
     rows, settings = drive_of("balance").rows, drive_of("balance").settings
-    found, _, _ = driven(rows, settings)
+    found, _, _ = whole_drive("balance")
     late = found.distance > 2.0
     for name in (
         "sinkage",
@@ -195,8 +205,8 @@ def test_a_pressed_wheel_has_a_sinkage_and_no_pull() -> None:
 
 
 def test_a_strength_goes_on_from_its_record() -> None:
-    rows, settings = drive_of().rows, drive_of().settings
-    _, strengths, _ = driven(rows, settings)
+    settings = drive_of().settings
+    _, strengths, _ = whole_drive()
     saved = strengths.record()
     assert saved is not None
     again = Strengths(settings.strength, settings.wheels, np.arange(4), settings.mass)
