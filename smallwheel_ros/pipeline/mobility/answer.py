@@ -104,7 +104,7 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = [soils[number] for number in soil_version.tolist()]
+    of = soils.at(soil_version)
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -148,7 +148,7 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soils[number].number for number in ground.newest.tolist()]
+    numbers = [soil.number for soil in soils.at(ground.newest)]
     columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
@@ -252,7 +252,7 @@ def _margins(
 def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
     """Whether the strength of rows is: by the filter of the present pull, and by that of the reserve."""
     kinds, index = np.unique(versions, return_inverse=True)
-    believed = zip(*(strengths.believed[version] for version in kinds.tolist()), strict=True)
+    believed = zip(*strengths.believed.at(kinds), strict=True)
     spreads = [np.array([one.P for one in column]) for column in believed]
     now, reserve = (
         is_determined(P, one.prior_std)[index]
