@@ -202,7 +202,7 @@ def _does_not_fit(
         np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
     )
     off = (rows.sinkage - can.sinkage) ** 2 > gate * (can.sinkage_std**2 + noise**2)
-    found = np.zeros(rows.stamp.size, dtype=bool)
+    found = np.zeros(len(rows), dtype=bool)
     for i in np.flatnonzero(np.isfinite(rows.sinkage)).tolist():
         shown = state.shown.setdefault(int(rows.wheel[i]), [])
         shown.append(float(rows.sinkage[i]))
@@ -270,7 +270,7 @@ def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:
         np.concatenate([[0.0], np.cumsum(np.concatenate([before, np.where(known, column, 0.0)]))])
         for before, column in ((ahead, rows.slope), (aside, rows.across))
     ]
-    last = np.arange(stamp.size - rows.stamp.size, stamp.size)
+    last = np.arange(stamp.size - len(rows), stamp.size)
     lost = np.maximum.accumulate(
         np.where(known, -1, last)
     )  # the newest row of which nothing is known
