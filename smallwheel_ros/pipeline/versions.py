@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Generic, TypeVar
 
+from smallwheel_ros.pipeline.tables import Integers
+
 T = TypeVar("T")
 REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
@@ -24,6 +26,10 @@ class Versions(Generic[T]):
     def __getitem__(self, number: int) -> T:
         """Return a version that is kept; -1: the newest."""
         return self._kept[number if number >= 0 else self._count + number]
+
+    def at(self, numbers: Integers) -> list[T]:
+        """Return the version of each number, all of versions that are kept."""
+        return [self._kept[number] for number in numbers.tolist()]
 
     def append(self, version: T) -> None:
         """Take over the newest version."""

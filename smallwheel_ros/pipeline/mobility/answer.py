@@ -120,7 +120,7 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = [soils[number] for number in soil_version.tolist()]
+    of = soils.at(soil_version)
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -164,7 +164,7 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soils[number].number for number in ground.newest.tolist()]
+    numbers = [soil.number for soil in soils.at(ground.newest)]
     columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
@@ -218,7 +218,7 @@ def _does_not_fit(
         np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
     )
     off = (rows.sinkage - can.sinkage) ** 2 > gate * (can.sinkage_std**2 + noise**2)
-    found = np.zeros(rows.stamp.size, dtype=bool)
+    found = np.zeros(len(rows), dtype=bool)
     for i in np.flatnonzero(np.isfinite(rows.sinkage)).tolist():
         shown = state.shown.setdefault(int(rows.wheel[i]), [])
         shown.append(float(rows.sinkage[i]))
@@ -268,7 +268,7 @@ def _margins(
 def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
     """Whether the strength of rows is: by the filter of the present pull, and by that of the reserve."""
     kinds, index = np.unique(versions, return_inverse=True)
-    believed = zip(*(strengths.believed[version] for version in kinds.tolist()), strict=True)
+    believed = zip(*strengths.believed.at(kinds), strict=True)
     spreads = [np.array([one.P for one in column]) for column in believed]
     now, reserve = (
         is_determined(P, one.prior_std)[index]
@@ -286,7 +286,7 @@ def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:
         np.concatenate([[0.0], np.cumsum(np.concatenate([before, np.where(known, column, 0.0)]))])
         for before, column in ((ahead, rows.slope), (aside, rows.across))
     ]
-    last = np.arange(stamp.size - rows.stamp.size, stamp.size)
+    last = np.arange(stamp.size - len(rows), stamp.size)
     lost = np.maximum.accumulate(
         np.where(known, -1, last)
     )  # the newest row of which nothing is known

@@ -140,7 +140,7 @@ class VehicleState:
             By version.
         """
         every = Estimates.joined([self._wheels, estimates])
-        own = [soils[one].number for one in estimates.soil_version.tolist()]
+        own = [soil.number for soil in soils.at(estimates.soil_version)]
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
         # Slopes are those ahead and to the left, whichever way the vehicle goes.

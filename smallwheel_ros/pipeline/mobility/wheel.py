@@ -181,7 +181,7 @@ def _margins(
     on: OnSoil, at: Rolling, reserve: Believed, settings: OnboardSettings, balanced: bool
 ) -> dict[str, Array]:
     """Pull over load at the reference slip, which never falls on stiffer ground."""
-    slip = np.full(on.load.size, settings.reference_slip)
+    slip = np.full(len(on), settings.reference_slip)
     best = _best_sinkage(on, at, reserve, slip)
     deeper = replace(on, sinkage=np.maximum(on.sinkage, best))
     push, pull, _ = reserve.forces(replace(at, on=deeper, slip=slip), exact_slip=True)

@@ -231,7 +231,7 @@ class SoilFilter:
 
     def _update(self, rows: Stretches) -> Array:
         """Iterated update of the filters; their first innovations: miss, variances, slopes, (12, 5, rows)."""
-        count, z, many = rows.sinkage.size, rows.sinkage, len(self.bank)
+        count, z, many = len(rows), rows.sinkage, len(self.bank)
         each, power = Stretches.joined([rows] * many), self._power
         before = [(member.kalman.x, member.kalman.P) for member in self.bank]
         about, close = [member.x for member in self.bank], [False] * many

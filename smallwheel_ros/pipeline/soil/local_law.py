@@ -92,7 +92,7 @@ class LocalLaws(Columns):
 
     def with_load(self, shown: Array) -> Array:
         """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
-        turn = np.zeros((self.zero.size, 4, 5))
+        turn = np.zeros((len(self), 4, 5))
         turn[:, range(4), range(4)] = 1.0
         turn[:, 3, 4] = 1.0 / self.net(shown)
         whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
@@ -164,17 +164,18 @@ def sinkages(
         Shape (rows,), m and m^2; NaN before any stretch.
     """
     value, variance = np.full((2, version.size), np.nan)
-    of = [versions[number] for number in version.tolist()]
+    of = versions.at(version)
     for model in {id(one.model): one.model for one in of if one.model is not None}.values():
         mine = np.flatnonzero([one.model is model for one in of])
         mean = np.array([of[i].mean for i in mine.tolist()])
         asked = rows.take(mine)
         shown = model.sinkage(mean, asked)
         law = np.empty(mine.size)
-        for number in np.unique(version[mine]).tolist():
+        numbers, first = np.unique(version[mine], return_index=True)
+        for number, row in zip(numbers.tolist(), mine[first].tolist(), strict=True):
             same = version[mine] == number
             H = shown.H[same]
-            law[same] = np.einsum("ri,ij,rj->r", H, versions[number].covariance, H)
+            law[same] = np.einsum("ri,ij,rj->r", H, of[row].covariance, H)
         places, still = np.array([of[i].scatter for i in mine.tolist()]).T
         by_place = shown.by_load**2 * (places + asked.load_variance)
         own = by_place + (MODEL_ERROR * shown.value) ** 2 + shown.doubt + still

@@ -314,13 +314,13 @@ class LawModel:
         Shown
             Value (m), H and the slope by ln load.
         """
-        whole = np.broadcast_to(x, (rows.wheel.size, self.size))
+        whole = np.broadcast_to(x, (len(rows), self.size))
         sunk = self.sinkage(whole, rows)
         scale = np.exp(whole[:, SCALE])
         value = scale * sunk.value
         row = scale[:, None] * sunk.H
         zero = WHEELS + EACH * rows.wheel
-        index = np.arange(rows.wheel.size)
+        index = np.arange(len(rows))
         row[:, PITCH] = rows.pitch
         row[:, ZERO] += 1.0
         row[index, zero] = 1.0
@@ -343,7 +343,7 @@ class LawModel:
         Shown
             Value (m), H and the slope by ln load.
         """
-        index, own = np.arange(rows.wheel.size), WHEELS + EACH * rows.wheel + 1
+        index, own = np.arange(len(rows)), WHEELS + EACH * rows.wheel + 1
         u, n, m, passed, sides, scale, off, digs, delay = y[:, : DELAY + 1].T
         reference, side = self.reference[0], self.side[rows.wheel]
         weight = np.maximum(rows.load - off * reference, LEAST_SHARE * rows.load)
@@ -358,7 +358,7 @@ class LawModel:
         rut = np.exp(rows.passes * passed)
         factor = rut * np.maximum(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
         value, by_load = static.value * factor, by_log_load * factor
-        row = np.zeros((rows.wheel.size, self.size))
+        row = np.zeros((len(rows), self.size))
         row[:, U] = factor * by_modulus * by_sinkage
         row[:, N] = factor * (by_n + by_modulus * by_exponent)
         row[:, M] = factor * (by_m - by_modulus * self._across)

@@ -244,7 +244,7 @@ def _close(
     state: _Wheel, number: int, rows: _StretchRows, log_load: Array, end: int, ahead: float
 ) -> Stretches:
     """One stretch; what it tells of the wheel's noise and loads is learnt before."""
-    sinkage, count = rows.sinkage, rows.sinkage.size
+    sinkage, count = rows.sinkage, len(rows)
     _learn_noise(state, sinkage, log_load)
     middle = _median(sinkage)
     off = np.abs(sinkage - middle)

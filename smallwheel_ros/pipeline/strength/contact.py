@@ -75,7 +75,7 @@ class OnSoil(Columns):
 
     def variance(self, **by: Array | float) -> Array:
         """Of a quantity with slopes by `sinkage`, `compaction`, `other` and `log_load`."""
-        row = np.zeros((self.load.size, 4))
+        row = np.zeros((len(self), 4))
         for i, name in enumerate(("sinkage", "compaction", "other", "log_load")):
             row[:, i] = by.get(name, 0.0)
         return np.asarray(np.maximum(np.einsum("ri,rij,rj->r", row, self.covariance, row), 0.0))
