@@ -276,9 +276,9 @@ class AnyGround:
         number = (rows.stamp - 1) // STEP
         over = number < number[-1]
         self._open = rows.take(~over)
-        made = [
-            self._step(rows.take(number == one), one) for one in np.unique(number[over]).tolist()
-        ]
+        made = []
+        for one in np.unique(number[over]).tolist():
+            made.append(self._step(rows.take(number == one), one))
         if not made:
             return None
         columns = list(zip(*made, strict=True))
