@@ -34,7 +34,8 @@ from rates.planners import PLANNERS, Array, length_of, plan, under_footprint
 from smallwheel_ros.costmap.cost_map import CostGrids, CostMap
 from smallwheel_ros.costmap.cost_picture import draw_cost
 from smallwheel_ros.costmap.crossed_ground import Outline
-from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid, Pose, spread
+from smallwheel_ros.costmap.grid import HIGHEST, UNKNOWN, Grid, Pose
+from smallwheel_ros.costmap.spread import spread
 from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 

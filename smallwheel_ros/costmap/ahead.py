@@ -8,6 +8,7 @@ where nothing tells the class, what ground like that the vehicle is on gives at 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,6 +58,11 @@ class GroundAhead:
         self.class_grid: Grid | None = None
         self.elevation: Elevation | None = None
         self.most = prior
+        # Costs, and the tables by class number that they come of: worked out anew once one of these changes,
+        # or what was given.
+        self._level: tuple[Cells, Grid] | None = None
+        self._sloping: tuple[Array, Grid] | None = None
+        self._numbers: Cells | None = None  # class number of each cell of the elevation, as a byte
 
     def clear(self) -> None:
         """Forget what was met; grids that were given stay."""
@@ -73,7 +79,13 @@ class GroundAhead:
         ):
             return False
         self.class_grid = grid
+        self._level = self._sloping = self._numbers = None
         return True
+
+    def take_elevation(self, elevation: Elevation) -> None:
+        """Take the slopes of ground ahead."""
+        self.elevation = elevation
+        self._sloping = self._numbers = None
 
     def class_at(self, frame: str, x: float, y: float) -> int:
         """Terrain class of a place.
@@ -109,7 +121,13 @@ class GroundAhead:
 
     def by_class(self) -> Grid | None:
         """Cost by terrain class, on level ground; None without classes."""
-        return None if self.class_grid is None else self.classes.costs(self.class_grid, self._other)
+        if self.class_grid is None:
+            return None
+        table = self.classes.table(self._other)
+        if self._level is None or not np.array_equal(self._level[0], table):
+            self._level = table, self.classes.costs(self.class_grid, self._other)
+        costs = self._level[1]
+        return replace(costs, cells=costs.cells.copy())
 
     @property
     def _other(self) -> Quantity | None:
@@ -121,27 +139,34 @@ class GroundAhead:
         ahead = self.elevation
         if ahead is None:
             return None
-        # In single precision: for whole per cents, in half the time.
-        margin, variance = (np.asarray(one, dtype=np.float32) for one in self._margins(ahead))
-        slope, deviation = (one.astype(np.float32) for one in (ahead.slope, ahead.deviation))
-        cells = self._settings.rules.expected(
-            margin - slope, np.sqrt(variance + np.square(deviation))
-        )
-        return Grid(ahead.frame, ahead.resolution, ahead.origin, cells)
+        table = self._moments()
+        if self._sloping is None or not np.array_equal(self._sloping[0], table, equal_nan=True):
+            # In single precision: for whole per cents, in half the time.
+            margin, variance = (one.astype(np.float32) for one in self._margins(ahead, table))
+            slope, deviation = (one.astype(np.float32) for one in (ahead.slope, ahead.deviation))
+            cells = self._settings.rules.expected(
+                margin - slope, np.sqrt(variance + np.square(deviation))
+            )
+            self._sloping = table, Grid(ahead.frame, ahead.resolution, ahead.origin, cells)
+        return self._sloping[1]
 
-    def _margins(self, ahead: Elevation) -> tuple[Array | float, Array | float]:
-        """What each cell of an elevation gives and its variance, by its class; one number without classes."""
-        known, other = self.classes.most(), self._other
-        if self.class_grid is None and not ahead.classes:
-            return _moments(self.most)
-        # By class number, the byte that an int8 is: as of this ground where it is not classified.
-        table = np.full((2, 256), np.nan, dtype=np.float32)
-        table[:, :128] = np.array(_moments(other))[:, None]
+    def _moments(self) -> Array:
+        """Mean and variance of what each class gives, shape (2, 256), by the byte that an int8 is.
+
+        As of this ground where it is not classified.
+        """
+        table = np.full((2, 256), np.nan)
+        table[:, :128] = np.array(_moments(self._other))[:, None]
         table[:, 128:] = np.array(_moments(self.most))[:, None]
-        for terrain, most in known.items():
+        for terrain, most in self.classes.most().items():
             table[:, terrain] = _moments(most)
-        numbers = self._classes_of(ahead).view(np.uint8)
-        mean, variance = np.take(table[0], numbers), np.take(table[1], numbers)
+        return table
+
+    def _margins(self, ahead: Elevation, table: Array) -> tuple[Array, Array]:
+        """What each cell of an elevation gives and its variance, by its class."""
+        if self._numbers is None:
+            self._numbers = self._classes_of(ahead).view(np.uint8)
+        mean, variance = (one.take(self._numbers) for one in table.astype(np.float32))
         if not ahead.classes:
             return mean, variance
         # Probabilities of several classes: the moments of their mixture; what is left is as without them.

@@ -41,6 +41,26 @@ STEEPEST = 2.0  # tangent of a slope: no wheel holds on 63 degrees of any soil
 _EXACT = 1e-9  # standard deviation of a margin that is given as exact
 
 
+def falls_short(
+    margin: Numbers | float, deviation: Numbers | float, required: float | Numbers
+) -> Numbers:
+    """Probability that ground does not give what is required at any slip.
+
+    Parameters
+    ----------
+    margin, deviation
+        What it gives at most over load (1), and the standard deviation of that; of any one shape, in single
+        precision where they are.
+    required
+        Pull over load, 1.
+
+    Returns
+    -------
+    0 to 1, NaN of NaN.
+    """
+    return np.asarray(ndtr((required - np.asarray(margin)) / np.maximum(deviation, _EXACT)))
+
+
 @dataclass(frozen=True)
 class CostRules:
     """How a margin becomes a cost.
@@ -79,7 +99,7 @@ class CostRules:
         if math.isnan(margin / spread) or math.isnan(deviation):
             return UNKNOWN
         if shown == -math.inf:
-            return round(HIGHEST * float(ndtr((self.required_margin - margin) / spread)))
+            return round(HIGHEST * float(falls_short(margin, deviation, self.required_margin)))
         if shown >= self.required_margin:
             return 0
         # Of the logarithms, since what was shown may be far more than what was believed.
@@ -99,9 +119,9 @@ class CostRules:
         ndarray
             int8 of that shape, 99 at most; -1 where a number is NaN.
         """
-        left = (np.asarray(margin) - self.required_margin) / np.maximum(deviation, _EXACT)
-        left = left.astype(np.float32, copy=False)  # for whole per cents, in half the time
-        costs = np.minimum(np.rint(HIGHEST * ndtr(-left)), PASSABLE)
+        costs = np.minimum(
+            np.rint(HIGHEST * falls_short(margin, deviation, self.required_margin)), PASSABLE
+        )
         return np.where(np.isnan(costs), UNKNOWN, costs).astype(np.int8)
 
 

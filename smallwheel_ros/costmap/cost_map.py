@@ -23,19 +23,11 @@ from numpy.typing import NDArray
 
 from smallwheel_ros.costmap.ahead import GroundAhead
 from smallwheel_ros.costmap.cost import PASSABLE, CostSettings
-from smallwheel_ros.costmap.crossed_ground import LONGEST_STEP, CrossedGround, Outline
+from smallwheel_ros.costmap.crossed_ground import CrossedGround, Outline
 from smallwheel_ros.costmap.elevation import Elevation
-from smallwheel_ros.costmap.grid import (
-    HERE,
-    HIGHEST,
-    UNKNOWN,
-    Grid,
-    Pose,
-    lay_over,
-    spread,
-    union,
-    wide,
-)
+from smallwheel_ros.costmap.grid import HERE, HIGHEST, UNKNOWN, Grid, Pose, lay_over, union
+from smallwheel_ros.costmap.own_track import OwnTrack
+from smallwheel_ros.costmap.spread import Spreader, wide
 from smallwheel_ros.costmap.terrain import REFERENCE_SLIP
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -91,6 +83,7 @@ class CostMap:
         # To the outermost corner, and as far again as a cell's corner is from its middle.
         corner = self.outline.around + math.sqrt(0.5) * settings.resolution
         self.spread = corner if settings.spread is None else settings.spread
+        self._spreader = Spreader(self.spread)
         self.free = 0.0
         if settings.free_below is not None:
             self.free = settings.free_below
@@ -105,9 +98,7 @@ class CostMap:
         self._frames: dict[str, Pose] = {}  # of our frame in those above it
         self._pose: Pose | None = None
         self._given: Pose | None = None  # where it was at the last grid
-        # Cells that base_link was in, row and column, and what it costs to drive back there: `HIGHEST`
-        # where it was stuck.
-        self._track: dict[tuple[int, int], int] = {}
+        self._track = OwnTrack(settings.resolution)
         # Where it was on ground that cannot be crossed, at the last grid.
         self._held: Pose | None = None
 
@@ -190,7 +181,8 @@ class CostMap:
             mark = home = HIGHEST
         elif risk > 0.0:
             mark = min(round(HIGHEST * risk), PASSABLE)
-        self._follow(pose, home)
+        self._track.follow(self._pose or pose, pose, home)
+        self._pose = pose
         if cost == mark == UNKNOWN:
             self._ground.skip(wheel.name)
             return
@@ -215,7 +207,8 @@ class CostMap:
 
     def take_elevation(self, elevation: Elevation) -> None:
         """Take the slopes of ground ahead."""
-        self.ahead.elevation, self.changed = elevation, True
+        self.ahead.take_elevation(elevation)
+        self.changed = True
 
     # --- What was found before
 
@@ -272,7 +265,7 @@ class CostMap:
         if bare is None:
             return None
         self._let_out(bare)
-        dear = replace(bare, cells=spread(bare.cells, self.spread / bare.resolution))
+        dear = self._spreader.spread(bare)
         self._leave_way_home(dear)
         return CostGrids(bare, dear)
 
@@ -304,46 +297,15 @@ class CostMap:
 
     def _freed(self, seen: Grid) -> Grid:
         """What was crossed, with all that is as good as any ground at 0."""
-        free = (seen.cells > 0) & (seen.cells <= self.free)
-        return replace(seen, cells=np.where(free, np.int8(0), seen.cells))
-
-    def _follow(self, pose: Pose, home: int) -> None:
-        """Note the cells from the last place of base_link to this one, and what they cost on the way back."""
-        side, last = self.settings.resolution, self._pose or pose
-        self._pose = pose
-        gone = math.dist(pose[:2], last[:2])
-        steps = max(math.ceil(2.0 * gone / side), 1)
-        parts = [(k + 1) / steps for k in range(steps)] if gone <= LONGEST_STEP else [1.0]
-        for part in parts:
-            x, y = (a + part * (b - a) for a, b in zip(last[:2], pose[:2], strict=True))
-            cell = math.floor(y / side), math.floor(x / side)
-            self._track[cell] = home if self._track.get(cell) != HIGHEST else HIGHEST
+        cells = seen.cells.copy()
+        cells[(cells > 0) & (cells <= math.floor(self.free))] = 0
+        return replace(seen, cells=cells)
 
     def _leave_way_home(self, costs: Grid) -> None:
-        """Where base_link has been it can drive back: its own track is no obstacle, and costs what that does.
-
-        All the wheels were on ground that was crossed then, whatever lies beside it.
-        """
-        free = [cell for cell, home in self._track.items() if home != HIGHEST]
+        """Where base_link has been it can drive back: its track costs what that does."""
         pose = HERE if costs.frame == self.frame else self._frames.get(costs.frame)
-        if pose is None or not free:
-            return
-        home = np.array([self._track[cell] for cell in free], dtype=np.int8)
-        # Four places of each cell, so that none of a grid that is turned is missed.
-        parts = np.array([(a, b) for a in (0.25, 0.75) for b in (0.25, 0.75)])
-        y, x = self.settings.resolution * (np.array(free)[:, None] + parts).reshape(-1, 2).T
-        x, y = pose.place(x, y)
-        at = np.floor((np.stack([y, x]) - np.array(costs.origin)[::-1, None]) / costs.resolution)
-        at, each = (
-            at.astype(int),
-            np.repeat(np.where(home <= self.free, np.int8(0), home), len(parts)),
-        )
-        inside = ((at >= 0) & (at < np.array(costs.cells.shape)[:, None])).all(axis=0)
-        at, each = at[:, inside], each[inside]
-        lane = np.full_like(costs.cells, UNKNOWN)
-        np.maximum.at(lane, tuple(at), each)
-        at = tuple(at)
-        costs.cells[at] = np.minimum(costs.cells[at], lane[at])
+        if pose is not None:
+            self._track.leave_way_home(costs, pose, math.floor(self.free))
 
     def _let_out(self, costs: Grid) -> None:
         """Leave no cell that cannot be crossed around a vehicle that stands on one, until it has left.
@@ -353,17 +315,19 @@ class CostMap:
         if self._pose is None or costs.frame != self.frame:
             self._held = None
             return
-        far = self.outline.radius + max(self.spread, self.outline.half_width) + costs.resolution
-        lethal = np.flatnonzero(costs.cells == HIGHEST)
-        rows, columns = np.divmod(lethal, costs.cells.shape[1])
-        x: NDArray[np.float64] = costs.origin[0] + costs.resolution * (columns + 0.5)
-        y: NDArray[np.float64] = costs.origin[1] + costs.resolution * (rows + 0.5)
-        gap = self.outline.gap(self._pose, x, y)
-        touched = far if self._held is not None else 0.7 * costs.resolution
+        outline, side = self.outline, costs.resolution
+        far = outline.radius + max(self.spread, outline.half_width) + side
+        near = costs.around(self._pose.x, self._pose.y, outline.around + far)
+        part = costs.cells[near]
+        rows, columns = np.nonzero(part == HIGHEST)
+        x: NDArray[np.float64] = costs.origin[0] + side * (near[1].start + columns + 0.5)
+        y: NDArray[np.float64] = costs.origin[1] + side * (near[0].start + rows + 0.5)
+        gap = outline.gap(self._pose, x, y)
+        touched = far if self._held is not None else 0.7 * side
         inside = bool((gap <= touched).any())
         self._held = self._pose if inside else None
         if inside:
-            costs.cells.flat[lethal[gap <= far]] = PASSABLE
+            part[rows[gap <= far], columns[gap <= far]] = PASSABLE
 
     def _enter(self, frame: str) -> None:
         """Note the frame; another one than before is another ground."""

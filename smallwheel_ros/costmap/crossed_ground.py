@@ -15,6 +15,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,36 +65,26 @@ class Outline:
             Direction of travel to the left of the heading, rad. Then the lines are square to it,
             and the first as wide as the vehicle's outline looks from there.
         """
-        if course:
-            return self._square_to(pose, wheel, course)
-        ahead, middle = wheel.longitudinal_position, wheel.lateral_position
-        cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-        x, y = pose.x + cosine * ahead, pose.y + sine * ahead
-
-        def line(left: float, right: float) -> Line:
-            return (x - sine * left, y + cosine * left), (x - sine * right, y + cosine * right)
-
-        whole = line(self.left, self.right)
-        return whole, line(middle + 0.5 * wheel.width, middle - 0.5 * wheel.width)
-
-    def _square_to(self, pose: Pose, wheel: Wheel, course: float) -> tuple[Line, Line]:
-        x, y = pose.place(wheel.longitudinal_position, wheel.lateral_position)
         cosine, sine = math.cos(course), math.sin(course)
-        # Corners of the outline to the left of the course, from the wheel.
-        corners = [
-            cosine * (left - wheel.lateral_position) - sine * (ahead - wheel.longitudinal_position)
-            for ahead in (self.front, self.rear)
-            for left in (self.left, self.right)
-        ]
-        way = pose.heading + course
+
+        def aside(ahead: float, left: float) -> float:
+            """How far a place of the vehicle is to the left of the course, m."""
+            return cosine * left - sine * ahead
+
+        ahead, middle = wheel.longitudinal_position, wheel.lateral_position
+        along = cosine * ahead + sine * middle
+        to_x, to_y = math.cos(pose.heading + course), math.sin(pose.heading + course)
+        x, y = pose.x + to_x * along, pose.y + to_y * along
 
         def line(left: float, right: float) -> Line:
-            return (
-                (x - math.sin(way) * left, y + math.cos(way) * left),
-                (x - math.sin(way) * right, y + math.cos(way) * right),
-            )
+            return (x - to_y * left, y + to_x * left), (x - to_y * right, y + to_x * right)
 
-        return line(max(corners), min(corners)), line(0.5 * wheel.width, -0.5 * wheel.width)
+        corners = [
+            aside(end, side) for end in (self.front, self.rear) for side in (self.left, self.right)
+        ]
+        own = aside(ahead, middle)
+        whole = line(max(corners), min(corners))
+        return whole, line(own + 0.5 * wheel.width, own - 0.5 * wheel.width)
 
     def gap(
         self, pose: Pose, x: NDArray[np.float64], y: NDArray[np.float64]
@@ -313,11 +304,16 @@ class CrossedGround:
         if self._corner is None or not frame:
             return None
         # What is under the wheels may still change: it is laid down for this copy only.
-        before = self._cells.copy(), self._marks.copy(), self._travel.copy()
+        under = np.concatenate(
+            [np.empty(0, np.intp), *(at for one in self._strips.values() for at in one.at)]
+        )
+        layers: list[NDArray[Any]] = [self._cells, self._marks, self._travel]
+        before = [layer[under] for layer in layers]
         for strip in self._strips.values():
             self._lay(strip)
         cells = np.maximum(self._cells, self._marks)
-        self._cells, self._marks, self._travel = before
+        for layer, values in zip(layers, before, strict=True):
+            layer[under] = values
         row, column = self._corner
         origin = (column * self.resolution, row * self.resolution)
         return Grid(frame, self.resolution, origin, cells.reshape(self._side, self._side))

@@ -135,6 +135,17 @@ class Grid:
         rows, columns = self.cells.shape
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
+    def around(self, x: float, y: float, reach: float) -> tuple[slice, slice]:
+        """Rows and columns that hold all cells within reach of a place (m); empty ones far outside."""
+        rows, columns = (
+            slice(
+                max(math.floor((at - reach - start) / self.resolution), 0),
+                max(math.ceil((at + reach - start) / self.resolution), 0),
+            )
+            for at, start in zip((y, x), self.origin[::-1], strict=True)
+        )
+        return rows, columns
+
 
 def grid_from(message: Any) -> Grid:
     """Take a nav_msgs/OccupancyGrid, of rclpy or of a bag, for a grid.
@@ -176,7 +187,7 @@ def check_straight(turn: Any, what: str) -> None:
         )
 
 
-# --- One laid over another, and costs spread
+# --- One laid over another
 
 
 def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
@@ -214,17 +225,19 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
     costs.cells[at_row[inside], at_column[inside]] = cost[inside]
 
 
-def _known_ends(cells: Cells) -> tuple[slice, slice]:
-    """Rows and columns from the first to the last that have a known cell; empty ones where none is known."""
-    known = cells >= 0
-    ends = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
-    rows, columns = (slice(int(e[0]), int(e[-1]) + 1) if e.size else slice(0, 0) for e in ends)
+def ends(some: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Rows and columns from the first to the last that have one of some cells; empty where there is none.
+
+    some: shape (rows, columns).
+    """
+    at = (np.flatnonzero(some.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (slice(int(e[0]), int(e[-1]) + 1) if e.size else slice(0, 0) for e in at)
     return rows, columns
 
 
 def _known_part(grid: Grid) -> Grid:
     """Return the part of a grid that has something known, at least one cell."""
-    rows, columns = _known_ends(grid.cells)
+    rows, columns = ends(grid.cells >= 0)
     if rows.start == rows.stop:
         rows = columns = slice(0, 1)
     x, y = (
@@ -290,65 +303,6 @@ def _check_count(cells: int) -> None:
             f"the map would have {cells} cells, expected at most {_MOST_CELLS}: a larger"
             " cost.resolution, or drives of one site only"
         )
-
-
-def wide(grid: Grid, reach: float) -> Grid:
-    """A grid whose costs are spread, with as much more ground around it.
-
-    Parameters
-    ----------
-    grid
-        The grid.
-    reach
-        m.
-    """
-    more = math.ceil(reach / grid.resolution)
-    cells = np.pad(grid.cells, more, constant_values=UNKNOWN)
-    origin = (grid.origin[0] - more * grid.resolution, grid.origin[1] - more * grid.resolution)
-    return Grid(grid.frame, grid.resolution, origin, spread(cells, reach / grid.resolution))
-
-
-def spread(costs: Cells, reach: float) -> Cells:
-    """Give each cell the dearest cost within a reach, middle to middle; unknown cells cost nothing.
-
-    Parameters
-    ----------
-    costs
-        Shape (rows, columns).
-    reach
-        Cells.
-
-    Returns
-    -------
-    ndarray
-        Same shape.
-    """
-    whole: Cells = costs.copy()
-    rows, columns = _known_ends(costs)
-    steps = math.floor(reach)
-    if steps < 1 or rows.start == rows.stop:
-        return whole
-    # Only where something is known, and so far around it.
-    top, left = max(rows.start - steps, 0), max(columns.start - steps, 0)
-    part = whole[top : rows.stop + steps, left : columns.stop + steps]
-    height, width = part.shape[0], part.shape[1] + 2 * steps
-    padded: Cells = np.full((height + 2 * steps + 2, width), UNKNOWN, dtype=np.int8)
-    padded[steps + 1 : -steps - 1, steps:-steps] = part
-    # All rows one after the other, with what is unknown between them: a step down is one of a row's width.
-    run: Cells = padded.ravel()
-    begin, size = (steps + 1) * width, height * width
-    dearest, other, long = run[begin : begin + size].copy(), np.empty_like(run), 1
-    # Row by row of the disc, from its narrow end to its middle: the dearest of a longer and longer run.
-    for down in range(steps, -1, -1):
-        aside = math.floor(math.sqrt(reach**2 - down**2))
-        while long < 2 * aside + 1:
-            more = min(long, 2 * aside + 1 - long)
-            longer = np.maximum(run[:-more], run[more:], out=other[: run.size - more])
-            run, other, long = longer, run, long + more
-        for first in {begin + down * width - aside, begin - down * width - aside}:
-            np.maximum(dearest, run[first : first + size], out=dearest)
-    part[:] = dearest.reshape(height, width)[:, steps:-steps]
-    return whole
 
 
 # --- Files

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -281,8 +281,10 @@ class TerrainClasses:
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
         if other is not None:
             table[:128] = self.rules.expected(other.value, other.standard_deviation)
-        for terrain, most in self.most().items():
-            table[terrain] = self.rules.expected(most.value, most.standard_deviation)
+        known = self.most()
+        if known:
+            margins = [[one.value, one.standard_deviation] for one in known.values()]
+            table[list(known)] = self.rules.expected(*np.array(margins).T)
         return table
 
     def costs(self, classes: Grid, other: Quantity | None = None) -> Grid:
@@ -295,5 +297,7 @@ class TerrainClasses:
         other
             Margin of classes of which nothing is known; they stay unknown without it.
         """
-        cells = np.take(self.table(other), np.ascontiguousarray(classes.cells).view(np.uint8))
-        return Grid(classes.frame, classes.resolution, classes.origin, cells)
+        # By the bytes: numpy would make a number of eight bytes of each first.
+        found = classes.cells.tobytes().translate(self.table(other).tobytes())
+        cells: Cells = np.frombuffer(found, np.int8).reshape(classes.cells.shape).copy()
+        return replace(classes, cells=cells)

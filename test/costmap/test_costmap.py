@@ -25,9 +25,9 @@ from smallwheel_ros.costmap.grid import (
     Pose,
     grid_from,
     lay_over,
-    spread,
     union,
 )
+from smallwheel_ros.costmap.spread import spread
 from smallwheel_ros.costmap.terrain import TerrainClasses
 from smallwheel_ros.physics.wheel import Quantity, Wheel
 
@@ -261,26 +261,6 @@ class TestCrossedGround:
             CrossedGround(500.0, 0.01)
         with pytest.raises(CostMapError, match="resolution"):
             CrossedGround(1.0, 2.0)
-
-
-class TestSpread:
-    @settings(max_examples=examples(40))
-    @given(
-        known=st.dictionaries(
-            st.tuples(st.integers(0, 14), st.integers(0, 17)), st.integers(0, 100)
-        ),
-        reach=st.floats(0.0, 6.0),
-    )
-    def test_each_cell_has_the_dearest_within_reach(
-        self, known: dict[tuple[int, int], int], reach: float
-    ) -> None:
-        cells = np.full((15, 18), -1, np.int8)
-        for at, value in known.items():
-            cells[at] = value
-        found = spread(cells, reach)
-        for at in np.ndindex(cells.shape):
-            near = [v for place, v in known.items() if math.dist(at, place) <= reach]
-            assert found[at] == max(near, default=-1)
 
 
 class TestTerrainClasses:

@@ -32,6 +32,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from smallwheel_ros.costmap.cost import falls_short
 from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.rows.steering import ASIDE
@@ -55,7 +56,6 @@ AHEAD = 0.08  # of margin: scatter between places (snow, 17 places: 13 within th
 # Margin of that snow. Ice holds 0.08 in all: with as much scatter it would hold a vehicle back in one place
 # of six, and a real one drove 215 m without being stuck.
 _AHEAD_OF = 0.2
-_EXACT = 1e-9  # standard deviation of what is given as exact
 POINTS = 4096  # a step in under 2 ms
 ASKED = 1.0  # m, over which what is asked for is averaged
 STEP = SECOND  # ns
@@ -119,7 +119,7 @@ def risk_ahead(
         See `Margins`.
     """
     spread = np.hypot(lower_std, scatter_ahead(median))
-    return np.asarray(ndtr((asked - median - beyond) / np.maximum(spread, _EXACT)))
+    return np.asarray(falls_short(np.asarray(median) + beyond, spread, asked))
 
 
 @lru_cache
@@ -304,9 +304,9 @@ class AnyGround:
         number = (rows.stamp - 1) // STEP
         over = number < number[-1]
         self._open = rows.take(~over)
-        made = [
-            self._step(rows.take(number == one), one) for one in np.unique(number[over]).tolist()
-        ]
+        made = []
+        for one in np.unique(number[over]).tolist():
+            made.append(self._step(rows.take(number == one), one))
         if not made:
             return None
         columns = list(zip(*made, strict=True))
