@@ -86,7 +86,7 @@ def information(deviation: Array | float, reference_slip: float) -> Array:
 
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
-    """Whether a margin of any ground is its prior's still: over half of the prior's variance is left."""
+    """Whether a margin is a prior's still: over half of the variance of any ground's is left."""
     return np.asarray(information(deviation, reference_slip) < MEASURED)
 
 
