@@ -166,7 +166,7 @@ def test_rivals_give_one_number_for_their_mean_and_the_deviation_of_draws_from_t
     ])  # fmt: skip
     apart = np.abs(each[0].prediction.sinkage - each[1].prediction.sinkage)
     off = np.abs(claimed.prediction.sinkage - draws.mean(axis=0))
-    assert (off < 0.05 * apart + 0.01 * draws.mean(axis=0)).all()
+    assert (off < 0.15 * apart).all()  # soils a factor of four apart: ln k has the mean
     about = np.sqrt(np.mean((draws - claimed.prediction.sinkage) ** 2, axis=0))
     assert claimed.standard_deviation["sinkage"] == pytest.approx(about, rel=0.03)
     spread = claimed.run_deviation["sinkage"] ** 2 - claimed.standard_deviation["sinkage"] ** 2
