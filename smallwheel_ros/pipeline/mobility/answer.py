@@ -236,14 +236,16 @@ def _margins(
         )
     )  # fmt: skip
     risk = judged.risk.copy()
-    for i in np.flatnonzero(by_filter & rolls).tolist():
+    of_soil, means = np.flatnonzero(by_filter & rolls), []
+    for i in of_soil.tolist():
         now = int(rows.stamp[i])
         state.newest[int(rows.wheel[i])] = now, can.load[i], median[i], lower[i], beyond[i]
         recent = [one[1:] for one in state.newest.values() if now - one[0] <= STALE]
         # All wheels stand on one estimated soil, so their errors are taken to go together.
         load, *of_vehicle = np.array(recent).T
-        value, spread, more = (float(load @ each) / float(load.sum()) for each in of_vehicle)
-        risk[i] = risk_ahead(judged.asked[i], value, spread, more)
+        means.append([float(load @ each) / float(load.sum()) for each in of_vehicle])
+    if means:
+        risk[of_soil] = risk_ahead(judged.asked[of_soil], *np.array(means).T)
     risk = np.where(rolls, risk_of(risk, judged.level), np.nan)
     if risk.size and np.isfinite(risk).any():
         state.risk = float(risk[np.isfinite(risk)][-1])
