@@ -105,7 +105,7 @@ def _diagnosed(result: Diagnosis, asked: Options) -> None:
         if result.steps and (count := len(result.model.rivals)):
             said += (
                 f"; the file has the {count} models that this data cannot tell apart, and `predict` gives "
-                "their mixture"
+                "the number of their mean, with what they differ by in its deviation"
             )
         click.echo(said, err=True)
         asked["model_file"] = asked["model_file"] if result.steps else None

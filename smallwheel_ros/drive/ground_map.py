@@ -20,7 +20,7 @@ from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Sta
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import risk_of
-from smallwheel_ros.pipeline.warning.margin import LAW, information, is_prior, scatter_ahead
+from smallwheel_ros.pipeline.warning.margin import LAW, information, scatter_ahead
 
 from .messages import margin_before_driving
 
@@ -143,7 +143,7 @@ class GroundMapper:
             found.demand,
             self._shown(found, stuck | (risk > 0.0)),
             found.course,
-            found.margin_by_soil | ~is_prior(found.margin_std, self._reference_slip),
+            (found.conditions & Condition.MARGIN_OF_PRIOR) == 0,
         )
         margins, beyond = self._margins(found)
         rows = zip(*(column.tolist() for column in columns), margins, beyond, strict=True)

@@ -154,7 +154,7 @@ def _in_words(
             f"thrust, pull and energy by the strength of {strength_of_prior(settings)}, not measured"
         )
     if Condition.MARGIN_OF_PRIOR in conditions:
-        words.append("margin of any ground: this drive has shown little of its own yet")
+        words.append("margin rests on a prior: this drive has shown little of its own yet")
     if Condition.LOAD_STATIC in conditions:
         load = settings.static_loads[settings.wheels[wheel].name].value
         words.append(f"load not measured: {load:.3g} N as configured")

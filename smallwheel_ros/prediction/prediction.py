@@ -255,7 +255,7 @@ def predict_conditions(
     Parameters
     ----------
     calibrated
-        The model; with rivals, their mixture is predicted.
+        The model; with rivals, the one that stands for them is predicted.
     conditions
         Settings, SI units, one row for each prediction.
 
@@ -267,8 +267,8 @@ def predict_conditions(
     notes = []
     if calibrated.rivals:
         notes.append(
-            f"the data could not tell these models apart: {rivals_text(calibrated)}. The number is their "
-            "mean by probability, and its deviation includes what they differ by"
+            f"the data could not tell these models apart: {rivals_text(calibrated)}. The number is that "
+            "of their mean by probability, and its deviation includes what they differ by"
         )
     models = [rival for _, rival in calibrated.rivals] or [calibrated]
     for one in models:

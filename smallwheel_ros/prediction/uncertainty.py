@@ -7,15 +7,16 @@
     run     besides that (tau dy / d ln k)^2, the soil of a new run, and its instruments' and rows' scatter
             (`RunScatter`)
 
-Models that the data could not tell apart are mixed: with their probabilities w, mean m = sum w m_i and
-variance sum w (s_i^2 + (m_i - m)^2).
+Of models that the data could not tell apart the number m is that of the one model that stands for them
+(`mixture.mixed`), as compare, node and replay have it; with their probabilities w its variance about it is
+sum w (s_i^2 + (m_i - m)^2).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from smallwheel_ros.fitting.parameters import (
 from smallwheel_ros.measurements.columns import FORCES
 from smallwheel_ros.measurements.display import listed
 from smallwheel_ros.model.measured import Measured
+from smallwheel_ros.model.mixture import mixed
 from smallwheel_ros.model.model import CalibratedModel, Model, ModelError, Prediction, predict
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil, SoilError, usual_strength
@@ -106,7 +108,7 @@ def predict_with_uncertainty(
 
 
 def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> UncertainPrediction:
-    """Predict with both deviations, of the law and of one run; a model with rivals as their mixture.
+    """Predict with both deviations, of the law and of one run; of a model with rivals as one for them all.
 
     Strength that the model's covariance lacks has the deviations of usual soils (`with_usual_strength`).
 
@@ -118,9 +120,8 @@ def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> Uncertain
         Settings, SI units, shape (rows,) each.
     """
     if calibrated.rivals:
-        return _mixture(
-            [(share, predict_of(rival, conditions)) for share, rival in calibrated.rivals]
-        )
+        parts = [(share, predict_of(rival, conditions)) for share, rival in calibrated.rivals]
+        return _about(predict(mixed(calibrated), conditions), parts)
     if "slip" not in conditions:
         found = _sloped(calibrated, conditions)
         laws = found.deviations()
@@ -238,27 +239,25 @@ def _of_runs(
     return UncertainPrediction(found.prediction, laws, runs)
 
 
-def _mixture(parts: Sequence[tuple[float, UncertainPrediction]]) -> UncertainPrediction:
-    """Mean and deviations of models by their probabilities."""
-    shares = np.array([share for share, _ in parts])[:, None]
-    best = max(parts, key=lambda part: part[0])[1].prediction
-    said = {f.name: np.array([getattr(one.prediction, f.name) for _, one in parts])
-            for f in fields(Prediction) if getattr(best, f.name) is not None}  # fmt: skip
-    means = {name: np.sum(shares * values, axis=0) for name, values in said.items()}
-    immobilised = means.pop("immobilised") > 0.5
+def _about(
+    middle: Prediction, parts: Sequence[tuple[float, UncertainPrediction]]
+) -> UncertainPrediction:
+    """One prediction for models with their probabilities: their deviations, and what they are off it."""
 
-    def mixed(deviations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    def off(deviations: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
         known = set.intersection(*(set(one) for one in deviations))
         return {
-            name: np.sqrt(np.sum(shares * (np.array([one[name] for one in deviations]) ** 2
-                                           + (said[name] - means[name]) ** 2), axis=0))
+            name: np.sqrt(sum(
+                share * (own[name] ** 2 + (getattr(one.prediction, name) - getattr(middle, name)) ** 2)
+                for (share, one), own in zip(parts, deviations, strict=True)
+            ))
             for name in QUANTITIES if name in known
         }  # fmt: skip
 
     return UncertainPrediction(
-        replace(best, **means, immobilised=immobilised),
-        mixed([one.standard_deviation for _, one in parts]),
-        mixed([one.run_deviation for _, one in parts]),
+        middle,
+        off([one.standard_deviation for _, one in parts]),
+        off([one.run_deviation for _, one in parts]),
     )
 
 

@@ -153,7 +153,9 @@ def test_what_the_law_is_off_by_from_setting_to_setting_is_in_both_deviations(la
         assert getattr(after, name)["sinkage"] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_mixture_has_the_mean_and_deviation_of_draws_from_it() -> None:
+def test_rivals_give_one_number_for_their_mean_and_the_deviation_of_draws_from_them_about_it() -> (
+    None
+):
     parts = [(0.7, fitted("dry_sand", 0.1)), (0.3, fitted("moist_earth", 0.02))]
     base = parts[0][1].changed(rivals=tuple(parts))
     claimed, each = predict_of(base, PLAIN), [predict_of(one, PLAIN) for _, one in parts]
@@ -162,8 +164,11 @@ def test_a_mixture_has_the_mean_and_deviation_of_draws_from_it() -> None:
     draws = np.array([
         each[i].prediction.sinkage + each[i].standard_deviation["sinkage"] * rng.normal() for i in which
     ])  # fmt: skip
-    assert claimed.prediction.sinkage == pytest.approx(draws.mean(axis=0), rel=0.01)
-    assert claimed.standard_deviation["sinkage"] == pytest.approx(draws.std(axis=0), rel=0.03)
+    apart = np.abs(each[0].prediction.sinkage - each[1].prediction.sinkage)
+    off = np.abs(claimed.prediction.sinkage - draws.mean(axis=0))
+    assert (off < 0.15 * apart).all()  # soils a factor of four apart: ln k has the mean
+    about = np.sqrt(np.mean((draws - claimed.prediction.sinkage) ** 2, axis=0))
+    assert claimed.standard_deviation["sinkage"] == pytest.approx(about, rel=0.03)
     spread = claimed.run_deviation["sinkage"] ** 2 - claimed.standard_deviation["sinkage"] ** 2
     assert (spread > 0).all()
 

@@ -148,7 +148,8 @@ def test_what_is_a_priors_says_so_in_message_text_and_page(own: tuple[Path, str]
     assert table["status_text"].str.contains("the soil is not named").all()
     first = table[table["mobility_margin"].notna()].iloc[0]
     assert (
-        "margin of any ground: this drive has shown little of its own yet" in first["status_text"]
+        "margin rests on a prior: this drive has shown little of its own yet"
+        in first["status_text"]
     )
     summary = json.loads((folder / "replay.json").read_text())
     assert summary["strength"]["of_prior"] == "any sand"

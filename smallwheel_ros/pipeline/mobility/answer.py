@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is reported of each row that is due: numbers, conditions, margin and risk, whatever is missing.
 
-margin   of any ground (`margin`) until the soil's law is measured and its strength determined, afterwards
-         the filter's: never a mean
+margin   of any ground (`margin`), or the filter's, where the soil's law is measured and something has told
+         of its strength: of the two the one whose deviation is less, never a mean
 risk     probability that a place ahead does not give what goes on being asked for, at any slip: cost of a
          cell of the map that asks for as much; at least 0.5 over the first level of the warning
 """
@@ -22,7 +22,7 @@ from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.soil.stretches import Loads
 from smallwheel_ros.pipeline.strength.two_filters import Strengths
-from smallwheel_ros.pipeline.strength.words import is_determined
+from smallwheel_ros.pipeline.strength.words import is_determined, is_told
 from smallwheel_ros.pipeline.tables import (
     SECOND,
     Array,
@@ -151,15 +151,15 @@ def answer(
         Condition.DIGS: digging,
         Condition.WARNED: rolls & (judged.level > 0),
     }  # fmt: skip
-    by_now, by_reserve = _determined(strengths, strength_version)
+    pull_known, reserve_told = _known_strength(strengths, strength_version)
     margin, margin_std, median, lower_std, beyond, by_soil, risk = _margins(
-        state, rows, can, judged, measured, by_reserve, strengths, rolls
+        state, rows, can, judged, measured & reserve_told, strengths.measured, rolls
     )
     has[Condition.MARGIN_OF_PRIOR] = (
-        rolls & ~by_soil & is_prior(margin_std, settings.reference_slip)
+        rolls & (not strengths.measured) & is_prior(margin_std, settings.reference_slip)
     )
     has[Condition.STRENGTH_OF_PRIOR] = (
-        np.isfinite(can.drawbar_pull) & (not strengths.measured) & ~by_now
+        np.isfinite(can.drawbar_pull) & (not strengths.measured) & ~pull_known
     )
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
@@ -229,18 +229,19 @@ def _does_not_fit(
 
 
 def _margins(
-    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, measured: Flags,
-    determined: Flags, strengths: Strengths, rolls: Flags,
+    state: AnswerState, rows: Readings, can: Predicted, judged: Judged, told: Flags, measured: bool,
+    rolls: Flags,
 ) -> tuple[Array, Array, Array, Array, Array, Flags, Array]:  # fmt: skip
     """Margin of each wheel, deviation, median, deviation of the lower half, what is beyond; by soil; risk.
 
-    measured: whether the soil's law is, determined: its strength. A margin of the filter is less the
-    resistance by that law. Where a model file has the strength as measured, the margin is the filter's from
-    the start. beyond: gained from the reference slip until the vehicle makes no way; by soil: whether the
-    margin is.
+    told: whether the soil's law is measured and its strength was told of. Both margins say honestly how
+    unsure they are, so that the one with less deviation errs less: that of any ground is the mean of a belief
+    with a long upper half, and is too high for as long as little is known. measured: whether a model file has
+    the strength as measured; then the margin is the filter's from the start. beyond: gained from the
+    reference slip until the vehicle makes no way; by soil: whether the margin is the filter's.
     """
-    by_filter = determined & measured
-    by_filter = (by_filter | strengths.measured) & np.isfinite(can.margin)
+    by_filter = told & ~(can.margin_std >= judged.margin_std)
+    by_filter = (by_filter | measured) & np.isfinite(can.margin)
     by_filter |= can.sunk
     margin, deviation, median, lower, beyond = (
         np.where(rolls, np.where(by_filter, ours, of_any), np.nan)
@@ -267,16 +268,13 @@ def _margins(
     return margin, deviation, median, lower, beyond, by_filter & rolls, risk
 
 
-def _determined(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
-    """Whether the strength of rows is: by the filter of the present pull, and by that of the reserve."""
+def _known_strength(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
+    """Whether the strength of rows is determined for the present pull, and told of at all for the margin."""
     kinds, index = np.unique(versions, return_inverse=True)
     believed = zip(*strengths.believed.at(kinds), strict=True)
-    spreads = [np.array([one.P for one in column]) for column in believed]
-    now, reserve = (
-        is_determined(P, one.prior_std)[index]
-        for P, one in zip(spreads, (strengths.now, strengths.reserve), strict=True)
-    )
-    return now, reserve
+    now, reserve = (np.array([one.P for one in column]) for column in believed)
+    determined = is_determined(now, strengths.now.prior_std)
+    return determined[index], is_told(reserve, strengths.reserve.prior_std)[index]
 
 
 def _tilt(state: AnswerState, rows: Readings, gravity: float) -> Array:

@@ -208,7 +208,9 @@ class VehicleState:
         wheels = _Newest(every, numbers, instants.stamp, len(self.settings.wheels))
         margin, margin_std = wheels.margin
         known = information(margin_std, self.settings.reference_slip)
-        source = np.where(known > MEASURED, MarginSource.MEASURED, MarginSource.ANY_GROUND)
+        of_drive = known > MEASURED
+        source = np.where(of_drive, MarginSource.MEASURED, MarginSource.ANY_GROUND)
+        of_soil = wheels.by_soil & (of_drive | self.settings.strength_measured)
         ahead, across, asked = _felt(stamps, felt, instants.stamp, self.settings.gravity)
         return VehicleEstimates(
             stamp=instants.stamp, level=level, slip_warned=warned.slip, speed=instants.speed,
@@ -216,7 +218,7 @@ class VehicleState:
             slip=slips[0], slip_std=slips[1], slip_left=slips[2], slip_left_std=slips[3],
             slip_right=slips[4], slip_right_std=slips[5],
             margin=margin, margin_std=margin_std,
-            margin_source=np.where(wheels.by_soil, MarginSource.SOIL, source), information=known,
+            margin_source=np.where(of_soil, MarginSource.SOIL, source), information=known,
             slope_ahead=ahead, slope_across=across, demand=asked, risk=wheels.risk,
             energy=wheels.energy, soil=wheels.soil, at_border=wheels.at_border,
         )  # fmt: skip

@@ -53,7 +53,7 @@ class StrengthEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether what is held is: then the margin on a measured soil is the filter's, not any ground's."""
+        """Whether what is held is: half of the variance that friction began with is gone."""
         return self.remaining["thrust"] <= _HELD
 
     @property
@@ -118,6 +118,14 @@ def is_determined(P: Array, prior_std: Array) -> Flags:
         Shape (rows,), bool.
     """
     return np.asarray(P[:, FRICTION, FRICTION] <= (_HELD * prior_std[FRICTION]) ** 2)
+
+
+def is_told(P: Array, prior_std: Array) -> Flags:
+    """Whether anything has told of what is held: more is known of friction than before the first step.
+
+    P: covariances of the state, (rows, size, size).
+    """
+    return np.asarray(P[:, FRICTION, FRICTION] < prior_std[FRICTION] ** 2)
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:

@@ -86,7 +86,7 @@ def information(deviation: Array | float, reference_slip: float) -> Array:
 
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
-    """Whether the margin is hardly more than the prior of any ground: over half of its variance is left.
+    """Whether a margin is still a prior's: over half of the variance of any ground's is left.
 
     Parameters
     ----------

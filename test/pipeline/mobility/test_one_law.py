@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,33 @@ EFFECTS = st.sampled_from(
 )  # fmt: skip
 
 
+FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_share", "rim_friction")
+DEVIATIONS = (200.0, 0.02, 0.2, 0.2, 0.05)
+
+
+@st.composite
+def models(draw: st.DrawFn) -> CalibratedModel:
+    """Model files: strength measured or not; decided, or two or three models not told apart."""
+    geometry: Geometry = draw(st.sampled_from(["contact_integral", "closed_form"]))
+    own = draw(soils())
+    decided = Model(own, geometry, draw(EFFECTS))
+    names, covariance = [], np.empty((0, 0))
+    if draw(st.booleans()):
+        names = [f"own.{name}" for name in FITTED]
+        covariance = np.diag(np.square(DEVIATIONS))
+    rivals = []
+    if draw(st.booleans()):
+        shares = draw(st.lists(st.floats(0.1, 1.0), min_size=2, max_size=3))
+        for share in shares:
+            # As a diagnosis finds them: about the same soil, with other effects.
+            like = replace(
+                own, k=own.k * draw(st.floats(0.8, 1.25)), n=own.n + draw(st.floats(-0.05, 0.05))
+            )
+            rival = CalibratedModel(Model(like, geometry, draw(EFFECTS)), names, covariance)
+            rivals.append((share / sum(shares), rival))
+    return CalibratedModel(decided, names, covariance, rivals=rivals)
+
+
 def on_board(wheel: dict[str, float], **parameters: object) -> Estimates:
     """The newest estimate of one wheel that nothing is measured of but load and slip."""
     given = {
@@ -87,23 +115,15 @@ def assert_one_number(
 
 
 @settings(max_examples=examples(60), deadline=None)
-@given(
-    wheel=WHEELS,
-    own=soils(),
-    effects=EFFECTS,
-    geometry=st.sampled_from(["contact_integral", "closed_form"]),
-    gravity=st.sampled_from([9.80665, 1.62, 24.8]),
-)
+@given(wheel=WHEELS, model=models(), gravity=st.sampled_from([9.80665, 1.62, 24.8]))
 def test_bench_and_robot_give_one_number(
     tmp_path_factory: pytest.TempPathFactory,
     wheel: dict[str, float],
-    own: Soil,
-    effects: tuple[str, ...],
-    geometry: Geometry,
+    model: CalibratedModel,
     gravity: float,
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "model.yaml"
-    write_model(path, Model(own, geometry, effects))
+    write_model(path, model)
     assert_one_number(wheel, path, on_board(wheel, model_file=str(path), gravity=gravity), gravity)
 
 
