@@ -136,7 +136,15 @@ class Grid:
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
     def around(self, x: float, y: float, reach: float) -> tuple[slice, slice]:
-        """Rows and columns that hold all cells within reach of a place (m); empty ones far outside."""
+        """Rows and columns that hold all cells within reach of a place; empty ones far outside.
+
+        Parameters
+        ----------
+        x, y
+            The place, m.
+        reach
+            m.
+        """
         rows, columns = (
             slice(
                 max(math.floor((at - reach - start) / self.resolution), 0),

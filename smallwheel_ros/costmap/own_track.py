@@ -37,7 +37,15 @@ class OwnTrack:
         self._homes: Cells = np.empty(64, dtype=np.int8)
 
     def follow(self, last: Pose, pose: Pose, home: int) -> None:
-        """Note the cells from its last place to this one, and what they cost on the way back."""
+        """Note the cells from the vehicle's last place to this one, and what they cost on the way back.
+
+        Parameters
+        ----------
+        last, pose
+            Of base_link, before and now.
+        home
+            Cost of the cells on the way back, 0 to 100.
+        """
         gone = math.dist(pose[:2], last[:2])
         steps = max(math.ceil(2.0 * gone / self.resolution), 1)
         parts = [(k + 1) / steps for k in range(steps)] if gone <= LONGEST_STEP else [1.0]
@@ -61,6 +69,8 @@ class OwnTrack:
 
         Parameters
         ----------
+        costs
+            Grid to change.
         pose
             Of the track's frame in that of the costs.
         free

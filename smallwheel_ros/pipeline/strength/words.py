@@ -121,9 +121,14 @@ def is_determined(P: Array, prior_std: Array) -> Flags:
 
 
 def is_told(P: Array, prior_std: Array) -> Flags:
-    """Whether anything has told of what is held: more is known of friction than before the first step.
+    """Whether any measurement has narrowed friction: more is known of it than before the first step.
 
-    P: covariances of the state, (rows, size, size).
+    Parameters
+    ----------
+    P
+        Covariances of the state, shape (rows, size, size).
+    prior_std
+        Standard deviations of the state before any measurement, shape (size,).
     """
     return np.asarray(P[:, FRICTION, FRICTION] < prior_std[FRICTION] ** 2)
 
