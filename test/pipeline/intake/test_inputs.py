@@ -117,7 +117,7 @@ def test_load_sign() -> None:
 def test_the_sign_of_the_joint_mends_a_mirrored_one() -> None:
     wrong, _ = drive(Fed(), rim=-0.5 / 0.9)
     right, _ = drive(Fed(**{"front.joint_sign": -1}), rim=-0.5 / 0.9)
-    assert wrong.slip[-1] == pytest.approx(1.0, abs=0.01)
+    assert np.isnan(wrong.slip[-1])  # the joint or the odometry looks back, and which is not known
     assert right.slip[-1] == pytest.approx(0.1, abs=0.01)
 
 
