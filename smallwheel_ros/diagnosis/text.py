@@ -100,7 +100,7 @@ def _next(
             with_what = "the measurements proposed" if proposed else "runs at further settings"
             steps.append(f"confirm it with {with_what}")
         return ", and ".join(steps)
-    if STANDS in str(document["reason"]):
+    if STANDS in (document.get("reason") or ""):
         return "check the gauge, by hand or with a spacer of known height, and measure again"
     if verdict == "unknown_effect":
         law = "let `sw.learn` look for a law"

@@ -180,18 +180,22 @@ def _by_torque(
 def _margins(
     on: OnSoil, at: Rolling, reserve: Believed, settings: OnboardSettings, balanced: bool
 ) -> dict[str, Array]:
-    """Pull over load at the reference slip, which never falls on stiffer ground."""
-    slip = np.full(len(on), settings.reference_slip)
-    best = _best_sinkage(on, at, reserve, slip)
-    deeper = replace(on, sinkage=np.maximum(on.sinkage, best))
-    push, pull, _ = reserve.forces(replace(at, on=deeper, slip=slip), exact_slip=True)
+    """Pull over load at the reference slip, and at the slip with which a vehicle makes no way.
+
+    Neither falls on stiffer ground: where a wheel would pull more deeper, it is taken to be so deep.
+    """
+
+    def at_slip(value: float) -> Rolling:
+        slip = np.full(len(on), value)
+        best = _best_sinkage(on, at, reserve, slip)
+        return replace(at, on=replace(on, sinkage=np.maximum(on.sinkage, best)), slip=slip)
+
+    push, pull, _ = reserve.forces(at_slip(settings.reference_slip), exact_slip=True)
     by_law = on.variance(sinkage=pull.by_sinkage, other=-1.0, log_load=pull.by_load - pull.value)
     law = (_FITTED if balanced else _UNFITTED) * on.load
     spread = reserve.spread(push, pull.row) + by_law + law**2
     deviation = np.sqrt(np.maximum(spread, _LEAST_STD**2)) / on.load
-    _, most, _ = reserve.forces(
-        replace(at, on=deeper, slip=np.maximum(slip, SPINS)), exact_slip=True
-    )
+    _, most, _ = reserve.forces(at_slip(max(settings.reference_slip, SPINS)), exact_slip=True)
     return {
         "beyond": np.where(on.sunk, 0.0, np.maximum(most.value - pull.value, 0.0) / on.load),
         "margin": np.where(on.sunk, -1.0, pull.value / on.load),
