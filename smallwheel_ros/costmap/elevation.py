@@ -127,7 +127,7 @@ def layer_of(message: Any, name: str) -> Array:
     Raises
     ------
     CostMapError
-        If its sizes or its layout are not those of a grid map.
+        If its sizes, its layout or its start are not those of a grid map.
     """
     info, array = message.info, message.data[list(message.layers).index(name)]
     sides = info.length_x / info.resolution, info.length_y / info.resolution
@@ -149,8 +149,13 @@ def layer_of(message: Any, name: str) -> Array:
     cells = values.reshape([sizes[label] for label in labels])
     if labels[0] == _ROWS:
         cells = cells.T
-    shift = -int(message.inner_start_index), -int(message.outer_start_index)
-    return np.roll(cells, shift, axis=(0, 1))[::-1, ::-1]
+    inner, outer = int(message.inner_start_index), int(message.outer_start_index)
+    if inner >= rows or outer >= columns:
+        raise CostMapError(
+            f"its inner_start_index is {inner} and its outer_start_index {outer}, expected less than"
+            f" {rows} and {columns}, its cells along y and x"
+        )
+    return np.roll(cells, (-inner, -outer), axis=(0, 1))[::-1, ::-1]
 
 
 def slopes(heights: Array, resolution: float, length: float) -> tuple[Array, Array]:

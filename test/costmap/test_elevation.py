@@ -190,6 +190,16 @@ def test_a_map_that_cannot_be_used_is_refused_in_words(spoil: Any, words: str) -
         (np.full((20, 30), np.nan), {}, "no cell of its layer 'elevation' is known"),
         (np.zeros((20, 30)), {"frame": ""}, "no frame: header.frame_id is empty"),
         (np.zeros((20, 30)), {"place": (math.nan, 0.0)}, "its middle is at nan"),
+        (
+            np.zeros((20, 30)),
+            {"inner_start_index": 20},
+            "inner_start_index is 20 .* less than 20 and 30",
+        ),
+        (
+            np.zeros((20, 30)),
+            {"outer_start_index": 30},
+            "outer_start_index 30, expected less than 20 and",
+        ),
     ],
 )
 def test_numbers_that_are_none_are_refused(

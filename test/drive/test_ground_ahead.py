@@ -71,6 +71,7 @@ def test_a_good_one_is_in_the_map_and_nothing_is_said() -> None:
         (laid_out(grid_map({"elevation": LEVEL}), "x", "y"), "has the layout x, y"),
         (other_size(grid_map({"elevation": LEVEL})), "2400 cells, 60 by 40"),
         (grid_map({"elevation": LEVEL}, frame=""), "header.frame_id is empty"),
+        (grid_map({"elevation": LEVEL}, inner_start_index=40), "inner_start_index is 40"),
     ],
 )
 def test_a_bad_map_is_counted_and_the_one_before_is_kept(message: Any, words: str) -> None:
@@ -91,6 +92,16 @@ def test_a_grid_of_another_size_is_counted() -> None:
     ((topic, reason, text),) = heard.said
     assert (topic, reason) == ("terrain_classes", "malformed_grid")
     assert "11 cells, expected width * height = 4 * 3" in text
+
+
+def test_classes_of_another_frame_are_counted_and_the_map_goes_on() -> None:
+    heard = Heard()
+    assert heard.inputs.take_classes(classes(frame="map"))
+    ((topic, reason, text),) = heard.said
+    assert (topic, reason) == ("terrain_classes", "other_frame")
+    assert "map" in text
+    assert "odom" in text
+    assert heard.map.grids() is not None
 
 
 def test_while_tf_is_gone_a_map_of_another_frame_waits_and_is_counted_each_time() -> None:
