@@ -2,7 +2,7 @@
 """Subject: cost. What the map says of drives that got stuck, and what planners do with it.
 
     python -m rates cost --seeds 500:520
-    python -m rates.cost_detours PICTURE   # only draws one drive's map and a path
+    python -m rates.cost_detours KIND PICTURE   # only draws a map and a path: round, home or hill
 
 World `stuck`: simulated drives that end stuck on slippery ground or a slope, one a seed.
 
@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from examples.cost_map import cost_map
-from rates.hills import hills_trial, slopes_trial
+from rates.hills import hills_trial, map_behind, see_ridge, slopes_trial
 from rates.judges import Judge, Line, Subject, pooled, ratio, share
 from rates.planners import PLANNERS, Array, length_of, plan, under_footprint
 from smallwheel_ros.costmap.cost_map import CostGrids, CostMap
@@ -40,6 +40,7 @@ from smallwheel_ros.ros import config_file
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 _BEFORE, _BEHIND, _BACK = 8.0, 3.0, 2.0  # m
+_DRAWN = 500  # seed of the pictures
 _GRADED = 20  # of costs between free and lethal, as a planner notices
 
 
@@ -64,13 +65,37 @@ def grids_of(made: CostMap, pose: Pose | None = None) -> CostGrids:
     return grids
 
 
-def draw(seed: int, picture: Path) -> None:
+def draw_round(picture: Path) -> None:
     """Draw what a planner does that goes by base_link, past where a robot got stuck."""
-    made, pose, way = map_of(seed)
+    made, pose, way = map_of(_DRAWN)
     grid = grids_of(made).spread
-    start = way[np.argmin(np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE))]
-    path = plan(grid, tuple(start), pose.place(_BEHIND, 0.0), made.outline, "NavFn")
+    path = plan(grid, _before(way), pose.place(_BEHIND, 0.0), made.outline, "NavFn")
     draw_cost(grid, picture, way=way, planned=path, title="Stuck there; a path to behind it")
+
+
+def draw_home(picture: Path) -> None:
+    """Draw the way home from where a robot got stuck."""
+    made, pose, way = map_of(_DRAWN)
+    grid = grids_of(made, pose).spread
+    path = plan(grid, (pose.x, pose.y), _before(way), made.outline, "NavFn")
+    draw_cost(grid, picture, way=way, planned=path, title="Stuck there; a path home")
+
+
+def draw_hill(picture: Path) -> None:
+    """Draw the way round a ridge that no wheel has been on."""
+    made, truth = map_behind(_DRAWN)
+    _, (start, goal) = see_ridge(made, float(np.median(truth.margin)), _DRAWN)
+    grids = made.grids()
+    assert grids is not None
+    path = plan(grids.spread, tuple(start), tuple(goal), made.outline, "NavFn")
+    title = "A ridge ahead that no wheel has been on; a path round it"
+    draw_cost(grids.spread, picture, planned=path, title=title)
+
+
+def _before(way: Array) -> tuple[float, float]:
+    """The place of a way that is as far before its end as paths begin."""
+    x, y = way[np.argmin(np.abs(np.hypot(*(way - way[-1]).T) - _BEFORE))]
+    return float(x), float(y)
 
 
 def _free_place(grid: Grid, outline: Outline, places: Array) -> tuple[float, float]:
@@ -200,7 +225,9 @@ JUDGES = [
 ]  # fmt: skip
 SUBJECTS = [Subject("cost", ["stuck", "slopes", "hills"], trial, JUDGES, 10, 20.0)]
 
+DRAWN = {"round": draw_round, "home": draw_home, "hill": draw_hill}
+
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("expected one argument, the picture's file")
-    draw(500, Path(sys.argv[1]))
+    if len(sys.argv) != 3 or sys.argv[1] not in DRAWN:
+        sys.exit(f"expected one of {', '.join(DRAWN)}, and the picture's file")
+    DRAWN[sys.argv[1]](Path(sys.argv[2]))

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from rates.drive_trial import turns_of, with_faults
-from rates.drive_worlds import SLIP, WorldDrive, make_drive
+from rates.drive_worlds import SLIP, Truth, WorldDrive, make_drive
 from rates.judges import Line
 from rates.planners import PLANNERS, Array, plan, under_footprint
 from smallwheel_ros.costmap.cost import CostSettings
@@ -113,17 +113,28 @@ def _cells(grid: Grid, metre: int, half: float) -> Array:
 # --- Hills
 
 
-def hills_trial(seed: int) -> Line:
-    """Forecasts of a field of hills behind a drive, and what planners do about a ridge."""
+def map_behind(seed: int) -> tuple[CostMap, Truth]:
+    """The cost map after a drive over soil, and what was true on it."""
     drive = make_drive(SLIP[_LEVEL[seed % len(_LEVEL)]], seed)
     mapper, pipeline = mapper_of(drive)
     for _, turns in turns_of(pipeline, with_faults(drive)):
         for turn in turns:
             mapper.add(turn.estimates, "odom")
-    made, truth = mapper.map, drive.truth
+    return mapper.map, drive.truth
+
+
+def corner_of(made: CostMap) -> tuple[float, float]:
+    """The first cell of a field whose larger part lies ahead of the vehicle, m."""
+    assert made._pose is not None
+    return made._pose.x - 0.25 * _FIELD, made._pose.y - 0.5 * _FIELD
+
+
+def hills_trial(seed: int) -> Line:
+    """Forecasts of a field of hills behind a drive, and what planners do about a ridge."""
+    made, truth = map_behind(seed)
     rng = np.random.default_rng([seed, 8])
     margins = truth.margin[truth.path > _FIRST]
-    corner = made._pose.x - 0.25 * _FIELD, made._pose.y - 0.5 * _FIELD  # type: ignore[union-attr]
+    corner = corner_of(made)
     heights = hills(rng)
     made.take_elevation(shown(heights, corner, made.outline.length, seed))
     costs = made.ahead.by_slope()
@@ -134,7 +145,7 @@ def hills_trial(seed: int) -> Line:
         "over": int(over.sum()), "over, stop": int((over & stops).sum()),
         "under": int(under.sum()), "under, stop": int((under & stops).sum()),
     }  # fmt: skip
-    line["round the ramp"] = int(_goes_round(made, float(np.median(margins)), corner, seed))
+    line["round the ramp"] = int(_goes_round(made, float(np.median(margins)), seed))
     return line
 
 
@@ -162,9 +173,9 @@ def _margins(rng: np.random.Generator, margins: Array, shape: tuple[int, ...]) -
     return np.kron(drawn, np.ones((count, count)))[: shape[0], : shape[1]]
 
 
-def _goes_round(made: CostMap, margin: float, corner: tuple[float, float], seed: int) -> bool:
-    """Whether no planner's way leads a wheel onto a ridge that the vehicle cannot climb."""
-    count = round(_FIELD / SIDE)
+def see_ridge(made: CostMap, margin: float, seed: int) -> tuple[Array, Array]:
+    """Show the map a ridge across the way that the vehicle cannot climb: its heights, and start and goal."""
+    count, corner = round(_FIELD / SIDE), corner_of(made)
     y, x = (SIDE * (index + 0.5) for index in np.ogrid[:count, :count])
     middle, half = 0.25 * _FIELD + 4.0, 1.5  # m ahead of it, and half of the ridge's width
     steep, length = margin + 0.15, 2.0  # tangent, m: too steep by twice what places differ by
@@ -172,9 +183,15 @@ def _goes_round(made: CostMap, margin: float, corner: tuple[float, float], seed:
     beside = np.clip((half + 0.3 - np.abs(y - 0.5 * _FIELD)) / 0.3, 0.0, 1.0)
     heights = up * beside
     made.take_elevation(shown(heights, corner, made.outline.length, seed + 1))
-    grids, pose = made.grids(), made._pose
+    along = np.array([0.25 * _FIELD, middle + 4.0]) + corner[0]
+    return heights, np.stack([along, np.full(2, 0.5 * _FIELD + corner[1])], axis=1)
+
+
+def _goes_round(made: CostMap, margin: float, seed: int) -> bool:
+    """Whether no planner's way leads a wheel onto a ridge that the vehicle cannot climb."""
+    heights, (start, goal) = see_ridge(made, margin, seed)
+    corner, grids = corner_of(made), made.grids()
     assert grids is not None
-    assert pose is not None
     ridge = np.zeros(grids.bare.cells.shape)
     rows, columns = np.nonzero(heights > 0.02)
     at = np.array([SIDE * (rows + 0.5) + corner[1], SIDE * (columns + 0.5) + corner[0]])
@@ -182,9 +199,8 @@ def _goes_round(made: CostMap, margin: float, corner: tuple[float, float], seed:
         int
     )
     ridge[tuple(cells)] = 1.0
-    start, goal = (corner[0] + 0.25 * _FIELD, pose.y), (corner[0] + middle + 4.0, pose.y)
     for planner in PLANNERS:
-        path = plan(grids.spread, start, goal, made.outline, planner)
+        path = plan(grids.spread, tuple(start), tuple(goal), made.outline, planner)
         if path is None or under_footprint(path, ridge, grids.bare, made.outline).max() > 0.0:
             return False
     return True

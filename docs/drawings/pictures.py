@@ -41,7 +41,17 @@ def draw_rig(target: Path, folder: Path) -> None:
 
 def draw_cost_detour(target: Path, folder: Path) -> None:
     """A path past where a robot got stuck."""
-    run("-m", "rates.cost_detours", target)
+    run("-m", "rates.cost_detours", "round", target)
+
+
+def draw_cost_home(target: Path, folder: Path) -> None:
+    """The way home from where a robot got stuck."""
+    run("-m", "rates.cost_detours", "home", target)
+
+
+def draw_cost_hill(target: Path, folder: Path) -> None:
+    """A path round a ridge ahead."""
+    run("-m", "rates.cost_detours", "hill", target)
 
 
 def draw_odometry(target: Path, folder: Path) -> None:
@@ -66,6 +76,8 @@ PICTURES: dict[str, Callable[[Path, Path], None]] = {
     "learnt.png": draw_learnt,
     "rig_sinkage.png": draw_rig,
     "cost_detour.png": draw_cost_detour,
+    "cost_home.png": draw_cost_home,
+    "cost_hill.png": draw_cost_hill,
     "odometry.png": draw_odometry,
     "demo.png": draw_demo,
     "cost_map.png": draw_demo,
