@@ -17,10 +17,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from rates.real_drives import real_drive
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings, VelocitySource
-from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+from smallwheel_ros.pipeline.tables import Array, Integers
 from smallwheel_ros.pipeline.twist.twist import Rows
 from smallwheel_ros.simulate.world import GRAVITY
 

@@ -18,10 +18,11 @@ from rates.drive_worlds import WorldDrive, make_drive
 from rates.faults import BEGINS, FAULTS, Raw
 from rates.judges import Line
 from rates.random_worlds import RandomWorld
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import ODOMETRY
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers
 from smallwheel_ros.pipeline.warning.hazard import Warned
 from smallwheel_ros.simulate.vehicle import EPOCH, TICK
 from smallwheel_ros.simulate.world_ground import DIAMETER, SINKAGE

@@ -26,8 +26,9 @@ from typing import Any
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
+
 MOST_PROCESSOR, MOST_DELAY, LONGEST_TURN = 1.6, 60.0, 40.0  # times the receiver's, ms, ms
-SECOND = 10**9
 PHASE, SETTLE = 4.0, 1.0  # s of a turn, and of its beginning that does not count for delays
 KEPT = 10_000  # messages, of which the receiver forgets the oldest
 

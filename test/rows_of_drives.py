@@ -10,6 +10,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.checks.believed import BelievedRows
@@ -18,14 +19,7 @@ from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.rows.motion import motion
-from smallwheel_ros.pipeline.tables import (
-    SECOND,
-    Columns,
-    Estimates,
-    Integers,
-    Readings,
-    none_of,
-)
+from smallwheel_ros.pipeline.tables import Columns, Estimates, Integers, Readings, none_of
 from smallwheel_ros.simulate import Drive
 from smallwheel_ros.simulate.drive_bag import recorded
 

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.bags import message_type, typestore
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.feed import Message, feed
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.pipeline.intake.decoder import Decoder
 from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, Readings
+from smallwheel_ros.pipeline.tables import Estimates, Readings
 
 START = 1_700_000_000 * SECOND
 ONE_WHEEL: dict[str, object] = {

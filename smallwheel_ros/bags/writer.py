@@ -26,10 +26,10 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from smallwheel_ros.bags.reader import BagError, CopiedTopic, Storage
 from smallwheel_ros.bags.types import typestore
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.common.stamps import SECOND
 
 STORAGES: tuple[Storage, ...] = ("mcap", "sqlite3")
 Message = SimpleNamespace  # has a type's fields, as rosbags needs it
-_SECOND = 10**9  # ns
 _NEVER = QosTime(2147483647, 4294967295)
 # Of a topic whose last message is given to those who come late.
 _LATCHED = Qos(
@@ -55,7 +55,7 @@ def header(stamp: int, frame: str) -> Message:
     frame
         Its frame_id.
     """
-    time = Message(sec=stamp // _SECOND, nanosec=stamp % _SECOND)
+    time = Message(sec=stamp // SECOND, nanosec=stamp % SECOND)
     return Message(stamp=time, frame_id=frame)
 
 

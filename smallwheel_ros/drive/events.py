@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, Flags, Integers, Readings, none_of
+from smallwheel_ros.pipeline.tables import Estimates, Flags, Integers, Readings, none_of
 from smallwheel_ros.pipeline.warning.hazard import APART
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 

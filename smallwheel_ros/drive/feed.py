@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.idle_publisher import IDLE
 from smallwheel_ros.onboard.joint_motion import BY_POSITIONS
 from smallwheel_ros.pipeline.intake.decoder import Decoder
 from smallwheel_ros.pipeline.intake.inputs import Topic
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+from smallwheel_ros.pipeline.tables import Array, Integers
 
 Message = tuple[
     str, bytes, int

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.stamps import NEVER
 from smallwheel_ros.costmap.cost_map import CostMap
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.wheel import Quantity, Wheel
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.mobility.answer import STALE
 from smallwheel_ros.pipeline.mobility.status import Condition, MarginSource, Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates

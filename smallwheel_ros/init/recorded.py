@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from smallwheel_ros.bags import BagError, BagReader
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.felt_gravity import unlike_gravity
 from smallwheel_ros.onboard.idle_publisher import IdlePublisher
-from smallwheel_ros.onboard.joint_motion import SECOND, JointMotion
+from smallwheel_ros.onboard.joint_motion import JointMotion
 from smallwheel_ros.onboard.joint_units import UNITS_OF_TURNING, VelocityUnit
 
 Array = NDArray[np.float64]

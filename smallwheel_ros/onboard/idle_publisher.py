@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.stamps import NEVER
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -16,7 +18,6 @@ _AWAY = 0.1  # rad from 0: more than an encoder that stands flickers by
 _TURNS = 0.05  # rad/s: faster than the noise of a joint that stands
 # ns: an encoder that begins anew at 0 and stands is believed after that, since no others come any more
 _BETWEEN = 1_000_000_000
-_NEVER = -(1 << 62)
 
 IDLE = "its joint is at 0 between messages in which it turns: is there more than one publisher?"
 
@@ -25,7 +26,7 @@ class IdlePublisher:
     """A joint's messages, in the order in which they come."""
 
     def __init__(self) -> None:
-        self._away = _NEVER  # ns, of the last message in which the joint was away from 0
+        self._away = NEVER  # ns, of the last message in which the joint was away from 0
 
     def idle(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
         """Which messages are of a publisher that knows nothing of the joint, shape (messages,).
@@ -39,7 +40,7 @@ class IdlePublisher:
         """
         zero = (position == 0.0) & ((velocity == 0.0) | np.isnan(velocity))
         turns = (np.abs(position) > _AWAY) | ((np.abs(velocity) > _TURNS) & (position != 0.0))
-        away = np.where(turns, stamps, _NEVER)
+        away = np.where(turns, stamps, NEVER)
         newest = np.maximum.accumulate(np.concatenate([[self._away], away]))[1:]
         if stamps.size:
             self._away = int(newest[-1])

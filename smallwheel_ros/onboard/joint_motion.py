@@ -9,10 +9,11 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.stamps import SECOND
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SECOND = 1_000_000_000  # ns
 # A velocity of exactly 0 while the position moves so far (rad) is none: no joint that stands does.
 MOVES = 0.5
 # rad: so far may a joint that stands be turned by a rover that settles; in between nothing is known of it.

@@ -9,10 +9,11 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.stamps import SECOND
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SECOND = 1_000_000_000  # ns
 _BLOCK = SECOND // 10  # ns: ticks of an encoder and its delay are small against what turns in it
 _LONGEST = SECOND  # ns: over a longer gap nothing is added up
 _TURNED = 2.0  # rad, by positions, after which it is judged: a filter's delay is small against that

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.bags import BagReader, BagWriter, Key, Message, RawMessage, header
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.cost_map import COST_TOPICS, CostGrids
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.parameters import NODE_NAME
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, Integers
+from smallwheel_ros.pipeline.tables import Estimates, Integers
 from smallwheel_ros.pipeline.twist.twist import Twists, messages
 
 MOBILITY = "smallwheel_ros/msg/MobilityEstimate"

@@ -11,12 +11,13 @@ import numpy as np
 
 from smallwheel_ros.bags import BagError, BagReader, DefinitionError, Key, RawMessage
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.feed import Message, feed
 from smallwheel_ros.onboard.settings import ODOMETRY, NodeSettings
 from smallwheel_ros.pipeline.intake.decoder import Decoder, frame_of
 from smallwheel_ros.pipeline.intake.inputs import Fields, Rows, Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND, Integers
+from smallwheel_ros.pipeline.tables import Integers
 from smallwheel_ros.replay.spec import resolved
 
 # A turn takes so many messages at most, and so much (ns) of the recording: fewer turns take less time.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from smallwheel_ros.bags import BagReader, Key, RawMessage
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.common.stop import Stop
 from smallwheel_ros.common.tables import write_json
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
@@ -24,7 +25,7 @@ from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.tables import SECOND, Estimates
+from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.replay.diagnosis import diagnosed
 from smallwheel_ros.replay.new_bag import NewBag
 from smallwheel_ros.replay.recorded_ahead import RecordedAhead

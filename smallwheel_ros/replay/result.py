@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 from smallwheel_ros.bags import Key
 from smallwheel_ros.common.errors import reason
 from smallwheel_ros.common.result import Result
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.common.tables import plain
 from smallwheel_ros.drive.events import DriveEvents
 from smallwheel_ros.drive.messages import soil_fields, strength_of_prior
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.warning.margin import is_prior
 from smallwheel_ros.replay.diagnosis import DriveDiagnosis
 from smallwheel_ros.replay.spec import Input, ReplayError, ReplaySpec

@@ -26,12 +26,13 @@ import pandas as pd
 
 from smallwheel_ros.bags.types import plain_fields
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
 from smallwheel_ros.physics.conditions import PRESSED
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
 from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate
-from smallwheel_ros.pipeline.tables import SECOND, Array, Estimates, Flags, Integers, Readings
+from smallwheel_ros.pipeline.tables import Array, Estimates, Flags, Integers, Readings
 from smallwheel_ros.pipeline.twist.twist import Twists
 from smallwheel_ros.replay.new_bag import MOBILITY, SOIL
 from smallwheel_ros.replay.spec import ReplayError

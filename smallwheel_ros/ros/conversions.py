@@ -13,9 +13,9 @@ from builtin_interfaces.msg import Time
 from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Header
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.grid import Grid, Pose
 from smallwheel_ros.pipeline.intake.inputs import angles_of
-from smallwheel_ros.pipeline.tables import SECOND
 
 
 def message_class(kind: str) -> Any | None:

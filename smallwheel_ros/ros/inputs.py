@@ -17,6 +17,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from smallwheel_ros.bags.types import typestore
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.feed import Message, feed
 from smallwheel_ros.drive.ground_ahead import ELEVATION
 from smallwheel_ros.onboard.settings import NodeSettings, OnboardSettings
@@ -25,7 +26,6 @@ from smallwheel_ros.pipeline.intake.decoder import Decoder, frame_of
 from smallwheel_ros.pipeline.intake.inputs import Topic, topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.refused import Refusal
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.diagnostics import OK, WARN, status
 from smallwheel_ros.ros.parameters import (

@@ -16,6 +16,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.cost_map import COST_TOPICS
 from smallwheel_ros.costmap.grid import Pose
 from smallwheel_ros.drive.ground_ahead import Report
@@ -34,7 +35,7 @@ from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
 from smallwheel_ros.pipeline.soil.identifiability import SoilEstimate as Soil
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, none_of
+from smallwheel_ros.pipeline.tables import Estimates, none_of
 from smallwheel_ros.pipeline.twist.twist import Twists, messages
 from smallwheel_ros.ros.conversions import header_of, message_class
 from smallwheel_ros.ros.cost_publisher import CostPublisher

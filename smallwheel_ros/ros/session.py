@@ -19,6 +19,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.timer import Timer
 
 from smallwheel_ros.common.errors import reason
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.cost_map import COST_PERIOD
 from smallwheel_ros.costmap.grid import HIGHEST
 from smallwheel_ros.drive.autosave import Autosave
@@ -30,7 +31,6 @@ from smallwheel_ros.onboard.robot_description import DESCRIPTION_TYPE
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.inputs import topics_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.ros.conversions import message_class
 from smallwheel_ros.ros.diagnostics import WARN, entries, status
 from smallwheel_ros.ros.inputs import Inputs

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rows_of_drives import drive, give, static_rover
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.grid import Grid
 from smallwheel_ros.drive.ground_map import GroundMapper, cost_map_of
 from smallwheel_ros.pipeline.intake.layout import widths_of
@@ -17,7 +18,7 @@ from smallwheel_ros.pipeline.mobility.vehicle import (
     VehicleEstimates,
 )
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND, Estimates
+from smallwheel_ros.pipeline.tables import Estimates
 from smallwheel_ros.pipeline.warning.hazard import PERIOD
 
 VEHICLE = static_rover()

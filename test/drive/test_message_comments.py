@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import pytest
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import VALID, VEHICLE_VALID
 from smallwheel_ros.onboard.declared import PARAMETERS
 from smallwheel_ros.physics.soil import REFERENCE_DIAMETER, REFERENCE_SINKAGE
 from smallwheel_ros.pipeline.mobility.status import MarginSource, SoilStatus, Status
 from smallwheel_ros.pipeline.mobility.wheel import HARDLY_TRAVELS
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.warning.hazard import PERIOD, SLIP_S
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rows_of_drives import START, Row, drive, give, rover, static_rover
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import (
     VALID,
     margin_before_driving,
@@ -22,7 +23,7 @@ from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.status import Status
 from smallwheel_ros.pipeline.mobility.vehicle import vehicle_margin
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND, Estimates
+from smallwheel_ros.pipeline.tables import Estimates
 
 
 def turned(

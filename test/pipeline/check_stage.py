@@ -19,6 +19,7 @@ from typing import TypeVar
 import numpy as np
 from rows_of_drives import START, Row
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, OnboardSettings
 from smallwheel_ros.pipeline.checks.believed import BelievedRows, RawRows
@@ -33,7 +34,6 @@ from smallwheel_ros.pipeline.rows.motion import MotionState, motion
 from smallwheel_ros.pipeline.soil.stretches import Loads, Stretches, StretchState, stretches
 from smallwheel_ros.pipeline.strength.steps import Steps, steps
 from smallwheel_ros.pipeline.tables import (
-    SECOND,
     Aligned,
     Array,
     Columns,

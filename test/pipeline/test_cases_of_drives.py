@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from rows_of_drives import START, Row, give
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, NodeSettings
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND, Readings
+from smallwheel_ros.pipeline.tables import Readings
 
 RADIUS, HALF, SLIP = 0.3, 0.54, 0.1  # m, m, of every rim
 NAMES = ("front_left", "front_right", "rear_left", "rear_right")

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.parameters import read_parameters, settings_from
-from smallwheel_ros.pipeline.tables import SECOND, Readings
+from smallwheel_ros.pipeline.tables import Readings
 from smallwheel_ros.replay.recording import turns_of
 
 DRIVES = {

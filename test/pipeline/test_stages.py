@@ -25,11 +25,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rows_of_drives import START, drive, rover, static_rover
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
 from smallwheel_ros.pipeline.checks.believed import BelievedRows, RawRows
 from smallwheel_ros.pipeline.checks.doubts import Doubted
 from smallwheel_ros.pipeline.checks.sensor_checks import SensorChecks
-from smallwheel_ros.pipeline.tables import SECOND
 
 MIDDLE = START + 5 * SECOND
 SPEED = "fl/wheel_speed"

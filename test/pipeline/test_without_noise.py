@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rows_of_drives import PLACES, START, Row, give, rover, static_rover
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, NodeSettings
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND
 
 SECONDS, PIECE = 9.0, 3.0  # of a drive, and of a piece with one speed
 SPEEDS = st.sampled_from([0.0, 0.0, 0.3, -0.3, 1.0])

@@ -13,11 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
-from smallwheel_ros.pipeline.intake.buffer import NEVER, Samples, StampRules
+from smallwheel_ros.pipeline.intake.buffer import Samples, StampRules
 from smallwheel_ros.pipeline.intake.layout import rules_of, width_of
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, unknown
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers, unknown
 
 from .doubts import NO_DOUBT, SHOWS_NO_SLIP, Doubted
 from .rigid_motion import places_of, rigid_motion

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import (
     IMU,
     ODOMETRY,
@@ -35,9 +36,9 @@ from smallwheel_ros.onboard.settings import (
     VELOCITY,
     OnboardSettings,
 )
-from smallwheel_ros.pipeline.intake.buffer import NEVER, Samples, Stream
+from smallwheel_ros.pipeline.intake.buffer import Samples, Stream
 from smallwheel_ros.pipeline.intake.layout import rules_of
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, steps_of, unknown
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers, steps_of, unknown
 
 from .believed import AGAINST, NO_ROWS, BelievedRows, RawRows
 from .doubts import Doubts

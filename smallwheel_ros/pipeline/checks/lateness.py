@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags
+from smallwheel_ros.common.stamps import SECOND
+from smallwheel_ros.pipeline.tables import Array, Flags
 
 from .sums import robust
 

@@ -26,9 +26,9 @@ from typing import Protocol
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, OnboardSettings
-from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .doubts import SHOWS_NO_SLIP, Doubts
 from .ground_speed import DOWN, GroundSpeed

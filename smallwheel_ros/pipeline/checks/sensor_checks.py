@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import OnboardSettings
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.intake.layout import rules_of
-from smallwheel_ros.pipeline.tables import SECOND
 
 from .believed import BelievedRows, RawRows
 from .doubts import Doubts

@@ -13,10 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
 from .ground_speed import Known
 from .lateness import MOVES

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+from smallwheel_ros.common.stamps import NEVER, SECOND
+from smallwheel_ros.pipeline.tables import Array, Integers
 
-NEVER = -(1 << 62)
 _ROOM = 64  # rows of a stream at first
 _PERIODS = 8  # times between the newest messages, of which the second longest is a stream's period
 _HOLDS = (

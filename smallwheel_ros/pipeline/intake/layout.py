@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
-from smallwheel_ros.pipeline.tables import SECOND
 
 from .buffer import StampRules
 

@@ -27,9 +27,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from smallwheel_ros.pipeline.tables import SECOND, Array, Integers
+from smallwheel_ros.common.stamps import NEVER, SECOND
+from smallwheel_ros.pipeline.tables import Array, Integers
 
-from .buffer import NEVER, Samples, StampRules, Stream
+from .buffer import Samples, StampRules, Stream
 from .plausible import fault, flaw, sound
 
 Arrivals = Mapping[

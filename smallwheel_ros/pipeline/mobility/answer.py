@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtr
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
@@ -24,7 +25,6 @@ from smallwheel_ros.pipeline.soil.stretches import Loads
 from smallwheel_ros.pipeline.strength.two_filters import Strengths
 from smallwheel_ros.pipeline.strength.words import is_determined, is_told
 from smallwheel_ros.pipeline.tables import (
-    SECOND,
     Array,
     Estimates,
     Flags,

@@ -16,15 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.pipeline.rows.steering import along_course
 from smallwheel_ros.pipeline.soil.local_law import Version
 from smallwheel_ros.pipeline.tables import (
-    SECOND,
     Array,
     Columns,
     Estimates,

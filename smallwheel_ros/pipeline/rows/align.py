@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, STANDSTILL_SPEED, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
@@ -31,8 +32,7 @@ from smallwheel_ros.pipeline.checks.ground_speed import (
     X,
     Y,
 )
-from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.tables import SECOND, Aligned, Array, Flags, Integers, unknown
+from smallwheel_ros.pipeline.tables import Aligned, Array, Flags, Integers, unknown
 
 from .slip import assembled_slip, rim_std_of
 from .steering import Course, SteeredRows, along_course, speed_aside

@@ -20,9 +20,9 @@ import math
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.tables import SECOND, Array, Integers, Readings
+from smallwheel_ros.pipeline.tables import Array, Integers, Readings
 
 _SLOPE, _LENGTH = 0.15, 40.0  # tangent, m: hills
 _ZERO, _ZERO_TIME = math.radians(1.5), 180.0  # tangent, s

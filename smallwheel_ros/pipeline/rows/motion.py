@@ -14,18 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import STANDSTILL_SPEED, OnboardSettings
 from smallwheel_ros.physics.conditions import PRESSED, ROLLING
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.tables import (
-    SECOND,
-    Aligned,
-    Array,
-    Flags,
-    Integers,
-    Readings,
-    steps_of,
-)
+from smallwheel_ros.pipeline.tables import Aligned, Array, Flags, Integers, Readings, steps_of
 
 from .passes import Passes
 from .steering import ASIDE

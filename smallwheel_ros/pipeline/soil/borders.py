@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.onboard.prior import (
     EstimatorSettings,
@@ -33,9 +34,8 @@ from smallwheel_ros.onboard.prior import (
 )
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.rows.motion import ahead_of
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags, Integers, Readings
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Readings
 from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
 
 from .border_evidence import Border, border_ahead, border_behind

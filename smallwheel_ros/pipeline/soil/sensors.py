@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.loads import UNITS, WEIGHT_OFF
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import Array, Integers
 
 from .stretches import Stretches

@@ -18,18 +18,12 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.tables import (
-    SECOND,
-    Array,
-    Columns,
-    Flags,
-    Integers,
-    Readings,
-)
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, Readings
 
 _SECOND_DIFFERENCE = 6.0  # variance of a - 2 b + c over that of one of three independent readings
 # Readings that the learnt noise, and the told one, count for.

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.rows.level import Level
@@ -21,7 +22,7 @@ from smallwheel_ros.pipeline.rows.slip import slip_of
 from smallwheel_ros.pipeline.rows.steering import ASIDE
 from smallwheel_ros.pipeline.soil.borders import Soils
 from smallwheel_ros.pipeline.soil.local_law import local_laws
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, Readings
 
 from .contact import OnSoil, on_soil
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.onboard.strength import any_strength
 from smallwheel_ros.physics.wheel import GRAVITY, Quantity, Strength, Wheel
-from smallwheel_ros.pipeline.intake.buffer import NEVER
 from smallwheel_ros.pipeline.tables import Array, Integers
 from smallwheel_ros.pipeline.versions import REMEMBERED, Versions
 

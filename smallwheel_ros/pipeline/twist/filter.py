@@ -31,7 +31,8 @@ import math
 
 import numpy as np
 
-from smallwheel_ros.pipeline.tables import SECOND, Array, Flags
+from smallwheel_ros.common.stamps import SECOND
+from smallwheel_ros.pipeline.tables import Array, Flags
 
 _VX, _VY, _BX, _BY, _CX, _CY, _SL, _SR, _SY = range(9)
 _CHI_STD = 0.5  # 1 steered or on one axle, 1.5 to 2 skid steering

@@ -16,13 +16,14 @@ from itertools import pairwise
 import numpy as np
 
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.declared import TwistSettings
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.checks.ground_speed import SPEED_VARIANCE
 from smallwheel_ros.pipeline.checks.rigid_motion import places_of, rigid_motion
 from smallwheel_ros.pipeline.intake.layout import MAXIMUM_GAP
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers
+from smallwheel_ros.pipeline.tables import Array, Columns, Integers
 
 from .filter import LONGEST, TwistFilter
 

@@ -29,10 +29,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import SLOWEST_RIM
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import GRAVITY, Wheel
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Integers, Readings, unknown
+from smallwheel_ros.pipeline.tables import Array, Columns, Integers, Readings, unknown
 
 PERIOD = SECOND // 10  # ns, an instant; all constants were found at 10 Hz
 HELD = 0.5  # s, for which a wheel's row is taken on

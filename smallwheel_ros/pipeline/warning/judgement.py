@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.onboard.settings import (
     IMU,
@@ -21,8 +22,7 @@ from smallwheel_ros.onboard.settings import (
     OnboardSettings,
 )
 from smallwheel_ros.pipeline.checks.believed import BelievedRows
-from smallwheel_ros.pipeline.intake.buffer import NEVER
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers, Readings
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers, Readings
 
 from .hazard import Instants, Warned, Warnings, level_at
 from .margin import AnyGround, Margins

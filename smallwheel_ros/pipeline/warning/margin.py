@@ -32,11 +32,12 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.cost import falls_short
 from smallwheel_ros.costmap.terrain import SPINS
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.rows.steering import ASIDE
-from smallwheel_ros.pipeline.tables import SECOND, Array, Columns, Flags, Integers
+from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers
 
 from .hazard import Instants
 

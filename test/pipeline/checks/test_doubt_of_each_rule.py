@@ -16,6 +16,7 @@ import pytest
 from raw_drives import NAMES, START, Rows, drive, settings
 from test_rules import FAULTS, LEFT
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.checks.believed import BelievedRows, RawRows
@@ -26,7 +27,7 @@ from smallwheel_ros.pipeline.intake.layout import rules_of, widths_of
 from smallwheel_ros.pipeline.intake.streams import Streams
 from smallwheel_ros.pipeline.rows.align import Align
 from smallwheel_ros.pipeline.rows.motion import MotionState, motion
-from smallwheel_ros.pipeline.tables import SECOND, Aligned, Array, Flags
+from smallwheel_ros.pipeline.tables import Aligned, Array, Flags
 from smallwheel_ros.pipeline.warning.judgement import Judgement
 from smallwheel_ros.pipeline.warning.margin import unknown_ground
 

@@ -8,7 +8,7 @@ import pytest
 from rows_of_drives import FirstStages
 from steered_drives import CAR, FOUR, ROVER, SIX_OF_SIX, bend, crab, steered_drive, weave
 
-from smallwheel_ros.pipeline.tables import SECOND
+from smallwheel_ros.common.stamps import SECOND
 
 
 @pytest.mark.parametrize("odometry", ["wheels", "rims", "axle"])

@@ -21,12 +21,13 @@ from topic_messages import (
     wrench,
 )
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.model.model import Model, predict
 from smallwheel_ros.onboard.parameters import ParametersError
 from smallwheel_ros.physics.conditions import Conditions
 from smallwheel_ros.physics.soil import Soil
 from smallwheel_ros.physics.wheel import GRAVITY
-from smallwheel_ros.pipeline.tables import SECOND, Estimates, Readings
+from smallwheel_ros.pipeline.tables import Estimates, Readings
 
 QUARTER = math.sqrt(0.5)
 MASS: dict[str, object] = {"vehicle.mass": 6.0}

@@ -12,12 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rows_of_drives import START, drive, give, rover
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import mobility_columns, status_texts
 from smallwheel_ros.model.model import Model
 from smallwheel_ros.model.model_file import write_model
 from smallwheel_ros.pipeline.mobility.status import Condition, Status, status_of
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.tables import SECOND, Estimates
+from smallwheel_ros.pipeline.tables import Estimates
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from rows_of_drives import START, drive, give, rover, static_rover
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import VEHICLE_VALID, vehicle_columns
 from smallwheel_ros.onboard.settings import NodeSettings
 from smallwheel_ros.pipeline.intake.layout import widths_of
 from smallwheel_ros.pipeline.mobility.vehicle import VehicleEstimates
 from smallwheel_ros.pipeline.pipeline import Pipeline, Turn
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rows_of_drives import PLACES, G, Row, drive, rover, run
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.pipeline import Pipeline
 from smallwheel_ros.pipeline.rows.level import Level, news
@@ -16,7 +17,7 @@ from smallwheel_ros.pipeline.soil.sensors import Weighing
 from smallwheel_ros.pipeline.soil.stretches import Stretches
 from smallwheel_ros.pipeline.strength.filter import LEVEL_STD
 from smallwheel_ros.pipeline.strength.forces import LEVEL
-from smallwheel_ros.pipeline.tables import SECOND, Readings
+from smallwheel_ros.pipeline.tables import Readings
 
 ZERO = 0.05  # tangent, nose up
 GROUND = 0.08  # tangent of the slope of the ground, east

@@ -14,8 +14,8 @@ import pytest
 from rows_of_drives import FirstStages
 from steered_drives import CAR, FOUR, ROVER, SIX_OF_SIX, bend, crab, spot, steered_drive, weave
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.drive.messages import mobility_columns
-from smallwheel_ros.pipeline.tables import SECOND
 
 WAYS = {
     "radius 1.5 m": (bend(1.5), ROVER),

@@ -8,6 +8,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.effects.slip import Exponential
 from smallwheel_ros.onboard.parameters import settings_from
 from smallwheel_ros.physics.wheel import Wheel
@@ -20,7 +21,6 @@ from smallwheel_ros.pipeline.soil.missing_effect import (
     robust_fit,
 )
 from smallwheel_ros.pipeline.soil.stretches import Stretches
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.simulate import DriveSettings, simulate_drive
 
 TERRAINS = ["mixed", pytest.param("single", marks=pytest.mark.slow)]

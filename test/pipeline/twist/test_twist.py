@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rates._twist_drives import Drive, simulated, vehicle
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.onboard.declared import TwistSettings
-from smallwheel_ros.pipeline.tables import SECOND
 from smallwheel_ros.pipeline.twist.twist import (
     Rows,
     TwistError,
