@@ -10,7 +10,7 @@ import smallwheel_ros.simulate
 
 FOLDER = Path(smallwheel_ros.simulate.__file__).parent
 # What the truth may share with the rest of the package: nothing that computes soil or wheels.
-_COMMON = ("console", "errors", "files", "tables")
+_COMMON = ("console", "errors", "files", "stamps", "tables")
 SHARED = {"smallwheel_ros.bags"} | {f"smallwheel_ros.common.{name}" for name in _COMMON}
 
 
