@@ -70,7 +70,6 @@ def test_what_fails_in_words_is_in_the_files_of_results() -> None:
     assert f"{pulls.min():.2f} of the pulls of the worst world" in text
     flags = priors[priors.what == "drives with a wrong flag"].set_index("world").value.astype(float)
     assert f"{flags['all']:.2f} of the drives of `priors`" in text
-    assert list(flags[flags > 0.0].index) == ["all", "two sizes, pull sensor"]
 
 
 def test_the_real_drives_are_those_of_their_file() -> None:
