@@ -81,9 +81,6 @@ def bad_runs(fitter: Fitter, fit: Fit) -> list[BadRun]:
     return _stuck_runs(fitter.points) or _off_repeats(fitter.points) or _off_model(fitter, fit)
 
 
-STANDS = "the gauge does not move"
-
-
 class _Rise(NamedTuple):
     """How sinkage follows the load. times: that the load rises; power: of the load that the sinkage has."""
 
@@ -100,7 +97,7 @@ def stuck(points: Points) -> str:
         return ""
     times = number(max(rise.times for rise in rises), 2)
     return (
-        f"the sinkage does not rise while the load rises {times} fold: {STANDS}, or the "
+        f"the sinkage does not rise while the load rises {times} fold: the gauge does not move, or the "
         f"ground of {points.measurements.source or 'the table'} is rigid"
     )
 

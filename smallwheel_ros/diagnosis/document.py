@@ -124,7 +124,8 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
     learnt = found.field.learnt_from(measurements)
     fitted = problem.result(verdict.steps[-1].model)
     # What a gauge shows that does not move, no other settings make better known.
-    of_fit = strays(fitted) if stuck(problem.points) else fitted.notes
+    still = bool(stuck(problem.points))
+    of_fit = strays(fitted) if still else fitted.notes
     left, floors = residuals_left(fitter, best), expected_error(fitter, best)
     worst = worst_left(left, measurements)
     alone = errors_alone(problem, found, evidence.held_out, verdict.probabilities)
@@ -138,6 +139,7 @@ def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
         "unknown": list(verdict.unknown),
         "tied": [{"settings": [one.setting, one.other]} for one in tied_settings(problem.points)],
         "closest": list(verdict.closest),
+        "stuck_gauge": still,
         "channels": _channels(problem, base, floors, _findings(verdict, points, floors)),
         "lack_of_fit": {
             "p_value": None if learnt & {*verdict.named} else found.p,

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from smallwheel_ros.diagnosis.bad_runs import STANDS
 from smallwheel_ros.diagnosis.next_measurement import RUNS
 from smallwheel_ros.fitting.constants import REPLICATES
 from smallwheel_ros.measurements.display import listed, p_text, sentence, words
@@ -100,7 +99,7 @@ def _next(
             with_what = "the measurements proposed" if proposed else "runs at further settings"
             steps.append(f"confirm it with {with_what}")
         return ", and ".join(steps)
-    if STANDS in (document.get("reason") or ""):
+    if document.get("stuck_gauge"):
         return "check the gauge, by hand or with a spacer of known height, and measure again"
     if verdict == "unknown_effect":
         law = "let `sw.learn` look for a law"
