@@ -65,7 +65,6 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 JOINTS = "sensor_msgs/msg/JointState"
 TWIST = "geometry_msgs/msg/TwistStamped"
 IMU = "sensor_msgs/msg/Imu"
-_UNUSED = "the robot description is not used"
 
 
 def rover_of_bag(
@@ -105,6 +104,7 @@ class _Finder:
     ) -> None:
         self._reader, self._asked, self._namespace = reader, joint_states, namespace
         self._notes: list[str] = [reader.hole] if reader.hole else []
+        self._no_description = "no robot description with wheels"
         # Parameters of topics that are not called as is expected.
         self._named: dict[str, Value] = {}
         self._ranged: list[str] = []  # wheels with a range sensor
@@ -131,7 +131,8 @@ class _Finder:
             except RobotDescriptionError as error:
                 if urdf is not None:
                     raise InitError(f"{urdf}: {error}") from None
-                self._notes.append(f"{_UNUSED}: {error}")
+                self._no_description = f"the robot description is not used: {error}"
+                self._notes.append(self._no_description)
                 description = None
         topic, found, words = joint_states_of(
             self._reader, self._topics[JOINTS], turned.values(), self._asked
@@ -345,7 +346,7 @@ class _Finder:
         if not wheels:
             raise InitError(
                 f"{self._reader.path}: no topic of a wheel's load ({WRENCH}) or sinkage ({SINKAGE}, {RANGE}),"
-                f" {self._no_description()}, and no joint that turns like a wheel ({self._no_joint(joints)}):"
+                f" {self._no_description}, and no joint that turns like a wheel ({self._no_joint(joints)}):"
                 " `smallwheel init BAG --urdf FILE` reads a robot description from a file, and"
                 " `smallwheel init --wheels N` makes a file to fill in"
             )
@@ -381,11 +382,6 @@ class _Finder:
             return "which topic has them is not clear, or its messages name none"
         which = "none of them turns:" if not joints.turning() else "its joints are"
         return f"{which} {', '.join(joints.names)}"
-
-    def _no_description(self) -> str:
-        """Why no robot description tells the wheels."""
-        unused = [note for note in self._notes if note.startswith(_UNUSED)]
-        return unused[0] if unused else "no robot description with wheels"
 
     def _description(self) -> str | None:
         """The text of the bag's robot description, if there is one."""
