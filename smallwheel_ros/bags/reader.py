@@ -33,6 +33,7 @@ from rosbags.typesys.store import Typestore
 
 from smallwheel_ros.bags.types import DefinitionError, Definitions
 from smallwheel_ros.common.errors import SmallwheelError, reason
+from smallwheel_ros.common.stamps import SECOND
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -43,7 +44,7 @@ Storage = Literal["mcap", "sqlite3"]
 Key = tuple[str, str]  # topic and type
 # How a message begins that was compressed by itself; CDR begins otherwise.
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_HOLE = 30 * 86_400 * 10**9  # ns: no vehicle's recording goes on over a month without a message
+_HOLE = 30 * 86_400 * SECOND  # ns: no vehicle's recording goes on over a month without a message
 _KINDS = (".mcap", ".db3", ".bag")
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 _MEND = {

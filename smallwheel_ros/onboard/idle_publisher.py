@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from smallwheel_ros.common.stamps import NEVER
+from smallwheel_ros.common.stamps import NEVER, SECOND
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -17,7 +17,7 @@ Integers = NDArray[np.int64]
 _AWAY = 0.1  # rad from 0: more than an encoder that stands flickers by
 _TURNS = 0.05  # rad/s: faster than the noise of a joint that stands
 # ns: an encoder that begins anew at 0 and stands is believed after that, since no others come any more
-_BETWEEN = 1_000_000_000
+_BETWEEN = SECOND
 
 IDLE = "its joint is at 0 between messages in which it turns: is there more than one publisher?"
 

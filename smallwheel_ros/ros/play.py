@@ -27,6 +27,7 @@ from rosgraph_msgs.msg import Clock
 
 from smallwheel_ros.bags import BagReader
 from smallwheel_ros.common.errors import SmallwheelError
+from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.costmap.grid import Grid, grid_from
 from smallwheel_ros.msg import MobilityEstimate, SoilEstimate, VehicleMobility
 from smallwheel_ros.onboard.parameters import NODE_NAME
@@ -305,7 +306,7 @@ def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
 def _stamp_of(data: bytes) -> int:
     """Stamp (ns) of a serialised message (little-endian CDR) that begins with a header."""
     second = int.from_bytes(data[4:8], "little", signed=True)
-    return second * 10**9 + int.from_bytes(data[8:12], "little")
+    return second * SECOND + int.from_bytes(data[8:12], "little")
 
 
 def _row(message: Any) -> dict[str, Any]:
