@@ -31,7 +31,7 @@ from .identifiability import SoilEstimate, Variety
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
-_VERSION = 5  # another means something else, and is refused
+_VERSION = 6  # another means something else, and is refused
 
 
 @dataclass(frozen=True)
@@ -194,8 +194,8 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
         raise _corrupt(path, f"expected a file of format '{FORMAT}'")
     if content.get("version") != _VERSION:
         raise EstimatorError(
-            f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}; "
-            "delete the file to begin with the prior"
+            f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}: "
+            "another release wrote it; delete the file to begin with the prior"
         )
     told = content.pop("sha256", None)
     if told != _checksum(content):
