@@ -105,7 +105,7 @@ class Judge(Protocol):
 class Rule:
     """A row of the table.
 
-    rows: the rows that it needs. statistic: computed over them. limit: of the statistic, beyond which the rule
+    rows: rows that it needs. statistic: computed over them. limit: of the statistic, beyond which the rule
     reports. reason: of the limit, with the worst drive whose sensors were all good. says: what may be wrong.
     starts: makes the judge of a vehicle.
     """
