@@ -43,20 +43,20 @@ class Kind:
 
 
 def unheard(*progress: object) -> None:
-    """Ignore the progress."""
+    """Discard progress reports."""
 
 
 # --- What was typed
 
 
 def understand(said: str) -> None:
-    """Say on standard error how something was read, where there is anything to say."""
+    """Report on standard error how an input was interpreted, if there is anything to report."""
     if said:
         print(f"understood: {said}", file=sys.stderr, flush=True)
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """The names of a list with commas."""
+    """Split a list of names at its commas."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 

@@ -49,10 +49,10 @@ def _drop_output() -> None:
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by a table and imports one when it is asked for."""
+    """A group that lists its commands from a table and imports each only when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table: the order in which people come to need them."""
+        """Names in the order of the table, which is the order in which a new user needs them."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -81,7 +81,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run, and turn what the library says of bad input into one message."""
+        """Run a command; report an error of the library about its input as one message."""
         try:
             return super().invoke(ctx)
         except SmallwheelError as error:

@@ -235,7 +235,7 @@ class BagReader:
         return "; ".join(self._problems)
 
     def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
-        """What makes a message of bytes, with at least the fields that its type has here.
+        """Return a function that turns bytes into a message with at least the fields its type has here.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class BagReader:
             raise
 
     def channel(self, topic: str, kind: str) -> CopiedTopic | None:
-        """How a bag of ROS 2 is to hold a topic; None where its type is not known.
+        """How to store a topic in a bag of ROS 2; None where its type is not known.
 
         Parameters
         ----------
@@ -323,7 +323,7 @@ class BagReader:
 
 
 class CopiedTopic(NamedTuple):
-    """A topic as a bag of ROS 2 is to hold it: its type, the store that knows it, QoS, its bytes."""
+    """A topic as a bag of ROS 2 stores it: its type, the type store that knows it, QoS and bytes."""
 
     topic: str
     type: str

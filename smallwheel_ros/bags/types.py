@@ -113,7 +113,7 @@ class Definitions:
         return bool(topic.msgdef.data) or topic.msgtype in self._standard.fielddefs
 
     def decoder(self, topic: Connection, *, as_here: bool = False) -> Callable[[bytes], Any]:
-        """What makes a message of a topic's bytes.
+        """Return a function that turns a topic's bytes into a message.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class Definitions:
     def in_ros2(
         self, topic: Connection
     ) -> tuple[str, Typestore, Callable[[bytes], bytes | memoryview]]:
-        """Return a topic's type in ROS 2, the store that knows it, and what its bytes become there.
+        """Return a topic's ROS 2 type, the store that knows it, and a converter for its bytes.
 
         Raises DefinitionError for a type that is not known; of ROS 1 only those known here are.
         """

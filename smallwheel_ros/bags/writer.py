@@ -134,7 +134,7 @@ class BagWriter:
         self._write(connection, log_time, data)
 
     def copy(self, topic: CopiedTopic, log_time: int, data: bytes) -> None:
-        """Write a message of another bag.
+        """Copy a message of another bag.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class BagWriter:
         self._write(connection, log_time, converted)
 
     def add(self, topic: str, kind: str, *, keeps_last: bool = False) -> Connection:
-        """Make a topic before its first message comes.
+        """Create a topic before its first message arrives.
 
         Parameters
         ----------

@@ -33,7 +33,7 @@ class CommandError(SmallwheelError):
 
 
 def described(function: Function) -> tuple[str, dict[str, str]]:
-    """What a docstring says before its first section, and of each parameter; numpydoc."""
+    """A docstring's text before its first section, and that of each parameter (numpydoc)."""
     doc = inspect.getdoc(function) or ""
     words, *sections = re.split(r"^(\w+)\n-+\n", doc, flags=re.MULTILINE)
     parameters = dict(zip(sections[::2], sections[1::2], strict=True)).get("Parameters", "")
@@ -42,7 +42,7 @@ def described(function: Function) -> tuple[str, dict[str, str]]:
 
 
 def kinds_of(function: Function) -> dict[str, tuple[Kind, Any]]:
-    """Of each parameter that people type its kind, and its type in Python."""
+    """For each parameter that can be typed, its kind and its Python type."""
     found = {}
     for name, parameter in inspect.signature(function).parameters.items():
         for hint in (parameter.annotation, *get_args(parameter.annotation)):
@@ -191,7 +191,7 @@ def command(
 
 
 def with_what_was_typed(function: Function, *more: str) -> str:
-    """The command of a function, with table and options of the one that runs.
+    """Name the function's command with the table and options of the running one.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def _is_unnamed(function: Function, name: str, kind: Kind) -> bool:
 
 
 def taken(function: Function, options: Given) -> Given:
-    """Move a function's arguments, and those of `read`, out of the options; those not given are left out.
+    """Separate a function's arguments, and those of `read`, from the options; leave out those not given.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def with_table(function: Function, given: Given) -> Given:
 
 
 def told(test: Any) -> Any:
-    """A table; what was made of it, and its warnings, on standard error."""
+    """Print on standard error how the table was understood, with its warnings; return the table."""
     for line in test.understood:
         understand(line)
     for warning in getattr(test, "warnings", ()):

@@ -7,7 +7,7 @@ import difflib
 
 
 class SmallwheelError(Exception):
-    """Something the user can mend: the message says what was found, where, and what to do.
+    """An error that the user can correct: the message says what was wrong, where, and what to do.
 
     Each module derives one class of its own from it. The command line prints the message and
     ends with exit code 2; the node reports it in its diagnostics. Anything else that is raised
@@ -16,7 +16,7 @@ class SmallwheelError(Exception):
 
 
 class ArgumentError(SmallwheelError):
-    """An argument of a public function that is of another kind than it takes."""
+    """An argument of a public function has a type that it does not take."""
 
 
 def reason(error: Exception) -> str:
@@ -41,5 +41,5 @@ def nearest(name: str, known: list[str]) -> str:
 
 
 def kind_of(value: object) -> str:
-    """What was given, by the name of its type."""
+    """Describe a value by the name of its type."""
     return "nothing" if value is None else type(value).__name__

@@ -24,7 +24,7 @@ LARGEST = 1_000_000  # bytes; a model file with the covariance of 200 parameters
 
 
 class OutputError(SmallwheelError):
-    """A result that cannot be written where it was asked for."""
+    """A result cannot be written to the place asked for."""
 
 
 def check_target(path: str | Path) -> Path:
@@ -79,7 +79,7 @@ def check_folder_target(path: Path | None) -> None:
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Put a file there in one step; one that was there is replaced only by a whole one.
+    """Write a file atomically: an existing one is replaced only by a complete one.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
 
 
 def write_together(files: Mapping[Path, bytes]) -> None:
-    """Put files there that belong together, in their order: all are on the disk before one has its name.
+    """Write files that belong together, in order; none takes its name before all are on the disk.
 
     A process that is killed leaves all of them old or all of them new, but for the moment in which they get
     their names: who reads them looks whether they belong together.
@@ -179,7 +179,7 @@ def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
 
 
 def sweep_drafts(path: Path) -> None:
-    """Take away what processes that were killed have left of a file, and of those whose names begin as its.
+    """Delete drafts that killed processes left of a file, or of files whose names begin with its name.
 
     Only drafts that nobody has written to for an hour; what cannot be taken away stays.
     """

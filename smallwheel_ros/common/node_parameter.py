@@ -102,7 +102,7 @@ class NodeParameter:
         return replace(self, name=self.name.replace(WHEEL, ALL), default=None, required=False)
 
     def taken(self, value: Any) -> Any:
-        """Return a good value as it is used: 280 is 280.0 where a double is meant."""
+        """Convert a valid value to its declared type: 280 becomes 280.0 for a double."""
         return float(value) if self.kind == "double" and type(value) is int else value
 
     @property

@@ -36,7 +36,7 @@ _MOST_ROWS = 20  # of a table in a notebook
 
 
 class ResultError(SmallwheelError):
-    """Something that a result cannot be turned into."""
+    """A result cannot be converted as asked."""
 
 
 class Result:

@@ -52,7 +52,7 @@ def _is_number(cell: str) -> bool:
 
 
 def each(value: Any, single: Callable[[Any], Any]) -> Any:
-    """Mappings, lists and arrays as JSON has them, with `single` of every value that is none of these.
+    """Mappings, lists and arrays as JSON has them, with `single` applied to every other value.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def each(value: Any, single: Callable[[Any], Any]) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """The value in what JSON knows: arrays as lists, what is not finite as null."""
+    """Convert a value for JSON: arrays become lists, numbers that are not finite become null."""
     return each(value, _single)
 
 

@@ -15,7 +15,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def one_thread(function: Function) -> Function:
-    """The function with one thread for linear algebra, whatever is set outside of it.
+    """Wrap a function so that its linear algebra uses one thread, whatever the environment sets.
 
     Matrices here are small: more threads cost more than they bring, many times more on a busy machine.
     """

@@ -198,7 +198,7 @@ class Comparison(Result, shown="views.comparison"):
         return {name: change for name, change in found.items() if channel in change.reduction}
 
     def useless(self, channel: str) -> str:
-        """Say so where a model without physics has less error than every law; "" elsewhere."""
+        """Say so where a model without physics has less error than every law; "" otherwise."""
         best, law = self.best(channel), self.best(channel, laws=True)
         if best is None or law is None or best is law:
             return ""

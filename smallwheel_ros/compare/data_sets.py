@@ -29,18 +29,18 @@ class BenchmarkError(SmallwheelError):
 
 @dataclass(frozen=True, repr=False)
 class Benchmark(Result, shown="views.law_table"):
-    """What the laws leave on each set of rows. left_out: files that were not used, with the reason."""
+    """Errors of the laws on each set of rows. left_out: files that were not used, with the reason."""
 
     folder: Path
     tasks: tuple[LawTable, ...]
     left_out: dict[str, str]
 
     def judged(self, verdict: Verdict) -> list[tuple[LawTable, Errors]]:
-        """The laws of others against which ours has that verdict, with their tables."""
+        """The other laws against which ours has that verdict, with their tables."""
         return [(t, law) for t in self.tasks for law in t.others if law.verdict == verdict]
 
     def headline(self) -> str:
-        """How often ours wins, loses, and cannot be told from another law."""
+        """How often our law has less error than others, more, or a difference within chance."""
         wins, losses, ties = (len(self.judged(word)) for word in ("wins", "loses", "cannot tell"))
         return (
             f"{self.folder}: {wins + losses + ties} comparisons of ours with other laws on {len(self.tasks)} "

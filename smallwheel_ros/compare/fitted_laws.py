@@ -45,7 +45,7 @@ _TRIED = 3  # starts that are followed to their end: a law may have more than on
 
 @dataclass(frozen=True)
 class LawPrediction:
-    """What a law says of all points, shape (values,), NaN where nothing.
+    """A law's predictions at all points, shape (values,); NaN where it has none.
 
     at_bound: names of parameters that its fit left at a bound. effects: that it named.
     """

@@ -58,7 +58,7 @@ class Errors:
 
     @property
     def verdict(self) -> Verdict | None:
-        """What ours does against this law; None where they are not compared."""
+        """How our law fares against this one; None where they are not compared."""
         d = self.against
         if d is None:
             return None

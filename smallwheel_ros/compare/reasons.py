@@ -79,7 +79,7 @@ def _strays(channel: str, large: Mapping[str, float], fitter: Fitter) -> list[st
 
 
 def lone_soils(data: Measurements) -> list[str]:
-    """The soils of one run, where others have more: held out, nothing is known of them."""
+    """Soils with one run where others have more: with that run held out, nothing is known of them."""
     runs = {str(s): np.unique(data.run[data.soil == s]).size for s in np.unique(data.soil)}
     lone = [name for name, count in runs.items() if count == 1]
     return lone if len(lone) < len(runs) else []

@@ -65,12 +65,12 @@ class GroundAhead:
         self._numbers: Cells | None = None  # class number of each cell of the elevation, as a byte
 
     def clear(self) -> None:
-        """Forget what was met; grids that were given stay."""
+        """Forget margins that were measured; keep the grids of ground ahead."""
         self.classes.clear()
         self.most = self._prior
 
     def take_classes(self, grid: Grid) -> bool:
-        """Take a grid of terrain classes, 0 and more; return whether it is another one."""
+        """Take a grid of terrain classes (0 and above); return whether it differs from the last one."""
         before = self.class_grid
         if (
             before is not None
@@ -107,7 +107,7 @@ class GroundAhead:
         return UNKNOWN if grid is None or cell is None else int(grid.cells[cell])
 
     def stuck_at(self, frame: str, places: Iterable[tuple[float, float]]) -> None:
-        """Take the places where the vehicle is stuck and has not got through since.
+        """Set the places where the vehicle has been stuck and has not got through since.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class GroundAhead:
         return self._prior if self._settings.unknown == "prior" else None
 
     def by_slope(self) -> Grid | None:
-        """Cost of the cells whose slope is known; None without an elevation."""
+        """Cost of cells with a known slope; None without an elevation map."""
         ahead = self.elevation
         if ahead is None:
             return None

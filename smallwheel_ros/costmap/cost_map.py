@@ -103,7 +103,7 @@ class CostMap:
         self._held: Pose | None = None
 
     def clear(self) -> None:
-        """Forget all that wheels have found and what was remembered; grids of others stay."""
+        """Forget all costs of crossed and remembered ground; keep the grids of ground ahead."""
         self._ground.clear()
         self.ahead.clear()
         self._pose = self._held = self.remembered = None
@@ -127,7 +127,7 @@ class CostMap:
         course: float = 0.0,
         measured: bool = True,
     ) -> None:
-        """Take what the vehicle, at its pose after so much travel, has found where a wheel is.
+        """Add a wheel's margin at the vehicle's pose and distance travelled.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class CostMap:
     # --- What is expected
 
     def expect(self, most: Quantity) -> None:
-        """Take what ground like that it is on gives at most, for what lies ahead of the vehicle."""
+        """Set the largest pull per load that ground like the present one gives, for ground ahead."""
         self.changed |= self.ahead.elevation is not None and most != self.ahead.most
         self.ahead.most = most
 
@@ -213,7 +213,7 @@ class CostMap:
     # --- What was found before
 
     def remember(self, grid: Grid) -> None:
-        """Take costs that were found on an earlier drive; what is found now counts before them."""
+        """Load costs of an earlier drive; costs of this drive take precedence."""
         self.remembered, self.changed = grid, True
 
     def place_frame(self, above: str, pose: Pose) -> None:
@@ -256,7 +256,7 @@ class CostMap:
     # --- The grids
 
     def grids(self) -> CostGrids | None:
-        """Return the costs as they are now; None as long as there is no place to speak of.
+        """Return the present costs; None until the vehicle's position is known.
 
         With terrain classes the cells are theirs, else the window's.
         """
@@ -347,12 +347,12 @@ class CostMap:
         return classes is not None and bool(self.frame) and classes.frame != self.frame
 
     def is_placed(self, frame: str) -> bool:
-        """Whether it is known where a frame is: that of positions, or one that tf relates to it."""
+        """Whether a frame can be located: it is the positions' own, or tf relates the two."""
         return not self.frame or frame in (self.frame, *self._frames)
 
     @property
     def problem(self) -> str:
-        """Why something that was given cannot be used, in words; empty where all can."""
+        """Why an input cannot be used, in words; empty where all can."""
         found = []
         classes, elevation, old = self.ahead.class_grid, self.ahead.elevation, self.remembered
         if classes is not None and self.in_other_frame:

@@ -187,7 +187,7 @@ class CrossedGround:
         self._travel = np.full(self._cells.shape, -np.inf, dtype=np.float32)  # when it was crossed
 
     def follow(self, x: float, y: float) -> bool:
-        """Move the window if need be, so that a place lies well inside.
+        """Move the window, if necessary, so that a place lies well inside it.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class CrossedGround:
     def cross(
         self, wheel: str, across: tuple[Line, Line], travel: float, cost: int, mark: int = UNKNOWN
     ) -> bool:
-        """Take the cost of where a wheel is now.
+        """Record the cost at a wheel's present place.
 
         `follow` must have placed the window. As long as the wheel is there its newest cost counts,
         and the highest of its marks.
@@ -279,7 +279,7 @@ class CrossedGround:
         return taken
 
     def skip(self, wheel: str) -> None:
-        """Note that from here on nothing is known of a wheel's way."""
+        """Record that a wheel's path is unknown from here on."""
         last = self._strips.pop(wheel, None)
         if last is not None:
             self._lay(last)
@@ -319,7 +319,7 @@ class CrossedGround:
         return Grid(frame, self.resolution, origin, cells.reshape(self._side, self._side))
 
     def whole(self, frame: str) -> Grid | None:
-        """Return all that was crossed, also what the window has left behind; None where nothing is."""
+        """Return all crossed ground, inside and outside the window; None where there is none."""
         window = self.grid(frame)
         if window is None:
             return None

@@ -49,7 +49,7 @@ class Pose(NamedTuple):
     heading: float
 
     def place(self, ahead: Length, left: Length) -> tuple[Length, Length]:
-        """Position, in the pose's frame, of something seen from base_link.
+        """Position, in the pose's frame, of a point given in base_link.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class Pose(NamedTuple):
         return self.x + cosine * ahead - sine * left, self.y + sine * ahead + cosine * left
 
     def inverse(self) -> Pose:
-        """The pose of what this one is in, in it."""
+        """The inverse transform: the parent frame as seen from this pose."""
         x, y = Pose(0.0, 0.0, -self.heading).place(-self.x, -self.y)
         return Pose(x, y, -self.heading)
 
@@ -234,7 +234,7 @@ def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
 
 
 def ends(some: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Rows and columns from the first to the last that have one of some cells; empty where there is none.
+    """First and last row and column that contain a marked cell; empty where there is none.
 
     some: shape (rows, columns).
     """
@@ -370,7 +370,7 @@ def map_files(path: Path, grid: Grid) -> dict[Path, bytes]:
 
 
 def digest_of(grid: Grid) -> str:
-    """SHA-256 of a grid: another one has another, and one that was written and read again has the same."""
+    """SHA-256 of a grid, the same after it was written and read again."""
     place = grid.frame, float(grid.resolution), *map(float, grid.origin[:2]), *grid.cells.shape
     return hashlib.sha256(f"{place}".encode() + grid.cells.astype(np.int8).tobytes()).hexdigest()
 

@@ -54,14 +54,14 @@ SPINS = 0.7
 
 
 class Met(NamedTuple):
-    """Margin at the reference slip, and what is gained beyond it until the vehicle makes no way."""
+    """Margin at the reference slip, and how much more the ground gives at larger slip."""
 
     margin: Quantity
     beyond: float = 0.0
 
     @property
     def most(self) -> Quantity:
-        """What such ground gives at most."""
+        """Largest margin that such ground gives at any slip."""
         return Quantity(self.margin.value + self.beyond, self.margin.standard_deviation)
 
 
@@ -83,7 +83,7 @@ class ClassPrior:
         return Quantity(pull - self.resistance, self.deviation)
 
     def met(self, reference_slip: float) -> Met:
-        """The margin at that slip, and what is gained beyond it."""
+        """The margin at that slip, and how much more is gained at larger slip."""
         margin = self.margin(reference_slip)
         return Met(margin, self.margin(max(SPINS, reference_slip)).value - margin.value)
 
@@ -110,7 +110,7 @@ PRIORS: Mapping[str, ClassPrior] = {
 
 @dataclass(frozen=True, kw_only=True)
 class TerrainSettings:
-    """terrain.*: what is known of terrain classes beforehand."""
+    """terrain.*: prior knowledge of terrain classes."""
 
     names: tuple[str, ...] | None = parameter(
         None,
@@ -121,7 +121,7 @@ class TerrainSettings:
 
     @property
     def without_prior(self) -> str:
-        """Say which names tell nothing of the ground; empty where all do."""
+        """Name the classes whose names imply no prior; empty where all do."""
         others = [name for name in self.names or () if name not in PRIORS]
         if not others:
             return ""
@@ -187,7 +187,7 @@ class TerrainClasses:
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was met."""
+        """Forget all measured margins."""
         self._classes: dict[int, _Class] = {}
         self._last: dict[str, tuple[int, float, float]] = {}
         self._stuck: dict[int, int] = {}
@@ -234,14 +234,14 @@ class TerrainClasses:
         return True
 
     def stuck_at(self, terrains: Iterable[int]) -> None:
-        """Take the class of each place where the vehicle is stuck and has not got through since."""
+        """Take the class at each place where the vehicle has been stuck and has not got through since."""
         self._stuck = {}
         for terrain in terrains:
             if terrain >= 0:
                 self._stuck[terrain] = self._stuck.get(terrain, 0) + 1
 
     def contradictions(self) -> list[str]:
-        """Say of each class on which the vehicle was stuck and more often was not, that it is both."""
+        """Report each class on which the vehicle was stuck, but at under half of the places."""
         places = self.places()
         return [
             f"terrain class {terrain} is both: stuck at {stuck} of {places[terrain]} places: the"

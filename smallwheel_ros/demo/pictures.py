@@ -31,7 +31,7 @@ _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
 
 
 class Clip(NamedTuple):
-    """What the node answered to a bag that was played into it.
+    """The node's answers to a bag played into it.
 
     mobility: one row per estimate, what is not known is blank; soil: one per message. epoch: ns at time 0.
     """

@@ -57,7 +57,7 @@ class BadRun:
     against: str
 
     def words(self, measurements: Measurements) -> str:
-        """That it is left out, and why."""
+        """Say that the run is left out, and why."""
         lines = ", ".join(str(line) for line in measurements.line[self.rows][:5])
         where = f"{measurements.source}, {measurements.place} {lines}"
         return (
@@ -89,7 +89,7 @@ class _Rise(NamedTuple):
 
 
 def stuck(points: Points) -> str:
-    """That the sinkage of the table does not rise with the load, in words; "" where it does."""
+    """Say that the table's sinkage does not rise with the load; "" where it does."""
     if "sinkage" not in points.channels:
         return ""
     rises = [rise for _, rise in _rises(points)] or _rise_of_line(points)
@@ -152,7 +152,7 @@ def _stuck_runs(points: Points) -> list[BadRun]:
 
 
 def most_bad(runs: int) -> float:
-    """How many runs may be bad: more are no slips of the pen. Two that were swapped are one."""
+    """Largest number of bad runs: more are no clerical errors. Two that were swapped count as one."""
     return max(2.0, MOST_OUTLIERS * runs)
 
 

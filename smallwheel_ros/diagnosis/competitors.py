@@ -78,7 +78,7 @@ class Competitor:
 
     @property
     def key(self) -> tuple[str, str]:
-        """What tells it from all others."""
+        """Identifies the competitor among all others."""
         return self.family, self.form
 
     @property
@@ -121,7 +121,7 @@ TAKEN_OUT = "taken out of the competition"  # why a family does not compete: the
 
 @dataclass(frozen=True)
 class Field:
-    """Who competes, and who cannot be tested with this data and why (family -> reason).
+    """Candidates that compete, and those that this data cannot test, with the reason by family.
 
     kinds: of every family. columns: the settings that effects can follow (`independent`).
     """
@@ -132,7 +132,7 @@ class Field:
     columns: Mapping[str, Array]
 
     def learnt_from(self, measurements: Measurements) -> frozenset[str]:
-        """Families with a law that was learnt from this very table: it cannot speak for them."""
+        """Families with a law learnt from this very table, which is therefore no evidence for them."""
         return frozenset(
             c.family
             for c in self.competitors
@@ -161,7 +161,7 @@ class Field:
 def field_of(
     points: Points, model: Model, registry: Registry, without: Collection[str] = ()
 ) -> Field:
-    """All competitors that this data could show, before any residual is looked at.
+    """All competitors that this data could reveal, chosen before any residual is looked at.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def _curves(points: Points, columns: Mapping[str, Array], free: Sequence[str]) -
 
 
 def independent(points: Points) -> dict[str, Array]:
-    """The settings that were varied and are no answers to others, by name, at each value."""
+    """Settings that were varied and do not follow from others, by name, at each value."""
     columns = points.varied
     return {
         name: column

@@ -200,7 +200,7 @@ def spans_of(column: str, values: Array) -> list[CurveSpan]:
 
 
 def distinct(values: Array, span: CurveSpan) -> int:
-    """How many terms a curve may have: settings met within a span, told apart by a hundredth of it.
+    """Number of terms that a curve may have: settings in a span that differ by over a hundredth of it.
 
     Parameters
     ----------

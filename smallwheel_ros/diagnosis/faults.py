@@ -71,7 +71,7 @@ class _AsShown(Effect):
 
 
 def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -> Witness | None:
-    """The fault of the sinkage shown that pull and torque name and that lowers a held-out error.
+    """Find the sinkage fault that pull and torque support and that lowers a held-out error.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class Step:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What runs that the choice never saw say of each name.
+    """Held-out evidence for each name, from runs not used in choosing it.
 
     steps: the base, and with each name that helps a channel; named: these. best: the model with laws of the
     library for these; the most probable one without a name. useless: names that help none, a set of each
@@ -202,7 +202,7 @@ def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
 
 
 def kept(choose: Choose) -> Choose:
-    """The same, made once for each set of runs."""
+    """The same, computed once for each set of runs."""
     made: dict[bytes, Sequence[Fit]] = {}
 
     def known(training: Points) -> Sequence[Fit]:

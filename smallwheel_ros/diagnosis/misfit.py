@@ -172,7 +172,7 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What the best explanation leaves that chance does not. lack_of_fit, plateaus: by channel.
+    """What the best explanation leaves beyond chance. lack_of_fit, plateaus: by channel.
 
     scatter: deviation of each component. mixed: the components by which runs are not of one soil (`_mixed`).
     """
@@ -184,7 +184,7 @@ class Misfit:
 
 
 def misfit_of(found: Search, posterior: Posterior, held: HeldOut) -> Misfit:
-    """Misfit of the model with the named effects where nothing else is open, else of the base.
+    """Misfit of the model with the named effects if no other question is open, else of the base.
 
     Parameters
     ----------

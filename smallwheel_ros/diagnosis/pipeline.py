@@ -92,7 +92,7 @@ def start_of(
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result, shown="views.diagnosis"):
-    """A diagnosis. document: what the JSON holds. The rest is what the document was made from.
+    """A diagnosis. document: the content of the JSON. The rest is what the document is computed from.
 
     evidence, search and decision are None, and steps empty, where the data is insufficient. following:
     commands that go on from it, as `diagnosis.text` has them; None where no command made it.
@@ -199,9 +199,9 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
 @dataclass(frozen=True)
 class Decided:
-    """What the measurements let one say, and nothing besides. reason: why they say nothing, "" else.
+    """The conclusion from the measurements alone. reason: why there is none, "" where there is one.
 
-    evidence and verdict are None where they say nothing.
+    evidence and verdict are None where there is none.
     """
 
     problem: Problem

@@ -36,7 +36,7 @@ Word = Literal[
 
 @dataclass(frozen=True)
 class Posterior:
-    """What the probabilities say, and the models that they say it with.
+    """Probabilities of what is missing, and the models from which they are computed.
 
     word: the verdict, were there no other evidence. named: families that are missing, the clearest first.
     rivals: families of which one is missing; a single one is a candidate that these data do not confirm.
@@ -57,7 +57,7 @@ class Posterior:
 
 
 def posterior_of(search: Search) -> Posterior:
-    """What the models of a search say together."""
+    """Combine the models of a search into the probabilities of what is missing."""
     best, share = search.ordered[0], search.probabilities
     speaks = {c.family: family_of(search, c) for m in search.models.values() for c in m.competitors}
     members = {key: {speaks[family] for family, _ in key} for key in search.models}

@@ -53,7 +53,7 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 
 @dataclass(frozen=True)
 class ScoreColumn:
-    """What a competitor does to the predictions at its prior's scale, shape (values, columns).
+    """Change of the predictions by a competitor at its prior's scale, shape (values, columns).
 
     start: the strengths at which it was taken, to start a fit from.
     """
@@ -209,7 +209,7 @@ class Candidate(Fit):
 
     @cached_property
     def key(self) -> Key:
-        """What tells the model from others."""
+        """Identifies the model among all others."""
         return frozenset(c.key for c in self.competitors)
 
     @cached_property
@@ -375,7 +375,7 @@ class Search:
         start: Array | None = None,
         out: Competitor | None = None,
     ) -> Candidate | None:
-        """A model with competitors changed: the one fitted before if there is one, else a new one.
+        """A model with some competitors changed: one fitted before if there is one, else a new one.
 
         Parameters
         ----------

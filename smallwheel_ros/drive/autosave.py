@@ -15,7 +15,7 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 
 
 class Autosave:
-    """Saves to a soil file by itself.
+    """Saves the soil file automatically.
 
     held: why nothing is saved, in words, as long as that lasts; empty while all is well. problem: why the
     newest attempt has failed; empty where it has not. failures: how many have.
@@ -46,7 +46,7 @@ class Autosave:
             self._busy = self._thread.submit(self._file.write, given)
 
     def writes(self) -> bool:
-        """Whether something is being written; what has been is looked at."""
+        """Whether a file is being written; collect the result of one that has finished."""
         if self._busy is not None and not self._busy.done():
             return True
         self._take_result()
@@ -65,11 +65,11 @@ class Autosave:
         self._take_result()
 
     def hold(self, why: str) -> None:
-        """Save nothing by itself any more: what was saved is worth more than what there is now."""
+        """Stop automatic saving: what the file holds is worth more than the present state."""
         self.held = why
 
     def go_on(self) -> None:
-        """Save again: somebody has looked at what there is and wants it."""
+        """Resume automatic saving, after someone has saved the present state on purpose."""
         self.held = ""
 
     def _changed(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap | None:

@@ -22,10 +22,10 @@ _Place = tuple[float, float] | None
 
 
 class Event(NamedTuple):
-    """Something that happened: time in s since the bag's beginning, way in m, and in words.
+    """An event: time (s) since the beginning of the bag, distance (m), and a text.
 
-    place: x and y (m) of the vehicle in the frame of the odometry, None where not known. times: how often, if
-    it is said once for all; it is that of the first.
+    place: x and y (m) of the vehicle in the frame of the odometry, None where not known. times: how often it
+    happened, where one event stands for all of them; time and distance are the first one's.
     """
 
     time: float
@@ -37,7 +37,7 @@ class Event(NamedTuple):
 
 
 class DriveEvents:
-    """Takes turns and problems as they come, and notes what happened: a look at all at the end of each turn.
+    """Collects events of a drive, comparing the state at the end of each turn with the last one.
 
     examples: the first thing that could not be used, by stream and reason: in words, and its time.
     newest: the newest estimate of each wheel. soils: those that readings of the newest turn were followed by,
@@ -69,7 +69,7 @@ class DriveEvents:
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
 
     def take(self, turn: Turn) -> Flags:
-        """Take a turn; return at which of its readings the soil was just changing."""
+        """Take a turn; return the readings at which the soil was changing."""
         if turn.starts_over:
             self._begin()
         rows, estimates = turn.readings, turn.estimates
@@ -170,7 +170,7 @@ class DriveEvents:
         return sum(event.kind == "soil_change" for event in self.events)
 
     def finish(self) -> None:
-        """Note what still goes on: nothing more will come."""
+        """Close the events still open at the end of the drive."""
         self._note_change()
         self.events.sort(key=lambda event: event.time)
 

@@ -162,7 +162,7 @@ def _in_words(
 
 
 def strength_of_prior(settings: OnboardSettings) -> str:
-    """Whose strength it is that nothing has measured."""
+    """Name the soil whose strength is assumed while none has been measured."""
     return settings.prior.soil.name if settings.soil_told else "any sand"
 
 

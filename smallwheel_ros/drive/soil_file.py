@@ -21,7 +21,7 @@ from .messages import soil_fields
 
 
 class SoilFileError(SmallwheelError):
-    """A soil that is not saved: why."""
+    """Why a soil is not saved."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class SoilFile:
     # --- Going on from it
 
     def restore(self, pipeline: Pipeline) -> str:
-        """Let a new estimate go on from the file; return in words what it goes on from."""
+        """Restore an estimate from the file; return in words what was restored."""
         if self._path is None:
             return ""
         sweep_drafts(self._path)
@@ -82,7 +82,7 @@ class SoilFile:
         return f"soil restored from {self._path}: {pipeline.soil.accepted} measurements"
 
     def restore_map(self, cost_map: CostMap) -> str:
-        """Let a cost map go on from the one beside the soil; return in words what came of it."""
+        """Restore the cost map saved with the soil; return in words whether that worked."""
         path, before = self._map_path, self._before
         if path is None or before is None or not path.exists() or self.problem:
             return ""
@@ -104,7 +104,7 @@ class SoilFile:
     # --- Saving
 
     def prepared(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap:
-        """What there is to save now.
+        """Return what would be saved now.
 
         Parameters
         ----------

@@ -28,7 +28,7 @@ class SpeedLimit:
         self._warned_at = -np.inf  # m of travel
 
     def take(self, found: Estimates) -> bool:
-        """Go on with rows of estimates; return whether the limit has changed."""
+        """Process rows of estimates; return whether the limit has changed."""
         if not len(found):
             return False
         gets_stuck = found.digging_in | found.spins

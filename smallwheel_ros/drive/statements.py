@@ -16,7 +16,7 @@ _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 class Statement(NamedTuple):
-    """Something to look at: which entry of the diagnostics says it, of what kind, how bad, and in words."""
+    """A finding to look at: its entry in the diagnostics, kind, severity, and text."""
 
     entry: Entry
     kind: Kind

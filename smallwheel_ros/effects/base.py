@@ -252,7 +252,7 @@ class Effect:
 
     @classmethod
     def never_acts(cls, conditions: Conditions) -> str:
-        """Say why this form does nothing on any of these rows, "" where it acts on some.
+        """Say why this form does nothing on any of these rows, "" where it does on some.
 
         The base judges by `needs`, `side`, `idle` and the stages; a form that knows more (which slip
         is one, say) overrides this and asks the base first.
@@ -335,7 +335,7 @@ Form = TypeVar("Form", bound=type[Effect])
 
 
 def partly_dug(form: Form) -> Form:
-    """The form of which a share c of the growth (in ln) costs compaction: 1 as the form, 0 none of it.
+    """Variant of a form of which a share c of the growth (in ln) costs compaction: all at 1, none at 0.
 
     It belongs to the module of the form that it was made from.
     """

@@ -405,7 +405,7 @@ def effect_class(
 
 
 def as_effect(given: Effect | type[Effect] | str) -> Effect:
-    """An effect given as such, as its class, or by its id or `id/form`; numbers at their defaults.
+    """Return an effect from an instance, its class, its id or `id/form`; numbers at their defaults.
 
     Raises EffectError where it is none of these.
     """

@@ -206,12 +206,12 @@ class Fit:
 
     @property
     def taken_up(self) -> Array:
-        """U with U U' = J P^-1 J': what the parameters can take up of the errors, (values, parameters)."""
+        """U with U U' = J P^-1 J': the part of errors that parameters can absorb, (values, parameters)."""
         precision = self.vector.precision(self.theta)
         return np.asarray(self.slopes @ np.linalg.cholesky(np.linalg.inv(precision)))
 
     def take(self: AnyFit, keep: NDArray[np.bool_]) -> AnyFit:
-        """The same on some of the values."""
+        """The fit on some of the values."""
         return replace(self, predicted=self.predicted[keep], slopes=self.slopes[keep])
 
     def away(self, observed: Array) -> Array:
@@ -263,20 +263,20 @@ class Fitter:
 
     @cached_property
     def variance(self) -> VarianceModel:
-        """The variance that is worked with."""
+        """The variance used as weight."""
         r = self.repeats
         return VarianceModel(self.points, self.level, r.variance, r.stated, working=self.working)
 
     @cached_property
     def true_variance(self) -> VarianceModel:
-        """The variance as it is believed to be: what a law is off by, this table tells too."""
+        """The variance believed to be true, including the law's own error as this table shows it."""
         if not self.working:
             return self.variance
         r = self.repeats
         return VarianceModel(self.points, self.level, r.variance, r.stated, law_known=False)
 
     def blocks(self, fit: Fit) -> list[tuple[Mask, Mask]]:
-        """Which parameters are fitted to which values, one after the other until all rest.
+        """Which parameters are fitted to which values, in turn until none moves.
 
         Pull and torque would bend k, n and m by what their own law is off by: these, and what acts on them,
         come from sinkage and resistance alone, and strength from pull and torque given these (the cut of
@@ -292,7 +292,7 @@ class Fitter:
         return [(~strength, ~forces), (strength, forces)]
 
     def weights(self, fit: Fit) -> Array:
-        """G: what each value counts for each parameter, shape (values, parameters).
+        """G: weight of each value for each parameter, shape (values, parameters).
 
         A fit rests where G' (y - f) = P (theta - centre).
         """
@@ -328,7 +328,7 @@ class Fitter:
         )
 
     def true_scatter(self, fit: Fit) -> Scatter:
-        """The components of the variance as it is believed to be, that suit the errors of a fit best."""
+        """Components of the true variance that fit the errors best."""
         if not self.working:
             return fit.scatter
         alone = None if self._apart is None else self._apart[0].true_variance
@@ -418,7 +418,7 @@ class Fitter:
 
     @one_thread
     def fit(self, start: Fit, *, turns: int = _TURNS) -> Fit:
-        """Fit a model on from where it is.
+        """Continue fitting a model from its present parameters.
 
         Parameters
         ----------

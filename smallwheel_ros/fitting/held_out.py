@@ -144,7 +144,7 @@ class ErrorComparison:
 
     @property
     def helps(self) -> bool:
-        """Whether an error does."""
+        """Whether the error of some channel falls."""
         return bool(self.better)
 
 

@@ -111,7 +111,7 @@ class ParameterNameError(SmallwheelError, KeyError):
 
 
 class WithParameters:
-    """A result whose parameters are found by name.
+    """A result with parameters that can be looked up by name.
 
     `fit["dry_sand.n"]`, or `fit["n"]` and `fit.n` where one soil or effect has it.
     """

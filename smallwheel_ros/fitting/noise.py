@@ -123,7 +123,7 @@ class NoiseLine:
         return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
 
     def at(self, conditions: Conditions) -> Array:
-        """The value there, shape (rows,); in a soil that it never met, that of the middle of its own."""
+        """Value of the line, shape (rows,); a soil without a line of its own takes their mean."""
         own = np.full(len(conditions), self.own.mean())
         if conditions.soil is not None:
             for name, level in zip(self.soils, self.own, strict=True):
@@ -150,7 +150,7 @@ def of_load(conditions: Conditions, channel: str) -> Array:
 
 
 def wheel_discrepancy(conditions: Conditions) -> Array:
-    """What the law of pull and torque is off by for a wheel at all slips, of the load, shape (rows,)."""
+    """Error of the law of pull and torque for a wheel at any slip, as a share of the load, (rows,)."""
     if "grouser_height" not in conditions:
         return np.full(len(conditions), FORCE_WHEEL)
     high = conditions["grouser_height"] >= 0.05 * conditions.diameter

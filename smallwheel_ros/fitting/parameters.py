@@ -277,7 +277,7 @@ class ParameterVector:
         )
 
     def places(self, effect: str) -> Index:
-        """Which parameters are that effect's, shape (its parameters,)."""
+        """Indices of that effect's parameters, shape (its parameters,)."""
         base = self.base_size
         mine = [j for j, p in enumerate(self.free[base:], base) if p.owner == effect]
         return np.array(mine, dtype=np.intp)

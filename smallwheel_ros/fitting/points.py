@@ -85,7 +85,7 @@ class Points:
 
     @property
     def share_errors(self) -> bool:
-        """Whether many values share errors that a fit is not to weigh by: of pull, torque or a curve."""
+        """Whether many values have common errors that no weight may rest on: pull, torque, or a curve."""
         return bool(self.forces) or bool(self.swept.any())
 
     @property
@@ -130,7 +130,7 @@ class Points:
 
     @cached_property
     def order(self) -> str:
-        """The column that tells best when each run was made, "" where none does for enough runs."""
+        """The column that best tells when each run was made, "" where none does for enough runs."""
         columns = {name: self.column(name) for name in order_columns(self.measurements)}
         found = {n: np.unique(c).size for n, c in columns.items() if np.isfinite(c).all()}
         best = max(found, key=lambda name: found[name], default="")
@@ -221,7 +221,7 @@ def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
 
 
 def filled(conditions: Conditions) -> Conditions:
-    """No covariate is NaN: a body that does not roll has none, and there the median stands in.
+    """Replace NaN covariates, which bodies that do not roll have, by the median.
 
     Effects of rolling are not applied to such rows; an effect of the soil (its moisture, say) then
     acts as on a middling rolling row.

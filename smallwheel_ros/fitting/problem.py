@@ -256,7 +256,7 @@ def _part(
 
 
 def opening(points: Points, vector: ParameterVector) -> Array:
-    """Where to start: for each soil the best of a coarse grid in ln p_ref and n, by logarithms.
+    """Starting point of a fit: for each soil the best of a coarse grid in ln p_ref and n.
 
     Newton's steps in metres stray from a start that is a decade off.
 

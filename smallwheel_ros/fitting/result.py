@@ -183,7 +183,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return tuple(p for p in self.parameters if p.status in ("not determined", "held"))
 
     def predict(self, conditions: Conditions) -> Prediction:
-        """What the fitted model says of other conditions."""
+        """Predict other conditions with the fitted model."""
         return predict(self.bare, conditions)
 
 
@@ -243,7 +243,7 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
 
 
 def runs_differ(scatter: Mapping[str, float]) -> str:
-    """That runs are further apart than those of one soil, and what to do. scatter: what is `unusual`."""
+    """Say that runs differ more than those of one soil do, and what to do. scatter: `unusual` ones."""
     apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
              for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
     said = (
@@ -334,7 +334,7 @@ def rows_kept(found: FitResult) -> str:
 
 
 def strays(found: FitResult) -> list[str]:
-    """Which rows a fit left out, and why, where there are any."""
+    """Say which rows a fit left out, and why, if it left out any."""
     if not found.outliers.size:
         return []
     data = found.measurements

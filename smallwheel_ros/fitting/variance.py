@@ -375,7 +375,7 @@ def _depth_law(points: Points, level: Array) -> Array:
 
 
 def settings_repeated(points: Points) -> bool:
-    """Whether several runs were made of one setting: only then is lack of fit told from scatter."""
+    """Whether several runs share a setting; without that, lack of fit and scatter look alike."""
     if points.swept.any():
         return False
     pairs = np.unique(np.column_stack([points.setting, points.run]), axis=0)
@@ -383,7 +383,7 @@ def settings_repeated(points: Points) -> bool:
 
 
 def curves_repeated(points: Points) -> bool:
-    """Whether several curves were taken with one body in one soil, but for what was changed along them."""
+    """Whether several curves differ in nothing but what was varied along them."""
     if not points.swept.all():
         return False
     kept = [c for n, c in points.settings.items() if n != points.order

@@ -32,7 +32,7 @@ def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
 
 
 def of_transforms(reader: BagReader) -> str:
-    """That a pose which only transforms tell is not read, where the bag has these; else empty."""
+    """Say that a pose known only through transforms is not read, where the bag has transforms; else ""."""
     names = [topic.name for topic in reader.topics if topic.type == _TF and topic.message_count]
     if not names:
         return ""

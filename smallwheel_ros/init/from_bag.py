@@ -396,7 +396,7 @@ class _Finder:
 
 
 def as_names(wheels: Value) -> list[str]:
-    """The names of the wheels."""
+    """Return the wheels' names."""
     return cast("list[str]", wheels)
 
 

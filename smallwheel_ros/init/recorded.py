@@ -190,7 +190,7 @@ def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, 
 
 
 def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float | None:
-    """The share of an odometry's speed that no mixture of the rims explains; None: too short a drive.
+    """Share of an odometry's speed that no mixture of the rims explains; None for too short a drive.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """How many times the vehicle's way the rims of joints turn; NaN where that is not known.
+    """Distance by the joints' rims over the vehicle's; NaN where one is not known.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def is_of_wheels(share: float | None) -> bool:
 
 
 def upright(reader: BagReader, topic: str) -> tuple[int, str]:
-    """Where the z axis of an imu looks: 1 up, -1 down, 0 where that is not clear; and then why.
+    """Direction of an imu's z axis: 1 up, -1 down, 0 where it is unclear, with the reason.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ _PLACES = {"lateral_position": "vehicle.track", "longitudinal_position": "vehicl
 
 
 class InitError(SmallwheelError):
-    """Something that no parameter file can be made from."""
+    """No parameter file can be made from this input."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Rover:
         return [] if placed or alone else [f"{wheel}.{name}" for wheel in lack]
 
     def text(self) -> str:
-        """What was found, assumed and is to be filled in."""
+        """The parameters that were found or assumed, and those that are to be filled in."""
         lines = [f"{self.origin}: wheels {', '.join(self.wheels)}"]
         lines += [
             f"  {name}: {written(value)}" for name, value in self.values.items() if name != "wheels"

@@ -28,7 +28,7 @@ _WORDS = {"plate": "plates", "pressed": "pressed wheels", "rolling": "rolling wh
 
 @dataclass(frozen=True)
 class Belief:
-    """What one kind of test, or a model, says of a soil.
+    """The pressure-sinkage law of a soil as one kind of test, or a model, determines it.
 
     diameters, depths: of what it was found with, m; empty for a model.
     """
@@ -102,7 +102,7 @@ class Agreement:
 
 
 def belief_of(measurements: Measurements, base: Base, soil: str, words: str) -> Belief | None:
-    """What these rows, of one soil, say of it; None where they are too few to be fitted.
+    """Fit the law of one soil to these rows; None where they are too few.
 
     Parameters
     ----------

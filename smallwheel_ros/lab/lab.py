@@ -46,7 +46,7 @@ _NO_MODEL = (
 
 @dataclass(frozen=True, repr=False)
 class LabFit(WithParameters, Result):
-    """What the tests say. `fit["cohesion"]`, `fit.kc`: one number with its deviation.
+    """Result of a lab's tests. `fit["cohesion"]`, `fit.kc`: one number with its deviation.
 
     made: the model, None where only shear was tested and no model was there before. fit: of load and
     sinkage, None where only shear was tested. laws: one for each soil whose plates have several sizes.
@@ -64,7 +64,7 @@ class LabFit(WithParameters, Result):
 
     @property
     def model(self) -> CalibratedModel:
-        """As it is written to a file. Raises StrengthError where shear tests alone make none."""
+        """The model as a file has it. Raises StrengthError where shear tests alone make none."""
         if self.made is None:
             raise StrengthError(f"{self.source}: {_NO_MODEL}")
         return self.made

@@ -86,7 +86,7 @@ class LabStrength:
 
 
 def strength_of(fit: ShearFit) -> LabStrength:
-    """The numbers of Janosi and Hanamoto's law for a model, and what is to be said of them.
+    """Numbers of Janosi and Hanamoto's law for a model, and remarks on them.
 
     Raises StrengthError where the strength falls with the normal stress, or is not known at all.
     """

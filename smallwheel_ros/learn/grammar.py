@@ -161,12 +161,12 @@ class Driver:
 
     @property
     def python(self) -> str:
-        """What works it out, less its reference."""
+        """Python expression of the driver, less its reference."""
         return f"{self.code} - {self.reference!r}" if self.reference else self.code
 
     @property
     def text(self) -> str:
-        """It, in a formula for people."""
+        """The driver as it stands in a formula for people."""
         return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
 
     def place(self, value: float) -> str:
@@ -310,7 +310,7 @@ class Term:
 
     @cached_property
     def kind(self) -> tuple[tuple[str, str], ...]:
-        """What tells it from others, whatever its constant."""
+        """Identifies the term whatever its constant is."""
         return tuple((driver.name, shape.name) for driver, shape in self.factors)
 
     @property
@@ -375,7 +375,7 @@ class Term:
         return made[0] if len(made) == 1 else f"({' * '.join(made)})"
 
     def text(self, constant: float | None) -> str:
-        """It in a formula for people."""
+        """The term as it stands in a formula for people."""
         parts = []
         for driver, shape in self.factors:
             c = constant if shape.constant == "free" else driver.middle

@@ -108,7 +108,7 @@ class LearntLaw:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What tells it from others, whatever its constants."""
+        """Identifies the law whatever its constants are."""
         return self.place.name, self.link, tuple(t.kind for t in self.terms)
 
     @cached_property

@@ -41,7 +41,7 @@ _COMPARED = 6  # tied laws that the draft is told from
 
 
 class LearnError(SmallwheelError):
-    """Something that is asked of `learn` and makes no sense."""
+    """A request to `learn` that makes no sense."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -100,7 +100,7 @@ class LawCandidate:
 
 @dataclass(frozen=True)
 class Found:
-    """The base, and the tied laws, the best first; none where no law shortens the description."""
+    """The base and the tied laws, best first; none where no law shortens the description."""
 
     base: Fit
     tied: tuple[LawCandidate, ...]
@@ -120,7 +120,7 @@ class Found:
 
 @dataclass(frozen=True)
 class LawProposal:
-    """A law that a tangent speaks for, not yet fitted. expected: its score there.
+    """A law that the tangent suggests, not yet fitted. expected: its score by the tangent.
 
     numbers: where its fit starts. near: the fit that the tangent is of.
     """

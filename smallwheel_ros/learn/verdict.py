@@ -73,7 +73,7 @@ class JudgedLaw:
 
 @dataclass(frozen=True)
 class Sought:
-    """What one search for a law found.
+    """Result of one search for a law.
 
     verdict: law, unstable, weak, nothing or refused, with reasons in words. problem: all points, and the
     base without the law. p: of the permutations, None where it did not come to them; best: None where
@@ -367,7 +367,7 @@ def left_out(
 def with_vault(
     errors: Sequence[CvErrors], vault: Points, models: Sequence[Model]
 ) -> tuple[list[CvErrors], bool]:
-    """The errors with those of models on what was kept apart, and whether the law's are less somewhere.
+    """Put the models' errors on the vault in place of held-out ones; whether the law's are no larger.
 
     Parameters
     ----------
@@ -411,7 +411,7 @@ def judge(
     fitter: Fitter,
     draft: LawCandidate,
 ) -> tuple[str, tuple[str, ...]]:
-    """The verdict, and what speaks against a law.
+    """The verdict, and the evidence against a law.
 
     Parameters
     ----------

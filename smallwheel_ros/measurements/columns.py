@@ -282,7 +282,7 @@ def _plain(text: str) -> str:
 
 
 def is_common(text: str) -> bool:
-    """Whether a text can hardly be anything but a unit, wherever it stands."""
+    """Whether a text is almost certainly a unit, wherever it stands."""
     text = text.strip()
     if len(text) == 1:
         return text in _COMMON.values()

@@ -48,7 +48,7 @@ _NEAR = 0.84  # of difflib: one letter too many or too few in words of five lett
 
 
 class Match(NamedTuple):
-    """A quantity, and how sure: 0 our own name, 1 a word or symbol of it, 2 with words around it."""
+    """A quantity and the certainty of the match: 0 our own name, 1 its word or symbol, 2 other words too."""
 
     name: str
     rank: int
@@ -101,7 +101,7 @@ def tokens_of(text: str) -> list[str]:
 
 @lru_cache(maxsize=10_000)
 def find(text: str) -> Match | None:
-    """The quantity that a header without its unit names."""
+    """Quantity named by a header without its unit."""
     tokens, whole = tokens_of(text), plain(text)
     if text in SYMBOLS:
         return Match(SYMBOLS[text], 1)
@@ -138,7 +138,7 @@ def near_miss(text: str) -> str | None:
 
 
 def meant(heading: Heading) -> str | None:
-    """The quantity that a header of none nearly names: `sinkge_mm` or `sinkage (foo)`."""
+    """Quantity of the known header nearest to one that names none: `sinkge_mm`, `sinkage (foo)`."""
     brackets = _ROUND_BRACKETS.fullmatch(heading.name)
     match = find(brackets[1]) if brackets else None
     if match is not None:
@@ -243,7 +243,7 @@ def _heading(name: str, match: Match | None, unit: str | None) -> Heading:
 
 
 def mapped_heading(text: str, ours: str) -> Heading:
-    """The heading of a column that the user named, `--map "load [kN]=F"`.
+    """Heading of a column named by the user, `--map "load [kN]=F"`.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def contact_of(text: str) -> str:
 
 
 def is_summary(text: str, names: Collection[str] = ()) -> bool:
-    """Whether a cell says that its row is a mean, a sum, a deviation of the rows around it.
+    """Whether a cell marks its row as a mean, sum or deviation of the rows around it.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ _TWO_SHAPES = "a plate with a diameter too, expected one of the two: round or re
 
 
 def take_contact(columns: TableColumns, given: str | None) -> None:
-    """What meets the soil in each row; a table of pressures without a width is of plates.
+    """Kind of contact of each row; a table of pressures without a width is one of plates.
 
     Parameters
     ----------

@@ -348,7 +348,7 @@ def _means(
 
 
 def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> list[str]:
-    """Say which few rows are named by a word, the others by numbers or codes: statistics, perhaps.
+    """Report the few rows named by a word where others have numbers or codes: statistics, perhaps.
 
     Parameters
     ----------

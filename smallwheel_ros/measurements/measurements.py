@@ -148,7 +148,7 @@ class Measurements(Result, shown="views.measured"):
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """Covariates that the wheel answers with (side force, motor current), not settings.
+        """Covariates measured at the wheel (side force, motor current), as opposed to settings.
 
         A column of forces, torques, pressures, powers or energies by its unit, or so by its name.
         """
@@ -285,7 +285,7 @@ def joined(tables: Sequence[Measurements]) -> Measurements:
 
 
 def joined_rows(tables: Sequence[Any]) -> dict[str, Any]:
-    """Which rows they are: run, line, source; runs of one name in several tables told apart."""
+    """Run, line and source of the rows; runs of one name in several tables get different names."""
     names = [name for table in tables for name in set(table.run.tolist())]
     run = [table.run for table in tables]
     if len(set(names)) < len(names):

@@ -90,7 +90,7 @@ _ODD_CELLS = (
 
 @dataclass
 class TableColumns:
-    """A table's columns by our names, SI units; what was understood, noted, and is wrong.
+    """A table's columns by our names, SI units, with notes and problems found in reading.
 
     lines: of each row in the file; place: what they are called there. header: the header's line.
     headings, cells: as the file has them. numbers: NaN where blank. texts: of the contract and
@@ -222,14 +222,14 @@ class TableColumns:
             self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
 
     def lacking(self, messages: Iterable[str]) -> None:
-        """Add a problem for each column that must be there and is not; the first says what is."""
+        """Add a problem for each required column that is absent; the first lists those present."""
         names = listed([heading.text for heading in self.headings.values()])
         hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
             self.add(message + ("" if i else hint))
 
     def leave_out(self, name: str, known: int) -> None:
-        """Go on without a column that nobody needs; its problems become a warning.
+        """Drop a column that is not needed; its problems become a warning.
 
         Parameters
         ----------
@@ -257,7 +257,7 @@ class TableColumns:
         return f"{int(rows.sum())} {what} (first in {first})"
 
     def raise_any(self) -> None:
-        """Raise MeasurementsError with all that was found, if anything was."""
+        """Raise MeasurementsError with all problems, if there are any."""
         if not self.found:
             return
         lines, more = self.found[:_MOST_PROBLEMS], len(self.found) - _MOST_PROBLEMS

@@ -125,7 +125,7 @@ def _kilonewtons(data: Measurements) -> str:
 
 
 def order_followed(data: Measurements) -> str:
-    """Which settings rise or fall with the order of the runs, so that a drift looks like them; "" if none."""
+    """Settings that rise or fall with the order of runs, as a drift would; "" if there are none."""
     times = order_columns(data)
     _, run = runs_of_rows(data)
     first = np.unique(run, return_index=True)[1]

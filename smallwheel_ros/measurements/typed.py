@@ -57,7 +57,7 @@ def check_setting(name: str) -> None:
 
 
 class Typed(NamedTuple):
-    """What was typed for a setting: values in SI units, shape (values,), and how they were read.
+    """A setting as typed: values in SI units, shape (values,), and how they were read.
 
     said: of a mass that was taken as its weight, or a decimal comma; "" of anything else. mass: whether it
     was a mass, which weighs less or more under another gravity.

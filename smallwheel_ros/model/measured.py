@@ -80,14 +80,14 @@ class Tied:
     deviation: float
 
     def off(self, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows that are off that line."""
+        """Rows away from that line."""
         away = conditions[self.other] - self.at - self.slope * conditions[self.setting]
         return np.asarray(np.abs(away) > _OFF_LINE * self.deviation)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured. ranges: of each setting that was recorded. wheels: diameter, width and lugs (m).
+    """Range of the measurements: ranges by setting; wheels as (diameter, width, lugs), m.
 
     stiffness: what ln k differs by from run to run. runs: by channel. forces: by channel, where measured.
     unexplained: the data confirms no law, so what runs differ by may be an error of the law.
@@ -125,7 +125,7 @@ class Measured:
 
     @property
     def settings(self) -> dict[str, tuple[float, float]]:
-        """Ranges of what was set; gravity is the standard one where nothing says otherwise."""
+        """Ranges of the settings; gravity is the standard one unless the table says otherwise."""
         standard = {"gravity": (GRAVITY, GRAVITY)} if self.ranges else {}
         return {**standard, **self.ranges}
 

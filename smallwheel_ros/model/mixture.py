@@ -23,7 +23,7 @@ Part = tuple[float, Sequence[Effect]]  # a model's probability and its effects
 
 
 def mixed(calibrated: CalibratedModel) -> Model:
-    """The one model that stands for a model's rivals; the model itself where it has none."""
+    """The single model that represents a model's rivals; the model itself where it has none."""
     if not calibrated.rivals:
         return calibrated.model
     parts = [(share, rival.model) for share, rival in calibrated.rivals]

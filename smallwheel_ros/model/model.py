@@ -107,7 +107,7 @@ class Model(Result, shown="model.model_file"):
 
     @classmethod
     def load(cls, path: str | PathLike[str], effects: Registry | None = None) -> CalibratedModel:
-        """Read a model file, with what it says of its own uncertainty.
+        """Read a model file, with its statement of uncertainty.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Model(Result, shown="model.model_file"):
         return (*known, *self.effects)
 
     def cautions(self, conditions: Conditions) -> tuple[str, ...]:
-        """What effects say of rows beyond what they are known for."""
+        """Warnings of the effects about rows outside the range in which they are known to hold."""
         found = [guarded(e, "caution", e.caution, conditions) for e in self.effects]
         return tuple(said for said in found if said)
 

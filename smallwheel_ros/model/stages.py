@@ -85,7 +85,7 @@ class Stages:
         return np.where(~self.rolling & np.isnan(value), neutral, value)
 
     def loaded(self, k: ArrayLike, n: ArrayLike, m: ArrayLike) -> LoadedRows:
-        """What the effects make of load, wheel and soil before the contact is solved.
+        """Load, wheel and soil after the effects that act before the contact is solved.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class Stages:
         return LoadedRows(load, diameter, *self._soil(modulus, exponent))
 
     def on_soil(self, before: LoadedRows) -> LoadedRows:
-        """What the effects make of the load that reaches the soil, and of the soil itself."""
+        """The load that reaches the soil, and the soil, after the effects on them."""
         load = _positive("load", self.change("normal_load", before.load))
         return LoadedRows(load, before.diameter, *self._soil(before.modulus, before.exponent))
 
@@ -141,7 +141,7 @@ class Stages:
         return sum((self.call(e, stage, 0.0, *arguments) for e in self.acting_at(stage)), 0.0)
 
     def change(self, stage: str, value: Array) -> Array:
-        """Let each effect change a value in turn: at `ROLLING_STAGES` of rolling rows alone.
+        """Apply each effect to a value in turn; `ROLLING_STAGES` apply to rolling rows only.
 
         What digs or compacts further does so because the wheel rolls; a pressed body does not, and
         has no resistance to show.

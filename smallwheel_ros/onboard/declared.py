@@ -88,7 +88,7 @@ class LoadParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class MobilityParameters:
-    """mobility.*: what is answered."""
+    """mobility.*: what the node publishes."""
 
     rate: float = parameter(
         10.0, "Hz", (0.0, 1000.0),
@@ -98,7 +98,7 @@ class MobilityParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class SoilParameters:
-    """soil.*: what is known of the soil beforehand."""
+    """soil.*: prior knowledge of the soil."""
 
     name: str | None = parameter(
         None,
@@ -160,7 +160,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """timing.*: what is expected of stamps."""
+    """timing.*: limits on stamps."""
 
     reorder_time: float = parameter(
         0.2,
@@ -280,7 +280,7 @@ class WheelParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveParameters:
-    """What the pipeline goes by as it is given."""
+    """Parameters that the pipeline uses as given."""
 
     vehicle: VehicleParameters = group(VehicleParameters)
     mobility: MobilityParameters = group(MobilityParameters)

@@ -13,7 +13,7 @@ _UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
 
 
 def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
-    """What a mean specific force is that is not gravity, in words; "" where it is gravity.
+    """Explain a mean specific force that is not gravity; "" where it is gravity.
 
     Parameters
     ----------

@@ -23,13 +23,13 @@ IDLE = "its joint is at 0 between messages in which it turns: is there more than
 
 
 class IdlePublisher:
-    """A joint's messages, in the order in which they come."""
+    """Recognises, among a joint's messages in order, those of a publisher that does not measure it."""
 
     def __init__(self) -> None:
         self._away = NEVER  # ns, of the last message in which the joint was away from 0
 
     def idle(self, stamps: Integers, velocity: Array, position: Array) -> NDArray[np.bool_]:
-        """Which messages are of a publisher that knows nothing of the joint, shape (messages,).
+        """Messages from a publisher that does not measure the joint, as a mask of shape (messages,).
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ BY_POSITIONS = "its velocity is missing or always 0: its speed is the difference
 
 
 class JointMotion:
-    """A joint whose messages come one after the other.
+    """Reads the messages of one joint in their order.
 
     by_positions: whether its speed is the difference of its positions. left_out: messages without a velocity
     that were not used, since the joint has had one: of another publisher.
@@ -48,7 +48,7 @@ class JointMotion:
     def take(
         self, stamps: Integers, velocity: Array, position: Array, has: NDArray[np.bool_]
     ) -> tuple[Integers, Array, Integers]:
-        """Go on with messages in the order in which they came.
+        """Process further messages, in the order in which they came.
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ _POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in tu
 
 
 class VelocityUnit:
-    """A joint's messages, until it is known whether its velocities are in rad/s.
+    """Holds a joint's messages until it is known whether its velocities are in rad/s.
 
     wrong: what is wrong with them, in words; empty while nothing is known to be.
     """
@@ -59,7 +59,7 @@ class VelocityUnit:
     def take(
         self, stamps: Integers, values: Array, wait: int = 0
     ) -> tuple[Integers, Array, Integers, int]:
-        """Go on with messages in the order in which they came.
+        """Process further messages, in the order in which they came.
 
         As long as it is not known, messages in which it turns wait for what those after them show.
 

@@ -164,7 +164,7 @@ def problems(values: Mapping[str, object]) -> list[str]:
 
 
 def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
-    """Give each wheel what `all_wheels` says, where the wheel has no value of its own.
+    """Give each wheel the values of `all_wheels` that it does not have itself.
 
     `<wheel>` in a text stands for the wheel's name. Values as they are where the wheels have no usable names.
     """
@@ -208,7 +208,7 @@ def _length(value: object) -> float | None:
 
 
 def elsewhere(places: Mapping[str, Any], values: Mapping[str, Any]) -> list[str]:
-    """Say of places of wheels that a track or wheelbase puts the wheel elsewhere.
+    """Warn of wheels whose given place contradicts the track or wheelbase.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def settings_from(
 
 
 def idle_remaps(settings: Parameters) -> dict[str, str]:
-    """By name of a topic that a remap of would find nothing, since a parameter has another: what to say."""
+    """Warn of remaps without effect, since a parameter names another topic; by the topic's name."""
     found = {}
     for name in (
         "odom_topic",

@@ -106,7 +106,7 @@ def needs_description(given: Mapping[str, object]) -> list[str]:
 
 
 def fill_silent(text: str, given: Mapping[str, object]) -> Filled:
-    """What a robot description (URDF) says of the parameters of wheels that are not given.
+    """Fill the wheels' missing parameters from a robot description (URDF).
 
     Diameter and width come from the cylinder of the link that the wheel's joint moves, places from
     the chain of joints between it and the base frame (all at zero) and the cylinder's middle, the

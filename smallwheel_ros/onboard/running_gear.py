@@ -56,7 +56,7 @@ class Steering(NamedTuple):
 
 @dataclass
 class RunningGear:
-    """The joints that turn wheels. notes: which joints turn and are not taken, and what is odd."""
+    """The joints that turn wheels. notes: joints that turn and are not used, and oddities."""
 
     wheels: list[Joint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -326,7 +326,7 @@ def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHea
 def contradicting(
     urdf: Urdf, wheels: Mapping[str, Joint], base: str, heading: VehicleHeading
 ) -> list[str]:
-    """The wheels that are elsewhere than their names say.
+    """Wheels whose places contradict their names.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class Steered:
 
 @dataclass(frozen=True)
 class OnboardSettings(DriveParameters):
-    """Everything that the pipeline needs to know before the first message; `settings_from` checks it.
+    """All settings that the pipeline needs before the first message; `settings_from` checks them.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class OnboardSettings(DriveParameters):
 
     @property
     def mass(self) -> float:
-        """kg, of the vehicle; 0: not known, and then no balance of its forces tells of the strength."""
+        """Mass of the vehicle, kg; 0: unknown, so that no force balance shows the strength."""
         return self.vehicle.mass or 0.0
 
     @property
@@ -118,7 +118,7 @@ class OnboardSettings(DriveParameters):
 
     @property
     def law_unknown(self) -> bool:
-        """Whether how deep a wheel sinks into this soil will never be known."""
+        """Whether sinkage stays unpredictable: no wheel measures it, and the soil is not named."""
         return self.without_soil_sensors and not self.soil_told
 
     @property
@@ -176,7 +176,7 @@ class OnboardSettings(DriveParameters):
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSettings(Parameters):
-    """The parameters, and what the estimate rests on besides the measurements."""
+    """The parameters, and the prior knowledge that the estimate rests on."""
 
     onboard: OnboardSettings
 

@@ -66,7 +66,7 @@ def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
 
 
 def any_strength() -> Strength:
-    """Of ground that nobody has named: the prior of a fit."""
+    """Strength of unnamed ground: the prior of a fit."""
     c, phi, log_shear = (
         STRENGTH_PARAMETERS[name][1]
         for name in ("cohesion", "friction_angle", "log_shear_displacement")

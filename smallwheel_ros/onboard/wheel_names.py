@@ -179,7 +179,7 @@ def _words_of_all(names: Sequence[str]) -> dict[str, set[str]]:
 
 
 def called_by_place(where: Mapping[str, tuple[float, float]]) -> dict[str, str] | None:
-    """What wheels are called by where they are; None where that gives no names, each of one wheel.
+    """Name wheels after their places; None where that gives no name of its own to each.
 
     where: by whatever they are known by, x ahead and y to the left, m.
     """

@@ -204,7 +204,7 @@ def _table_3() -> list[PaperLine]:
 
 
 def table_7() -> tuple[PaperLine, ...]:
-    """Every number of Table 7, and what Table 3 says of its measured sinkage."""
+    """Every number of Table 7, with its measured sinkages as Table 3 implies them."""
     common = sinkage_for(BEKKER, 50.6)
     bekker = sinkage(BEKKER, MEAN_LOAD)
     newer = sinkage(MEIRION_GRIFFITH_SPENKO, MEAN_LOAD)

@@ -25,7 +25,7 @@ _NOTHING = 4.0 * ALARM
 
 @dataclass(frozen=True)
 class DriveDiagnosis:
-    """What a drive's steady stretches show of the model.
+    """Diagnosis of the model from a drive's steady stretches.
 
     stretches: how many were used. verdict: as of `diagnose`; empty where there is none. effects, candidates:
     ids that the model lacks, and of which it lacks one. lines: the same for people.

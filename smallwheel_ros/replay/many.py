@@ -26,7 +26,7 @@ _LOOK = 0.2  # s between two looks whether somebody asked to stop
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one bag, as replays.json has it.
+    """Outcome of one bag, as replays.json has it.
 
     state: ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``. error: in
     words, empty where there is none. done_before: by an earlier command. summary: as in replay.json,

@@ -29,7 +29,7 @@ _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a 
 
 
 class NewBag(BagWriter):
-    """Is stored as the old bag is, so that whoever reads that one reads this one too.
+    """A new bag in the storage format of the old one, so that the same programs read both.
 
     frames: of each wheel's messages. has_twists: whether twists were written.
     prefix: of the topics of the estimates: the node's name, or /replay before it where the bag has the
@@ -137,7 +137,7 @@ class NewBag(BagWriter):
             self.write(f"{self.prefix}/vehicle", VEHICLE, time, message)
 
     def write_soil(self) -> None:
-        """Write the last soil, if it still waits."""
+        """Write the last soil if it is still pending."""
         if self._soil_waits is not None:
             time, stamp, frame, soil = self._soil_waits
             message = Message(header=header(stamp, frame), **soil)

@@ -17,7 +17,7 @@ from smallwheel_ros.replay.spec import ReplaySpec
 
 
 class RecordedAhead:
-    """Messages of the ground ahead, kept until the estimates have come as far.
+    """Messages about the ground ahead, held back until the estimates reach their time.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class RecordedAhead:
             self._waiting.append(message)
 
     def take_until(self, time: int) -> None:
-        """Give the map what was recorded until then (ns)."""
+        """Pass to the map every message recorded up to `time` (ns)."""
         while self._waiting and self._waiting[0].log_time <= time:
             topic, kind, _, data = self._waiting.popleft()
             decode, take = self.topics[topic, kind]

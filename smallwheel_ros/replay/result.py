@@ -65,7 +65,7 @@ _UNITS |= {"effective_modulus": "Pa/m^n", "reference_pressure": "Pa"}
 
 
 def files_in(folder: Path) -> dict[str, str]:
-    """Return what has been written, by what it is, as names in the folder."""
+    """Files written into the folder, by kind."""
     return {what: name for what, name in FILES.items() if (folder / name).exists()}
 
 
@@ -140,7 +140,7 @@ def draft(spec: ReplaySpec) -> Iterator[Path]:
 
 @dataclass(repr=False)
 class Replayed(Result, shown="replay.report"):
-    """What came of a replay.
+    """Result of a replay.
 
     state: ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``. ended: in words, what is
     wrong with the bag, or where the replay stopped; empty when complete. start, end: ns. messages_read,

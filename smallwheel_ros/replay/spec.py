@@ -42,7 +42,7 @@ _TOPIC_NAME = re.compile(r"[~/A-Za-z_][\w/~]*")
 
 
 class ReplayError(SmallwheelError):
-    """A bag that nothing can be estimated from, options that do not go together, or no place."""
+    """No estimate is possible from a bag, options contradict each other, or output cannot be written."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class ReplaySpec:
         return self.remaps.get(resolved(name), resolved(name))
 
     def fingerprint(self) -> str:
-        """Return what tells this replay from any other: the bag, the parameters, the options.
+        """Identify this replay among all others by bag, parameters and options.
 
         Of the bag the names, sizes, times and first megabyte of its files count.
         """
@@ -251,7 +251,7 @@ def inputs_of(
     reader: BagReader,
     unusable: Mapping[Key, str],
 ) -> tuple[Input, ...]:
-    """By which topic each stream of the estimate comes, and if none, why.
+    """For each stream of the estimate its topic, or the reason why it has none.
 
     Parameters
     ----------

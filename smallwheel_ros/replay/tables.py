@@ -100,7 +100,7 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         )
 
     def told(self) -> dict[str, dict[str, float | None]]:
-        """Slip and margin over the drive: the share of estimates that know it, and figures of those.
+        """Summary of slip and margin over the drive: share of estimates that know each, and its values.
 
         Of slip the median and what 95 % are under; of the margin the median and the median of its
         standard deviations. None: not known.
@@ -333,7 +333,7 @@ class SteadyStretches:
         self.unsteady = self.at_changes = self.unusable = 0
 
     def starts_over(self) -> None:
-        """Note that all begins, or begins anew: another soil."""
+        """Note that the estimate starts over on another soil."""
         self._soil += 1
 
     def add(self, rows: Readings, changing: Flags) -> None:

@@ -152,7 +152,7 @@ class CostPublisher:
             self._send(self._sent)
 
     def empty(self) -> None:
-        """Tell listeners, before the topics go, that nothing is known any more: Nav2 would keep it."""
+        """Publish unknown grids before the topics go: Nav2 would keep the last ones."""
         if not self._sent or not rclpy.ok():
             return
         for publisher, message in zip(self._publishers, self._sent, strict=True):

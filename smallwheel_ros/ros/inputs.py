@@ -88,7 +88,7 @@ def _never(_: bytes) -> None:
 
 
 class Inputs:
-    """The subscriptions of a node, and what is known of them.
+    """A node's subscriptions and their state.
 
     arrived: when the newest message came, by time.monotonic().
     """
@@ -235,7 +235,7 @@ class Inputs:
                 self._node.get_logger().info(line)
 
     def say_when_all_are_here(self) -> None:
-        """Log, once, that each input has given something usable, and what is estimated now."""
+        """Log, once, that every input has delivered, and what is estimated from now on."""
         if self._all_here or not all(map(self._is_here, self._listened)):
             return
         self._all_here = True

@@ -145,7 +145,7 @@ class Outputs:
             raise
 
     def destroy(self) -> None:
-        """Take the topics away."""
+        """Destroy all publishers."""
         for publisher in self._publishers.values():
             self._node.destroy_lifecycle_publisher(publisher)
         self._publishers = {}
@@ -170,7 +170,7 @@ class Outputs:
         self._deaf = deaf
 
     def start_over(self) -> None:
-        """Forget what was published: the soil is another one, or time has gone back."""
+        """Forget what was published: the soil has changed, or time went back."""
         self.cost.clear()
         self._limit.clear()
         self.delete_markers()
@@ -223,7 +223,7 @@ class Outputs:
             self._publishers["~/vehicle"].publish(message)
 
     def report_waiting_for_what_went(self) -> None:
-        """Tell whoever still waits for the topic of all wheels, once, which there are now."""
+        """Tell subscribers of the old topic of all wheels, once, which topics replace it."""
         if self._told_what_went or not self._node.count_subscribers(BEFORE):
             return
         self._told_what_went = True

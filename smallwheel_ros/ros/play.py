@@ -48,7 +48,7 @@ _RELIABLE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class PlayError(SmallwheelError):
-    """A bag that cannot be played, or a node that does not answer."""
+    """A bag cannot be played, or the node does not answer."""
 
 
 @dataclass
@@ -95,7 +95,7 @@ class PlayedRecording:
         self.soil.append(_row(message))
 
     def on_diagnostics(self, message: Any) -> None:
-        """Keep what is an alarm."""
+        """Keep the alarms."""
         self.diagnosed += 1
         self.diagnostics |= {status.name: status.message for status in message.status}
         newest = self.mobility[-1]["stamp"] if self.mobility else 0

@@ -245,7 +245,7 @@ class Session:
                 self._node.get_logger().error(self._autosave.problem)
 
     def terrain_margins(self) -> tuple[bool, str]:
-        """What terrain classes hold, as JSON: margin, its standard deviation and places, by class."""
+        """Margins of terrain classes as JSON: margin, its standard deviation and places, by class."""
         classes = self._outputs.cost.map.ahead.classes
         found, places = {}, classes.places()
         for terrain, margin in classes.margins().items():

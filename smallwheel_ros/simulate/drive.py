@@ -75,7 +75,7 @@ class Drive:
     outliers: Mapping[str, NDArray[np.bool_]]
 
     def answer(self) -> dict[str, Any]:
-        """Return what the bag must not say: soils, hidden effects, true values over time.
+        """Return what the bag must not contain: soils, hidden effects, true values over time.
 
         Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units. Slip is 0
         where a wheel stands.

@@ -13,7 +13,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 class Option(NamedTuple):
-    """What makes an option of a field of settings: ``rows: Annotated[int, Option("Repeats.")] = 3``.
+    """Describes a field of settings as an option: ``rows: Annotated[int, Option("Repeats.")] = 3``.
 
     within: its lowest and highest value, and their unit. words: what `click.option` cannot take from
     the field's default.

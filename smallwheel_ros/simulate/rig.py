@@ -221,7 +221,7 @@ class RigTruth:
     runs: tuple[RunSettings, ...]
 
     def answer(self) -> dict[str, Any]:
-        """Return what the table must not say, in SI units and radians."""
+        """Return what the table must not contain, in SI units and radians."""
         return {
             "kind": "rig",
             "settings": asdict(self.settings),

@@ -99,7 +99,7 @@ def rim_curves(
 
 @dataclass(frozen=True)
 class Sand:
-    """A sand and a rim as they really are; SI units. k: of all wheels, or of each, shape (rows,).
+    """A sand and a rim as they are in truth; SI units. k: of all wheels, or of each, shape (rows,).
 
     rim: friction of a smooth rim, of that of the soil. dug, skid, lugs: of what slip digs over the diameter,
     skid ploughs, and lugs dig over their height.

@@ -195,7 +195,7 @@ class Figure:
     caption: str = ""
 
     def lines(self) -> list[str]:
-        """Nothing."""
+        """No lines: figures are not shown on the terminal."""
         return []
 
 
@@ -208,7 +208,7 @@ class Details:
     blocks: Sequence[Block]
 
     def lines(self) -> list[str]:
-        """Only what is behind it."""
+        """Lines of the blocks inside it."""
         return [f"{self.summary}."]
 
 
@@ -240,7 +240,7 @@ class Models:
     stills: Sequence[Figure] = ()
 
     def lines(self) -> list[str]:
-        """Nothing."""
+        """No lines: models are chosen on the page only."""
         return []
 
 

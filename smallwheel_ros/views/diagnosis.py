@@ -371,7 +371,7 @@ def _curve(curve: Row) -> Panel:
 
 
 def unknowable_blocks(document: Document) -> list[Block]:
-    """What could not be tested, seen or told apart."""
+    """What could not be tested, observed or distinguished."""
     blind = [row for row in document["ranking"] if row["status"] == "not_testable"]
     columns = [Column("effect", "effect", words), Column("why not", "reason")]
     blocks: list[Block] = [Table(columns, blind, "Not testable with this data")] if blind else []

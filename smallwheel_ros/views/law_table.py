@@ -86,7 +86,7 @@ def ending(found: Benchmark) -> str:
 
 
 def document(found: Benchmark) -> dict[str, Any]:
-    """As `smallwheel benchmark --json` writes it."""
+    """As `smallwheel compare FOLDER --json` writes it."""
     return {
         "folder": str(found.folder), "ours": OURS, "wins": len(found.judged("wins")),
         "losses": len(found.judged("loses")), "cannot_tell": len(found.judged("cannot tell")),

@@ -196,7 +196,7 @@ def leftovers(
     floors: Mapping[str, float | None],
     first: str | None = None,
 ) -> dict[str, Any]:
-    """What the block Models draws.
+    """Content of the block Models.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ class Page:
         return "\n\n".join("\n".join(lines) for lines in parts)
 
     def figures(self) -> list[Figure]:
-        """The pictures of the page, those behind a click too."""
+        """Pictures of the page, including those inside collapsed blocks."""
         return [block for block in walked(b for s in self.sections for b in s.blocks)
                 if isinstance(block, Figure)]  # fmt: skip
 

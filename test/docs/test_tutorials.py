@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -101,10 +101,12 @@ def output(command: str) -> list[str]:
     return [part for line in lines for part in folded(line)]
 
 
-def played(block: str) -> Iterator[tuple[str, list[str], list[str]]]:
+def played(
+    block: str, output: Callable[[str], list[str]] = output
+) -> Iterator[tuple[str, list[str], list[str]]]:
     """Each command of a block, what is shown and what is printed; `&` runs on until the end of it.
 
-    What such a command says goes to the file after `2>`, if it has one.
+    What such a command says goes to the file after `2>`, if it has one; `output` runs the others.
     """
     background = []
     try:
@@ -179,13 +181,13 @@ def save(text: str) -> None:
         Path(name).write_text(content, encoding="utf-8")
 
 
-def check(text: str) -> None:
-    """Run a page's commands in the working folder and compare."""
+def check(text: str, output: Callable[[str], list[str]] = output) -> None:
+    """Run a page's commands in the working folder by `output` and compare."""
     blocks = BLOCK.findall(text)
     assert blocks
     save(text)
     for block in blocks:
-        for command, shown, printed in played(block):
+        for command, shown, printed in played(block, output):
             there = abridged(shown, printed)
             # Where a line is folded depends on how many digits a number has: words are compared.
             assert same("\n".join(shown), "\n".join(there)), (

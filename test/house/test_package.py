@@ -298,6 +298,26 @@ class TestInstalledByPip:
         assert result.returncode == 0, result.stderr
         assert "Usage: smallwheel" in result.stdout
 
+    @pytest.mark.parametrize("page", ["../README", "first_hour"])
+    def test_pages_print_what_they_say(
+        self, page: str, pip_environment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """As a reader types them, in a folder elsewhere: parquet and ROS are not installed."""
+        import test_tutorials
+
+        path = f"{pip_environment / 'bin'}{os.pathsep}{os.environ['PATH']}"
+
+        def output(command: str) -> list[str]:
+            done = run("bash", "-c", f"({command}) 2>&1", cwd=tmp_path, PATH=path, **NO_ROS)
+            assert done.returncode == 0, f"{command}\n{done.stdout}"
+            lines = done.stdout.rstrip().splitlines()
+            return [part for line in lines for part in test_tutorials.folded(line.rstrip())]
+
+        monkeypatch.chdir(tmp_path)
+        test_tutorials.set_up(tmp_path)
+        text = test_tutorials.text_of(page).partition("\n## The node\n")[0]
+        test_tutorials.check(text, output)
+
 
 @pytest.mark.slow
 def test_installed_by_cmake_as_copies(source: Path, tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ class RawRows:
 
 @dataclass(frozen=True)
 class Trust:
-    """What is known of the speed at each of some instants.
+    """Accuracy of the speed at some instants.
 
     variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
     whether it is computed from the wheels; may_be: whether that is not known yet; since: s for which
@@ -62,7 +62,7 @@ class Trust:
 
 @dataclass(frozen=True)
 class BelievedRows:
-    """What is believed of the raw rows.
+    """Raw rows with the stamps from which streams are doubted, read through those doubts.
 
     Attributes
     ----------
@@ -97,12 +97,12 @@ class BelievedRows:
 
     @cached_property
     def rules(self) -> StampRules:
-        """How far values are held."""
+        """The rules for how long values are held."""
         return rules_of(self.settings)
 
     @property
     def source(self) -> str:
-        """The stream that the speed over ground is of."""
+        """The stream that gives the speed over ground."""
         return VELOCITY if self.settings.velocity == "topic" else ODOMETRY
 
     @cached_property
@@ -218,7 +218,7 @@ class BelievedRows:
         return mean_of_known(rims), mean_of_known(np.abs(rims)), turn
 
     def trust(self, instants: Integers) -> Trust:
-        """How far the speed is believed at instants."""
+        """Accuracy of the speed at instants."""
         stamps, values = self.trusted.last(instants)
         variance, lag, of_wheels, may_be, since, way, mean, *_ = values.T
         seconds = np.where(stamps == NEVER, 0.0, (instants - stamps) / SECOND)

@@ -72,7 +72,7 @@ _UNTRIED = (
 
 @dataclass(frozen=True)
 class Known:
-    """What has turned out of odometry and imu, for those that report it.
+    """What is known of odometry and imu, for those that report it.
 
     share: of the way by which an odometry that comes from the wheels is no multiple of them; NaN: of its own.
     no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
@@ -110,7 +110,7 @@ class _Sums:
 
 
 class GroundSpeed:
-    """Rows of speed and imu, and how far they are believed.
+    """Ground speed and imu samples, with what has been learnt of their accuracy, lag and independence.
 
     moves: speed (m/s), yaw rate (rad/s) and, of a vehicle that steers, speed aside (m/s). felt: the imu's
     rows, z up. posed: whether speed is that of the pose.
@@ -147,14 +147,14 @@ class GroundSpeed:
         return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
 
     def forget(self, before: int) -> None:
-        """Drop what nothing asks for any more."""
+        """Drop rows that are no longer needed."""
         for stream in (self.moves, self.felt, self._own, self._trust):
             stream.forget(before)
 
     def believed(
         self, since: int, done: int, began: tuple[int, ...] = (), anew: tuple[int, ...] = ()
     ) -> BelievedRows:
-        """What is believed, with what has been learnt up to the newest row.
+        """Believed rows, with everything learnt up to the newest one.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class GroundSpeed:
         return bool(values.size and values[-1, AGAINST] > 0.0)
 
     def known(self, stamp: int) -> Known:
-        """What has turned out up to a stamp (ns) up to which has been learnt."""
+        """State of knowledge at a stamp (ns) up to which everything has been learnt."""
         down = bisect_right(self._turned, stamp) % 2 == 0
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
@@ -284,7 +284,7 @@ class GroundSpeed:
     # --- What is learnt
 
     def learn(self, until: int) -> None:
-        """Learn of what came up to a stamp (ns) at which all is there."""
+        """Learn from the rows up to a stamp (ns) by which all of them have arrived."""
         after = max(self._trust.newest, NEVER)
         stamps, own = self._own.between(after, until)
         if not stamps.size:

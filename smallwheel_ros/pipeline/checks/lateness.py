@@ -93,7 +93,7 @@ class Lag:
 
 
 class OfWheels:
-    """Whether an odometry comes from the wheels, or may, and by which share of the path it does not."""
+    """Whether an odometry is computed from the wheels, or may be, and the share of path that is not."""
 
     def __init__(self) -> None:
         self._total, self._last = np.zeros((2, 4))
@@ -101,7 +101,7 @@ class OfWheels:
         self._made, self._may_be, self._share = False, True, math.nan
 
     def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
-        """Whether the odometry comes from the wheels, by how it agrees with the rims over the last pieces.
+        """Whether the odometry is computed from the wheels, by its agreement with the last pieces.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class OfWheels:
 
 
 class Against:
-    """Whether nearly all of the way so far goes against the rims: what looks back, speed or joints, is open.
+    """Whether nearly all of the path so far runs against the rims; which of the two is reversed is open.
 
     A vehicle that slides back with its wheels has driven ahead before.
     """

@@ -31,14 +31,14 @@ SOFTEST, HARDEST = (
 
 
 class HeldColumn:
-    """Way on which one wheel shows one number, bit for bit, while most others change again and again."""
+    """Path on which one wheel shows a bit-identical number while most others keep changing."""
 
     def __init__(self, what: str, vehicle: CheckedWheels) -> None:
         self.what, self.names = what, vehicle.names
         self.ways, self.counts = ([Run() for _ in vehicle.names] for _ in range(2))
 
     def take(self, window: Window) -> list[Said]:
-        """0 is a number as others are."""
+        """Zero counts as a number like any other."""
         table, found = getattr(window, f"{self.what}s"), []
         if table is None or window.rims is None:
             return []

@@ -42,7 +42,7 @@ class NoTwist:
     """Way of the pose while the twist is 0 throughout."""
 
     def take(self, window: Window) -> list[Said]:
-        """Said while no twist has come at all."""
+        """Reported while no twist has come at all."""
         way = window.memory.known.no_twist
         text = (
             "the odometry has no twist (0 throughout while its pose moves): its speed is taken from"
@@ -55,7 +55,7 @@ class ZDown:
     """Whether most of the imu's rows say that z looks down: then its gyro is turned over for all rules."""
 
     def take(self, window: Window) -> list[Said]:
-        """Said while it is so."""
+        """Reported while z looks down."""
         text = (
             "z of the imu looks down: it is turned over; publish it in base_link's axes for others"
         )
@@ -86,10 +86,10 @@ class RepeatedTwists:
 
 
 class OfWheelsRule:
-    """Whether the odometry is computed from the wheels: then no rule takes it for a witness."""
+    """Whether the odometry is computed from the wheels; then no rule uses it as evidence."""
 
     def take(self, window: Window) -> list[Said]:
-        """Its places are of use all the same."""
+        """Its positions are used all the same."""
         known = window.memory.known
         if not known.of_wheels:
             return []
@@ -166,7 +166,7 @@ class Jumps:
         self.count, self.most = 0, 0.0
 
     def take(self, window: Window) -> list[Said]:
-        """Over gaps of 1 s and more nothing is asked."""
+        """Gaps of 1 s and more are not judged."""
         o = window.odometry
         if o is None or window.rims is None:
             return []
@@ -188,14 +188,14 @@ class Jumps:
 
 
 class FeltGravity:
-    """Length of what the imu feels on average, over all of its rows."""
+    """Magnitude of the imu's mean specific force, over all of its rows."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self._gravity = vehicle.gravity
         self._seconds, self._sum = 0.0, np.zeros(3)
 
     def take(self, window: Window) -> list[Said]:
-        """Where an orientation comes as well that gives the slope, the imu goes on being used."""
+        """An imu that also gives an orientation stays in use: the slope comes from that."""
         imu = window.imu
         if imu is None:
             return []

@@ -28,7 +28,7 @@ class Mirrored:
         self.total, self.against = np.zeros((2, len(self.names)))
 
     def take(self, window: Window) -> list[Said]:
-        """Turning and spinning wheels are not asked."""
+        """Wheels that turn on the spot or spin are not judged."""
         m = window.motion
         if m is not None:
             rows = m.inside & m.straight
@@ -63,7 +63,7 @@ class Dead:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Rows that are not asked neither add to a run nor end it."""
+        """Rows that are not judged neither extend a run nor end it."""
         m, found = window.motion, []
         if m is None:
             return []
@@ -96,7 +96,7 @@ class Held:
         self.most = np.zeros(len(vehicle.names))
 
     def take(self, window: Window) -> list[Said]:
-        """Coarse counters repeat at a steady speed, all at once: then none is asked."""
+        """Coarse counters all repeat at a steady speed; then none is judged."""
         rims, found = window.rims, []
         if rims is None:
             return []
@@ -135,7 +135,7 @@ class TurnRule:
         self.each = [(RunningAgreement(TURN), RunningAgreement(TURN)) for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """A vehicle with wheels on one side alone is not asked."""
+        """A vehicle with wheels on one side alone is not judged."""
         m = window.motion
         if m is None or not (self.left.any() and self.right.any()):
             return []

@@ -98,15 +98,16 @@ class Judge(Protocol):
     """A rule at work: takes the spans one after the other."""
 
     def take(self, window: Window) -> list[Said]:
-        """What it complains of at the end of this span."""
+        """What the rule reports at the end of this span."""
 
 
 @dataclass(frozen=True)
 class Rule:
     """A row of the table.
 
-    rows: which rows it needs. statistic: over them. limit: beyond which it speaks. reason: of the limit, with
-    the worst drive of which all sensors were good. says: what may be wrong. starts: a judge of a vehicle.
+    rows: rows that it needs. statistic: computed over them. limit: of the statistic, beyond which the rule
+    reports. reason: of the limit, with the worst drive whose sensors were all good. says: what may be wrong.
+    starts: makes the judge of a vehicle.
     """
 
     name: str
@@ -357,7 +358,7 @@ class Checks:
         self._said: set[tuple[str, str]] = set()
 
     def take(self, raw: Raw, until: int) -> list[Finding]:
-        """Go on with raw rows.
+        """Process raw rows.
 
         Parameters
         ----------

@@ -45,7 +45,7 @@ class SensorChecks:
         return self.done - self._kept
 
     def take(self, raw: RawRows, *, last: bool = False) -> BelievedRows:
-        """Go on with the rows that came.
+        """Process the rows that arrived.
 
         Parameters
         ----------

@@ -59,7 +59,7 @@ class SteeringSign:
         self.way = 0.0  # m while wheels are steered
 
     def take(self, window: Window) -> list[Said]:
-        """A vehicle that turns on straight wheels is not asked."""
+        """A vehicle that turns on straight wheels is not judged."""
         m, rims = window.motion, window.rims
         if m is None or rims is None or len(self.sets) < 2 or len(self.vehicle.names) < _FEWEST:
             return []

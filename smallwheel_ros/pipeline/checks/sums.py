@@ -25,7 +25,7 @@ MOST_SPANS = 300  # medians of spans that are kept: ten minutes
 
 @dataclass(frozen=True)
 class Said:
-    """What a rule complains of now.
+    """What a rule reports at present.
 
     subject: a wheel, or a source. value: of the statistic. doubts: streams that are not to be used. since: s
     from the beginning of the span; NaN: since the beginning of the drive. places: whether of these streams

@@ -36,7 +36,7 @@ Raw = Mapping[str, tuple[Integers, Array]]  # of streams: stamps (ns) and values
 
 @dataclass(frozen=True)
 class CheckedWheels:
-    """The rolling wheels whose rims are measured; arrays have a value for each.
+    """The rolling wheels with measured rim speeds; arrays have one value for each.
 
     x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known. gravity: m/s^2. steered:
     names of those that are steered.
@@ -123,14 +123,14 @@ class Rows:
 
     @cached_property
     def stale(self) -> Flags:
-        """Rows that have repeated an older one for longer than `GAP`: these are no witness."""
+        """Rows that have repeated an older one for longer than `GAP`: they are no evidence."""
         last_new = np.maximum.accumulate(np.where(self.same, -np.inf, self.t))
         return np.asarray(self.t - last_new > GAP)
 
 
 @dataclass
 class Memory:
-    """What is known of the whole drive, and changes how a span is read.
+    """Knowledge from the whole drive that changes how a span is read.
 
     known: what has turned out of odometry and imu. turns: whether the odometry ever had a yaw rate that is
     not 0. way: m by the rims, up to the span. doubted: streams that the rules before have named in this span.

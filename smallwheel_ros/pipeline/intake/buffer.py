@@ -40,7 +40,7 @@ class StampRules:
 
 
 class Sampled:
-    """Rows in the order of their stamps, looked at by instants. stamps: ns; values: (rows, width)."""
+    """Rows in the order of their stamps, to be read at instants. stamps: ns; values: (rows, width)."""
 
     stamps: Integers
     values: Array
@@ -152,7 +152,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Samples(Sampled):
-    """Rows of a stream as they were at one time: they stay while the stream grows."""
+    """Snapshot of a stream's rows, which stays the same while the stream grows."""
 
     stamps: Integers
     values: Array

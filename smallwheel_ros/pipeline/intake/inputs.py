@@ -33,7 +33,7 @@ _UNIT = 0.01  # a quaternion's length may be off by so much
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic to listen to: its type, and what reads rows of streams from its messages' columns.
+    """A topic to subscribe to: its type, and the function from its messages' columns to streams' rows.
 
     read: columns and, for joint states, the joints' names. streams: what it is to give rows of. joints: by
     stream, for joint states.

@@ -38,7 +38,7 @@ def sound(kind: str, values: Array) -> bool:
 
 
 def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
-    """Why nothing can be computed with the values of a message.
+    """Reason why the values of a message cannot be used.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def fault(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
 
 
 def flaw(kind: str, values: tuple[float, ...]) -> tuple[str, str] | None:
-    """What is missing in a message that is kept.
+    """Reason why part of a message cannot be used although it is kept.
 
     Parameters
     ----------

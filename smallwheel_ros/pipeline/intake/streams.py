@@ -55,8 +55,8 @@ def _halves(rows: Arrivals, middle: int) -> tuple[Arrivals, Arrivals]:
 class Streams:
     """All streams of a vehicle.
 
-    fastest: m/s; what says more is refused. on_jump: called when time has gone back, before the first
-    message of the new time is kept: whoever holds a pipeline takes what is ready, and begins anew.
+    fastest: m/s; rows with a higher speed are refused. on_jump: called when time has gone back, before the
+    first message of the new time is kept, so that the owner can take what is ready and start again.
 
     Attributes
     ----------
@@ -256,7 +256,7 @@ class Streams:
         return self._forgotten + len(self._refused)
 
     def refused(self, stamps: Integers) -> Integers:
-        """The same up to each stamp: those that came before anything newer than it."""
+        """Number of refused sinkages that came before the first row newer than each stamp."""
         at = np.maximum.accumulate(np.array(self._refused, dtype=np.int64))
         return self._forgotten + np.searchsorted(at, stamps)
 
@@ -288,13 +288,13 @@ class Streams:
         self._forgotten = 0
 
     def silent(self, stream: Stream) -> bool:
-        """Whether a stream is not waited for any more."""
+        """Whether a stream is no longer waited for."""
         passed, rules = self.latest - max(stream.newest, self.oldest), self.rules
         return passed > rules.silence and passed > stream.hold(rules) + rules.reorder
 
     @property
     def watermark(self) -> int:
-        """Stamp (ns) up to which nothing changes any more."""
+        """Stamp (ns) up to which all rows are final."""
         rules, found = self.rules, self.latest
         for stream in self.all.values():
             newest = stream.newest
@@ -308,11 +308,11 @@ class Streams:
         return {name: stream.samples for name, stream in self.all.items()}
 
     def silent_ones(self) -> frozenset[str]:
-        """The streams that are not waited for any more."""
+        """Streams that are no longer waited for."""
         return frozenset(name for name, stream in self.all.items() if self.silent(stream))
 
     def forget(self, before: int) -> None:
-        """Drop what lies so far back that nothing asks for it."""
+        """Drop rows too old to be asked for."""
         drop = int(np.searchsorted(np.array(self._refused, dtype=np.int64), before))
         del self._refused[:drop]
         self._forgotten += drop

@@ -52,7 +52,7 @@ _GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in
 
 @dataclass(frozen=True)
 class OnGround(Loads):
-    """What is known of the ground at each row.
+    """Knowledge of the ground at each row.
 
     load, load_std: N, without the cell's noise. soil_version, newest, strength_version: of the soil under the
     wheel, of that which the first wheels are on, and of the strength. refused: measured sinkages that were of
@@ -66,7 +66,7 @@ class OnGround(Loads):
 
 
 class KnownGround(NamedTuple):
-    """What the versions that rows name are."""
+    """Soil and strength of the versions that rows name."""
 
     soils: Versions[Version]
     strengths: Strengths
@@ -74,7 +74,7 @@ class KnownGround(NamedTuple):
 
 @dataclass
 class AnswerState:
-    """What is carried from block to block, by number of the wheel.
+    """State carried from block to block, by number of the wheel.
 
     newest: stamp, load (N), margin, its deviation, what is beyond. shown: newest sinkages (m). risk: the
     newest, or NaN.

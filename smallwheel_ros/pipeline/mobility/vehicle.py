@@ -99,7 +99,7 @@ class VehicleEstimates(Columns):
 
 
 class VehicleState:
-    """The vehicle, from block to block."""
+    """State of the vehicle, carried from block to block."""
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings
@@ -117,7 +117,7 @@ class VehicleState:
         self, heard: Integers, instants: Instants | None, warned: Warned | None, stuck: Flags,
         rows: Readings, judged: Judged, estimates: Estimates, soils: Versions[Version],
     ) -> VehicleEstimates:  # fmt: skip
-        """Go on with a block.
+        """Process a block.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best 
 
 @dataclass(frozen=True)
 class Predicted(Mobility):
-    """Its margin is that of the strength's filter.
+    """Predicted mobility; the margin is that of the strength's filter.
 
     sunk: whether the soil does not carry the load. beyond: what is gained beyond the reference slip until the
     vehicle makes no way, over the load.
@@ -47,7 +47,7 @@ class Predicted(Mobility):
 
     @classmethod
     def unknown(cls, count: int) -> Predicted:
-        """Of wheels of which nothing is known."""
+        """Mobility of wheels of which nothing is known."""
         names = [column.name for column in fields(Mobility)]
         sunk = np.zeros(count, dtype=bool)
         return cls(**{name: unknown(count) for name in [*names, "beyond"]}, sunk=sunk)
@@ -57,7 +57,7 @@ def mobility(
     rows: Readings, load: Array, load_std: Array, law: Integers, strength: Integers, soils: Versions[Version],
     strengths: Strengths, settings: OnboardSettings,
 ) -> Predicted:  # fmt: skip
-    """What the wheels of rows can do.
+    """Mobility of the wheels at these rows.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ _UPRIGHT = 0.5  # no vehicle drives on 60 degrees
 
 
 class Align:
-    """Gives the rows of what is new in a table of what is believed."""
+    """Aligns the new rows of believed streams into one table."""
 
     def __init__(self, settings: OnboardSettings) -> None:
         self.settings = settings

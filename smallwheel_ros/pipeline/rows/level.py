@@ -32,7 +32,7 @@ _AHEAD = 512  # rows looked through at once
 
 
 class Level:
-    """Of a vehicle. Give it all rows in their order; `at` then has the zero up to the last of them."""
+    """Learns the zero of the slope force. Give it all rows in order; `at` then has it up to the last."""
 
     def __init__(self, gravity: float = GRAVITY) -> None:
         self._gravity = gravity
@@ -46,7 +46,7 @@ class Level:
         self._stamps, self._zeros = [NEVER], [(0.0, gravity * _ZERO)]
 
     def take(self, rows: Readings) -> None:
-        """Go on with rows; those of which slope or heading are not known tell nothing."""
+        """Process rows; those with unknown slope or heading show nothing."""
         if rows.slope.size and self._origin is None:
             self._origin = int(rows.stamp[0])
         known = np.isfinite(rows.slope) & np.isfinite(rows.across) & np.isfinite(rows.heading)
@@ -99,7 +99,7 @@ class Level:
 
 
 def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """What a value and its deviation add to an earlier pair.
+    """Information that a value and its deviation add to an earlier pair.
 
     Parameters
     ----------

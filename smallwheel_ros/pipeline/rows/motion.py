@@ -37,7 +37,7 @@ class _Last:
 
 @dataclass
 class MotionState:
-    """What is carried from block to block."""
+    """State carried from block to block."""
 
     wheels: list[_Last]
     passes: Passes
@@ -49,7 +49,7 @@ class MotionState:
 
     @classmethod
     def of(cls, settings: OnboardSettings) -> MotionState:
-        """Before anything has moved."""
+        """State before the first row."""
         return cls([_Last() for _ in settings.wheels], Passes(settings.wheels))
 
 
@@ -172,7 +172,7 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """How deep a rut a wheel meets, in units of the first pass's deepening, by its pass number.
+    """Rut depth that a wheel meets at its pass number, in units of the first pass's deepening.
 
     Where the number is not known, the wheels ahead in the track are counted. Ruts deepen with a
     power of the number (Holm 1969), so their logarithm with log2 n; what passes compact is mostly

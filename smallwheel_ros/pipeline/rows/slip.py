@@ -22,7 +22,7 @@ def rim_std_of(rim: Array) -> Array:
 def assembled_slip(
     speed: Array, speed_std: Array, rim: Array, trust: Trust
 ) -> tuple[Array, Array, Flags]:
-    """Slip of wheels by believed speeds.
+    """Slip of wheels from believed speeds.
 
     Parameters
     ----------

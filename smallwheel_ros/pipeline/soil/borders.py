@@ -80,7 +80,7 @@ class _Known:
 
 
 class Soils:
-    """Uses stretches for the soil that they are of.
+    """Assigns stretches to the soil that they lie on, and filters each soil.
 
     versions: of the law, the newest last. changes: found. accepted, outliers: readings used, and left out of
     their stretch's mean. mass: kg, of the vehicle; 0: not known. gravity: m/s^2.
@@ -135,7 +135,7 @@ class Soils:
     def take(
         self, closed: Stretches | None, rows: Readings, anew: Sequence[int] = ()
     ) -> tuple[Integers, Integers]:
-        """Use the stretches that closed in these rows, those of one period together.
+        """Use the stretches closed in these rows; those of one period together.
 
         Parameters
         ----------
@@ -400,7 +400,7 @@ class Soils:
     # -- files
 
     def record(self) -> SoilRecord | None:
-        """What to save of the newest soil; None before anything was learnt of it."""
+        """State of the newest soil to be saved; None before anything was learnt of it."""
         law = self.filter
         if law is None or not law.used:
             return None
@@ -409,7 +409,7 @@ class Soils:
         return SoilRecord(law.model.reference, law.mean[:WHEELS].copy(), symmetric)
 
     def resume(self, saved: SoilRecord, variety: Variety, accepted: int) -> None:
-        """Go on from a saved soil, before any stretch.
+        """Continue from a saved soil, before any stretch.
 
         Parameters
         ----------
@@ -440,7 +440,7 @@ class Soils:
         return np.where(place < border, old, version), version
 
     def forget(self, version: Integers) -> None:
-        """Keep versions that rows are on still, of these numbers, the newest and that behind the border."""
+        """Keep these versions, the newest, and the one from before the border."""
         self.versions.forget({*np.unique(version).tolist(), self.versions[-1].old})
 
 

@@ -94,7 +94,7 @@ class Member:
         self.log_prior = self.log_weight = log_share
 
     def copy(self) -> Member:
-        """It as it is now: no array of a filter is changed in place."""
+        """Copy of the filter's present state; no array of a filter is changed in place."""
         own = copy(self)
         own.kalman = copy(self.kalman)
         return own
@@ -340,13 +340,13 @@ class SoilFilter:
 
     @property
     def likeliest(self) -> Law:
-        """Mean and covariance by what is likelier: that there are faults, or that there are none."""
+        """Mean and covariance under the likelier hypothesis: faults or none."""
         if self._weights[0] > 0.5:
             return self.bank[0].x, self.bank[0].kalman.P
         return self.widest, self._of_wide(self.widest)
 
     def innovations(self, rows: Stretches) -> tuple[Array, Array, Array, Array]:
-        """What stretches would say: miss, variance by the state and in all (m^2), slope by ln load."""
+        """Innovations of stretches: miss, variance by the state and total (m^2), slope by ln load."""
         mean, covariance = self.likeliest
         shown = self.model.h(mean, rows)
         state = np.einsum("ri,ij,rj->r", shown.H, covariance, shown.H)
@@ -354,14 +354,14 @@ class SoilFilter:
         return rows.sinkage - shown.value, state, state + alone, shown.by_load
 
     def together(self, rows: Stretches) -> tuple[Array, Array, Array]:
-        """What many stretches would say: miss (m), covariance as they count (m^2), slope by ln load."""
+        """Joint innovation of many stretches: miss (m), their covariance (m^2), slope by ln load."""
         shown = self.model.h(self.mean, rows)
         _, counts, _ = self.scatter.noise(rows, shown)
         covariance = shown.H @ self.covariance @ shown.H.T + np.diag(counts)
         return rows.sinkage - shown.value, covariance, shown.by_load
 
     def copy(self) -> SoilFilter:
-        """It as it is now."""
+        """Copy of the present state."""
         own = copy(self)
         own.bank, own.scatter = [member.copy() for member in self.bank], self.scatter.copy()
         own._store = None if self._store is None else self._store.copy()
@@ -370,7 +370,7 @@ class SoilFilter:
     # -- another soil
 
     def reopen(self, law: Law | None, shift: float, distance: float) -> None:
-        """Begin another soil: the law is the prior's again, or a remembered one; nuisances stay.
+        """Start another soil: reset the law to the prior or a remembered one; keep nuisances.
 
         Parameters
         ----------
@@ -405,7 +405,7 @@ class SoilFilter:
         return x, P
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
-        """Go on from a saved state, without the numbers of single wheels.
+        """Continue from a saved state, without the parameters of single wheels.
 
         Parameters
         ----------

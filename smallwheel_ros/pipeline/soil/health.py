@@ -29,7 +29,7 @@ class FilterHealth:
         self._readings: deque[tuple[int, int]] = deque(maxlen=_RECENT)
 
     def add(self, rows: Stretches, squares: Array) -> None:
-        """Take stretches.
+        """Add stretches.
 
         Parameters
         ----------
@@ -42,13 +42,13 @@ class FilterHealth:
         self._squares.extend(np.minimum(squares[np.isfinite(squares)], _LARGEST).tolist())
 
     def forget(self) -> None:
-        """Another soil was found, which is what did not fit lately."""
+        """Start again on another soil, to which the recent misfit was due."""
         self._squares.clear()
         self._readings.clear()
 
     @property
     def count(self) -> int:
-        """How many readings this is about."""
+        """Number of readings counted."""
         return sum(map(sum, self._readings))
 
     @property
@@ -63,7 +63,7 @@ class FilterHealth:
 
     @property
     def concern(self) -> str:
-        """What is wrong, in words; empty where nothing is."""
+        """Describe what is wrong; empty where nothing is."""
         mean = self.mean_square
         if len(self._readings) >= _ENOUGH_STRETCHES and self.outlier_share > _MANY_LEFT_OUT:
             return (

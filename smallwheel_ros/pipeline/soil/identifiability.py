@@ -157,7 +157,7 @@ class SoilEstimate:
 
     @cached_property
     def in_doubt(self) -> str:
-        """Why nothing is determined, though deviations are small; empty where there is no reason."""
+        """Why nothing counts as determined although deviations are small; "" without a reason."""
         if self.missing_effect is not None:
             return self._misses
         std = math.sqrt(max(self.log_covariance[1, 1], 0.0))
@@ -178,7 +178,7 @@ class SoilEstimate:
 
     @property
     def status(self) -> tuple[str, ...]:
-        """In words, what is not determined and why; empty when everything is determined."""
+        """Say what is not determined, and why; empty when everything is determined."""
         if self.in_doubt and self.accepted:
             return (f"nothing is determined: {self.in_doubt}",)
         limits = dict.fromkeys(Identifiable._fields, "")
@@ -188,13 +188,13 @@ class SoilEstimate:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What else the drive has shown of soil and sensors, in words."""
+        """Further findings of the drive about soil and sensors."""
         shown = "" if self.state is None else self.state.slip_sinkage
         return (shown,) if shown else ()
 
     @property
     def verdicts(self) -> dict[str, str]:
-        """For each parameter in words whether the data has determined it, and how far."""
+        """Say of each parameter whether the data has determined it, and how far."""
         found, but = {}, self.in_doubt and f" ({self.in_doubt})"
         for name, left in self.remaining.items():
             known = "determined" if getattr(self.identifiable, name) else f"not determined{but}"

@@ -58,7 +58,7 @@ _GROUPS = (
 
 @dataclass(frozen=True, eq=False)
 class StateBelief:
-    """What is believed of the filter's state other than the soil's own numbers.
+    """Belief in the filter's state, except for the soil's own parameters.
 
     slopes: of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: of the state.
     """
@@ -68,7 +68,7 @@ class StateBelief:
     covariance: Array
 
     def limits(self, rows: Array) -> list[str]:
-        """What limits each of some numbers, in words; empty where the data does.
+        """Say what limits each of some parameters; empty where the data does.
 
         rows: slopes of the numbers by (ln pressure, n, m), (numbers, 3).
         """
@@ -100,7 +100,7 @@ class StateBelief:
 
     @property
     def slip_sinkage(self) -> str:
-        """In words, from 2.5 deviations on: how much of the sinkage slip adds."""
+        """Say how much of the sinkage slip adds, from 2.5 deviations on."""
         value, variance = float(self.mean[SLIP]), float(self.covariance[SLIP, SLIP])
         if value <= _SHOWS * math.sqrt(max(variance, 0.0)):
             return ""

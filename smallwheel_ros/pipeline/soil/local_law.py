@@ -38,7 +38,7 @@ from .stretches import WheelsUnderLoad
 
 @dataclass(frozen=True)
 class Version:
-    """The law as it is believed from a stretch on. number: of the soil, as they were met.
+    """State of the law from one stretch on. number: of the soil, in order of discovery.
 
     law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
     the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
@@ -70,7 +70,7 @@ class Version:
 
 @dataclass(frozen=True)
 class LocalLaws(Columns):
-    """The law under wheels, with ruts and sides, and their load cells.
+    """Law under each wheel, with its rut and side, and the load cells.
 
     law: ln pressure at the soil's reference, n and m, (rows, 3). log_scale, zero: of the load cell; N.
     covariance: of the law, and of ln load by scale and, per N^-1, by zero, (rows, 5, 5).
@@ -82,7 +82,7 @@ class LocalLaws(Columns):
     covariance: Array
 
     def net(self, shown: Array) -> Array:
-        """Loads that are shown (N) without the cells' zeros."""
+        """Displayed loads (N) less the cells' zeros."""
         net: Array = np.maximum(shown - self.zero, LEAST_SHARE * shown)
         return net
 
@@ -204,7 +204,7 @@ class Reported:
         self._prior = seen_as(self._turn, prior.law[1])
 
     def estimate(self, version: Version) -> SoilEstimate:
-        """The soil as it was believed."""
+        """The estimate of a soil at a version."""
         law, covariance = law_of(version)
         more = np.diag([version.missed_variance, 0.0, 0.0])
         pressure, n, m = (self._turn @ law).tolist()

@@ -80,7 +80,7 @@ class EffectScore:
 
 @dataclass(frozen=True)
 class MissingEffect:
-    """What the model misses, as far as the last metres tell.
+    """A missing effect of the model, as the last metres show it.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class _Trial(NamedTuple):
 
 
 class MissingEffectWatch:
-    """Watches for effects that the model has not.
+    """Watches for effects that the model lacks.
 
     effects: of the model. length: m, of a stretch. prior: whose strength, name and geometry the
     laws are tried with.
@@ -159,7 +159,7 @@ class MissingEffectWatch:
         self.missed_variance = 0.0
 
     def take(self, rows: Stretches, law: Callable[[], tuple[float, float, float]]) -> None:
-        """Go on with stretches that end together.
+        """Process stretches that end together.
 
         Parameters
         ----------
@@ -333,7 +333,7 @@ class Changes(NamedTuple):
         return (column[self.later] - column[self.earlier]) / self.deviation
 
     def where(self, usable: NDArray[np.bool_]) -> Changes:
-        """Only some of the pairs, by a mask of shape (pairs,)."""
+        """Select pairs by a mask of shape (pairs,)."""
         later, earlier, deviation = self.later[usable], self.earlier[usable], self.deviation[usable]
         return self._replace(later=later, earlier=earlier, deviation=deviation)
 
@@ -354,7 +354,7 @@ class StretchChanges:
             self._order.update(dict.fromkeys(np.unique(rows.wheel).tolist()))
 
     def changes(self) -> Changes | None:
-        """Give what is kept; None while there is nothing."""
+        """Changes among the stretches that are kept; None while there are none."""
         if not self._kept:
             return None
         rows = Stretches.joined(self._kept)

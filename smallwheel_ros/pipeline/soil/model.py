@@ -300,7 +300,7 @@ class LawModel:
         return np.array([log_modulus + n * LOG_DEPTH - m * self._across, n, m]), jacobian
 
     def h(self, x: Array, rows: Stretches) -> Shown:
-        """The sinkages that sensors show.
+        """Sinkages as the sensors show them.
 
         Parameters
         ----------
@@ -329,7 +329,7 @@ class LawModel:
         return Shown(value, row, scale * sunk.by_load, scale**2 * sunk.doubt)
 
     def sinkage(self, y: Array, rows: WheelsUnderLoad) -> Shown:
-        """The sinkage itself, without errors of its sensor.
+        """The true sinkage, without the errors of its sensor.
 
         Parameters
         ----------

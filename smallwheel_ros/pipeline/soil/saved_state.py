@@ -31,12 +31,12 @@ from .identifiability import SoilEstimate, Variety
 Array = NDArray[np.float64]
 
 FORMAT = "smallwheel soil state"
-_VERSION = 5  # another means something else, and is refused
+_VERSION = 6  # another means something else, and is refused
 
 
 @dataclass(frozen=True)
 class SoilRecord:
-    """A soil's law and what is known of the sensors' faults, but for those of single wheels.
+    """A soil's law, and the estimated faults of sensors except those of single wheels.
 
     reference: load (N), diameter, width (m) of the reference wheel. mean, covariance: of the soil's
     numbers (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
@@ -49,7 +49,7 @@ class SoilRecord:
 
 @dataclass(frozen=True)
 class SavedState:
-    """What a file holds; None: no soil had been measured.
+    """Content of a file; None: no soil had been measured.
 
     strength: as the traction's filter has it. cost_map: SHA-256 of the map that was saved with it, None where
     there was none.
@@ -194,8 +194,8 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
         raise _corrupt(path, f"expected a file of format '{FORMAT}'")
     if content.get("version") != _VERSION:
         raise EstimatorError(
-            f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}; "
-            "delete the file to begin with the prior"
+            f"{path}: version {content.get('version')!r} of a saved soil, expected {_VERSION}: "
+            "another release wrote it; delete the file to begin with the prior"
         )
     told = content.pop("sha256", None)
     if told != _checksum(content):

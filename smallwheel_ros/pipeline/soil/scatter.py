@@ -18,7 +18,7 @@ MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, w
 
 
 class SoilScatter:
-    """What stretches differ by beyond state and sensors, learnt from innovations.
+    """Scatter of stretches beyond state and sensors, learnt from innovations.
 
     A regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2) and `soil`, the variance of
     ln k at a place. `share`: of that, what is left in the mean over a stretch.
@@ -38,7 +38,7 @@ class SoilScatter:
         self._products: Array = np.array([0.0, 1.0])  # of neighbours, and squares
 
     def copy(self) -> SoilScatter:
-        """It as it is now."""
+        """Copy of the present state."""
         own = copy(self)
         own._newest = self._newest.copy()
         return own
@@ -76,7 +76,7 @@ class SoilScatter:
 
     @property
     def alike(self) -> float:
-        """How much more neighbouring errors count, being alike: (1 + r)/(1 - r)."""
+        """Factor by which errors weigh more because neighbours are alike: (1 + r)/(1 - r)."""
         alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
         return float((1.0 + alike) / (1.0 - alike))
 

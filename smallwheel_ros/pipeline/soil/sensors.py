@@ -57,7 +57,7 @@ class StuckSensors:
             self.stuck[wheel] = full and most + coarse < _STILL * varies
 
     def findings(self, names: Sequence[str]) -> tuple[str, ...]:
-        """In words, with what to check. names: of the wheels."""
+        """Report stuck sensors, with what to check. names: of the wheels."""
         return tuple(
             f"{names[wheel]}: its sinkage sensor shows the same wherever it rolls, and is not used: is it"
             " stuck, dirty, or does it look at the wheel?"
@@ -84,7 +84,7 @@ class Weighing:
         ]
 
     def add(self, rows: Stretches) -> Weighed | None:
-        """Take stretches; the weighing, once."""
+        """Take stretches; return the comparison of loads with the weight, once."""
         if self._mass <= 0.0:
             return None
         columns = rows.wheel.tolist(), rows.load.tolist(), np.cos(rows.pitch).tolist()

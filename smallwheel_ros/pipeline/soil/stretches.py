@@ -41,7 +41,7 @@ _MOST_ROWS = 2000  # of a pressed wheel, which need not move
 
 @dataclass(frozen=True)
 class WheelsUnderLoad(Columns):
-    """Wheels under loads: what the law is asked of.
+    """Wheels under loads, for which the law predicts the sinkage.
 
     load: N, without its cell's noise; load_variance: of its logarithm by that. load_rate: d ln load / dt,
     1/s. slip, speed: 1, m/s, NaN where not known. passes, pass_doubt: as in `Readings`.
@@ -138,7 +138,7 @@ class StretchState:
 
     @classmethod
     def of(cls, settings: OnboardSettings) -> StretchState:
-        """Before anything was measured."""
+        """State before the first row."""
         variance = settings.estimator.sinkage_std**2
         return cls([_Wheel(length_of(wheel), variance) for wheel in settings.wheels])
 

@@ -74,7 +74,7 @@ class OnSoil(Columns):
         return OnSoil(**whole)
 
     def variance(self, **by: Array | float) -> Array:
-        """Of a quantity with slopes by `sinkage`, `compaction`, `other` and `log_load`."""
+        """Variance of a quantity with slopes by `sinkage`, `compaction`, `other` and `log_load`."""
         row = np.zeros((len(self), 4))
         for i, name in enumerate(("sinkage", "compaction", "other", "log_load")):
             row[:, i] = by.get(name, 0.0)

@@ -155,7 +155,7 @@ class StrengthFilter:
         kalman.predict()
 
     def level(self, zero: Array | None, drag: float) -> None:
-        """Use what has become known of the IMU's zero since the last call.
+        """Use what has been learnt of the IMU's zero since the last call.
 
         Parameters
         ----------
@@ -290,7 +290,7 @@ class StrengthFilter:
 
     @property
     def prior(self) -> list[float]:
-        """What it began with: mean and deviation of each number of the soil, and of eta and mu."""
+        """Mean and deviation of each initial parameter of the soil, and of eta and mu."""
         of_wheel = self._prior[[ROLLING, RIM]].tolist(), self._wheel_std.tolist()
         return [*self.prior_mean.tolist(), *self.prior_std.tolist(), *of_wheel[0], *of_wheel[1]]
 
@@ -306,7 +306,7 @@ class StrengthFilter:
         self.kalman.P[:STRENGTH, :STRENGTH] = known[1]
 
     def hand_over(self) -> None:
-        """Go on on another soil that was not met yet: half of the variance is the site's."""
+        """Move to a soil not met before: half of the variance belongs to the site."""
         mean, covariance = self.strength
         left = (1.0 - _ONE_SITE**2) * np.diag(np.square(self.prior_std))
         off = mean - self.prior_mean
@@ -320,7 +320,7 @@ def _log(length: Quantity) -> Quantity:
 
 
 def bounded(x: Array, prior: Array) -> Array:
-    """The nearest state whose strength a soil can have, or the prior's.
+    """Nearest state whose strength a soil can have, or the prior's.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class Rolling:
         return self.along[:, None]
 
     def factor(self, times: int) -> Callable[[Array], Array] | None:
-        """Of the effects on the pressure by depth, of these rows so many times; None: without any."""
+        """Factor of the effects on the pressure by depth, for copies of these rows; None: no effects."""
         if not self.layers:
             return None
         rows = np.tile(np.arange(self.order.size), times)
@@ -68,7 +68,7 @@ class Force:
     by_sinkage: Array
 
     def own(self, on: OnSoil) -> Array:
-        """Variance (N^2) by what is the wheel's own: place and load."""
+        """Variance (N^2) due to the wheel's own place and load."""
         zz, zw, ww = on.own[:, 0, 0], on.own[:, 0, 3], on.own[:, 3, 3]
         a, b = self.by_sinkage, self.by_load
         return np.maximum(a * a * zz + 2.0 * a * b * zw + b * b * ww, 0.0)
@@ -76,7 +76,7 @@ class Force:
 
 @dataclass(frozen=True)
 class Believed:
-    """What a filter believes from a step on: x, P, and the cell of each wheel in the state.
+    """Filter state from a step on: x, P, and the cell of each wheel in the state.
 
     Or, stacked, what it believed at each of many rows: all with an axis of rows before the others.
     """
@@ -89,7 +89,7 @@ class Believed:
 
     @classmethod
     def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:
-        """What was believed at rows.
+        """States at rows.
 
         Parameters
         ----------

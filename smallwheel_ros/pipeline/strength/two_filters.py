@@ -29,7 +29,7 @@ RECENT = 2.0  # s: a step that ended longer ago says nothing of now
 
 
 def of_any_ground(strength: Strength) -> Strength:
-    """The strength that a margin begins with where only the kind of soil is known.
+    """Strength from which a margin starts if only the kind of soil is known.
 
     What a wheel gains by slipping and sinking further rests on cohesion times an area that it has not met
     yet, and c is the number that soils of one name differ in most (dry sand 0.2 to 2.3 kPa). So c is any
@@ -174,14 +174,14 @@ class Strengths:
         return two[0], two[1]
 
     def at(self, versions: Integers) -> tuple[Believed, Believed]:
-        """What was believed, and what the margin goes by, at rows of versions."""
+        """Strengths believed, and those that the margin uses, at rows that name versions."""
         kinds, index = np.unique(versions, return_inverse=True)
         pairs = self.believed.at(kinds)
         now, reserve = (Believed.stacked(one, index) for one in zip(*pairs, strict=True))
         return now, reserve
 
     def record(self) -> dict[str, Any] | None:
-        """What to save; None before anything was measured."""
+        """State to be saved; None before anything was measured."""
         if not self.steps:
             return None
         mean, covariance = zip(self.now.strength, self.reserve.strength, strict=True)
@@ -198,7 +198,7 @@ class Strengths:
         }
 
     def restore(self, record: Any) -> None:
-        """Go on from a `record`, None: from the prior. Before any step.
+        """Restore a `record` before any step; None: start from the prior.
 
         Raises ValueError, and changes nothing, where it is of another prior.
         """

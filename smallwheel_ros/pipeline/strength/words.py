@@ -53,12 +53,12 @@ class StrengthEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether what is held is: half of the variance that friction began with is gone."""
+        """Whether the strength that carries thrust has half of friction's initial variance or less left."""
         return self.remaining["thrust"] <= _HELD
 
     @property
     def verdicts(self) -> dict[str, str]:
-        """For each number in words whether it is determined, and how far."""
+        """Say of each parameter whether it is determined, and how far."""
         return {
             name: ("determined" if left <= _LIMITS.get(name, DETERMINED) else "not determined")
             + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
@@ -67,7 +67,7 @@ class StrengthEstimate:
 
 
 def strength_of(strengths: Strengths) -> StrengthEstimate:
-    """The newest, by the filter of the reserve."""
+    """The newest estimate, by the filter of the reserve."""
     believed = strengths.believed[-1][1]
     mean = believed.x[:STRENGTH]
     deviation = _deviations(believed)
@@ -121,7 +121,7 @@ def is_determined(P: Array, prior_std: Array) -> Flags:
 
 
 def is_told(P: Array, prior_std: Array) -> Flags:
-    """Whether any measurement has narrowed friction: more is known of it than before the first step.
+    """Whether any measurement has narrowed friction since the first step.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def is_told(P: Array, prior_std: Array) -> Flags:
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
-    """By source of the strength that is not in use, in words: what it needs, and what it would add.
+    """Say of each source of strength that is not in use what it needs and what it would add.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ LONGEST = SECOND  # ns between rims over which the filter goes on
 
 
 class TwistFilter:
-    """One stamp of the rims after the other.
+    """Filters the stamps of the rims one by one.
 
     places: (2,) m, of the sides' wheels left of the middle. chi: effective over geometric track at first.
     """
@@ -110,7 +110,7 @@ class TwistFilter:
         self.x[i], self.P[i, i] = mean, variance
 
     def step(self, apart: int, rims: Array, felt: Array, speed: float, speed_std: float) -> None:
-        """Take a row.
+        """Process a row.
 
         Parameters
         ----------
@@ -325,7 +325,7 @@ class TwistFilter:
         self.P = 0.5 * (P + P.T)
 
     def told(self, rims: Array, later: list[tuple[float, Array]]) -> tuple[float, ...]:
-        """The twist at a row.
+        """The twist to publish at a row.
 
         Parameters
         ----------

@@ -38,7 +38,7 @@ _UNKNOWN = 1e6  # variance of what is not measured: 0 would be certain, 1e308 ma
 
 
 class TwistError(SmallwheelError):
-    """A vehicle whose rims cannot tell a twist."""
+    """The vehicle's rims do not determine a twist."""
 
 
 @dataclass(frozen=True)

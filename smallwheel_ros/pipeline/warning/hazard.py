@@ -97,7 +97,7 @@ class Instants(Columns):
 
 @dataclass(frozen=True)
 class Warned(Columns):
-    """What holds at each instant.
+    """State of the warning at each instant.
 
     hazard, slip: 1; NaN where it is not judged. level: 0, 1 on the way to get stuck, 2 gets stuck (the
     rolling wheels dig in). told: 1 or 2 where a warning of that level is due, else 0.
@@ -124,7 +124,7 @@ class _Hazard:
 
 
 class Warnings:
-    """The warning at work.
+    """Computes the warning over the drive.
 
     wheels: of the vehicle, of which the rolling ones are asked. with_imu: whether there is one; it then tells
     the slope where it has an orientation, and what is felt.
@@ -154,7 +154,7 @@ class Warnings:
         imu: tuple[Integers, Array] | None,
         until: int,
     ) -> tuple[Instants, Warned] | None:
-        """Go on with rows up to a watermark.
+        """Process rows up to a watermark.
 
         Parameters
         ----------

@@ -33,7 +33,7 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 
 @dataclass(frozen=True)
 class Judged(Columns):
-    """What holds at rows: level of the warning, whether a wheel spins on the spot, margin of any ground.
+    """At each row: warning level, whether a wheel spins on the spot, margin of any ground.
 
     median, lower_std, beyond: of ground like this, as `GroundMargin.ahead` has them. asked: pull over load
     that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
@@ -82,7 +82,7 @@ class Judgement:
     # --- Warning and margin
 
     def take(self, rows: Readings, believed: BelievedRows) -> Judged:
-        """Go on with rows; `warned` then holds what is new.
+        """Process rows; `warned` then holds the new instants.
 
         Parameters
         ----------
@@ -138,12 +138,12 @@ class Judgement:
 
     @property
     def slip(self) -> float:
-        """Of the middle wheel, where there is a level."""
+        """Slip of the middle wheel, while there is a warning level."""
         return self._slip
 
     @property
     def level(self) -> int:
-        """Of the warning, now."""
+        """Present level of the warning."""
         return int(self._levels[1][-1])
 
     def _spin(self, instants: Instants) -> None:

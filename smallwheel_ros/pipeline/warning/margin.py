@@ -100,14 +100,14 @@ def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
 
 
 def scatter_ahead(margin: Array | float) -> Array:
-    """Standard deviation of the places of ground of a margin about it."""
+    """Standard deviation of places about the mean of ground with this margin."""
     return np.asarray(AHEAD * np.clip(np.asarray(margin) / _AHEAD_OF, 0.0, 1.0))
 
 
 def risk_ahead(
     asked: Array | float, median: Array | float, lower_std: Array | float, beyond: Array | float
 ) -> Array:
-    """Probability that a place ahead does not give what is asked for at any slip.
+    """Probability that a place ahead gives less than is required, at any slip.
 
     As a cell of the cost map costs whose slope asks for it. Of numbers or arrays of any one shape, 1; NaN of
     NaN.
@@ -125,7 +125,7 @@ def risk_ahead(
 
 @lru_cache
 def unknown_ground(reference_slip: float) -> tuple[float, float]:
-    """Mean and deviation of the margin of ground of which nothing is known."""
+    """Mean and deviation of the margin of unknown ground."""
     return GroundMargin(reference_slip).moments()
 
 
@@ -156,13 +156,13 @@ class GroundMargin:
         self._order, self._most_order = np.argsort(self.margins), np.argsort(self._most)
 
     def forget(self, metres: float) -> None:
-        """Forget part of what was learnt: of ground left that far back less is believed."""
+        """Discount what was learnt of ground that far back."""
         kept = math.exp(-metres / PATCH)
         self.logs *= kept
         self.crossed *= kept
 
     def cross(self, metres: float, asked: float) -> None:
-        """Take a way that the vehicle got over.
+        """Use a path that the vehicle has got over.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class GroundMargin:
         self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
-        """Take a step.
+        """Use a step.
 
         Parameters
         ----------
@@ -201,11 +201,11 @@ class GroundMargin:
 
     @property
     def weights(self) -> Array:
-        """Of the points, their sum is 1."""
+        """Weights of the points; their sum is 1."""
         return _normalised(self.logs)
 
     def quantiles(self, levels: tuple[float, ...] = (0.025, 0.5, 0.975)) -> Array:
-        """Of the margin here."""
+        """Quantiles of the margin here."""
         return _quantiles(self.margins, self._order, self.weights, levels)
 
     def moments(self) -> tuple[float, float]:
@@ -215,7 +215,7 @@ class GroundMargin:
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
 
     def ahead(self) -> tuple[float, float, float]:
-        """Of ground like this, by slips and metres crossed, each 1.
+        """Belief about ground like this, by slips and metres crossed; each number is dimensionless.
 
         Median of the margin; standard deviation of the normal distribution that has the lower half of what
         is given at most; what is gained from that margin to that most, by their medians.
@@ -284,7 +284,7 @@ class AnyGround:
         self._anew: list[int] = []  # stamps that no step has come to yet
 
     def take(self, instants: Instants, anew: Sequence[int] = ()) -> Margins | None:
-        """Go on with instants.
+        """Process instants.
 
         Parameters
         ----------

@@ -52,10 +52,10 @@ class WarningLevel(IntEnum):
         return cls(cls.OK + level)
 
     def said(self, slip: float) -> str:
-        """The sentence, with the slip of the middle wheel."""
+        """Sentence of the level, with the slip of the middle wheel."""
         return self.sentence.format(slip=slip)
 
     @property
     def short(self) -> str:
-        """Of the vehicle, in two or three words: "may get stuck"."""
+        """The level in two or three words: "may get stuck"."""
         return self.name.lower().replace("_", " ")
