@@ -71,9 +71,7 @@ class Dead:
         for i, (name, run) in enumerate(zip(self.names, self.runs, strict=True)):
             others = np.delete(rolls, i, axis=1).sum(axis=1) > (len(self.names) - 1) / 2
             asked = others & m.inside
-            run.extend(
-                m.rim[asked, i] == 0, (np.abs(m.v) * m.dt)[asked], window.seconds(m.t[asked])
-            )
+            run.extend(m.rim[asked, i] == 0, (np.abs(m.v) * m.dt)[asked], m.stamp[asked])
             if run.most > DEAD_WAY:
                 text = (
                     f"its joint shows exactly 0 for {run.most:.1f} m on which the others roll: the encoder"
@@ -101,7 +99,7 @@ class Held:
         if rims is None:
             return []
         rows, changes = rims.inside, rims.changes[rims.inside]
-        x, t = rims.x[rows], window.seconds(rims.t[rows])
+        x, t = rims.x[rows], rims.stamp[rows]
         self.most = np.fmax(self.most, np.nan_to_num(np.abs(x)).max(axis=0, initial=0.0))
         most = {float(self.most[side].max()) for side in self.sides}
         limit = most.pop() if len(self.sides) > len(most) == 1 else np.inf

@@ -371,7 +371,11 @@ class Checks:
         list of Finding
             New findings, each given once.
         """
-        self._keep(raw)
+        self.keep(raw)
+        return self.judge(until)
+
+    def judge(self, until: int) -> list[Finding]:
+        """Judge all spans of the rows that are kept, up to a stamp (ns) to which all rows have come."""
         self.done = max(self.done, until)
         return self._judge(until - AROUND)
 
@@ -382,7 +386,8 @@ class Checks:
         )
         return self._judge(newest + SPAN + 1) if newest > NEVER else []
 
-    def _keep(self, raw: Raw) -> None:
+    def keep(self, raw: Raw) -> None:
+        """Keep raw rows of each stream until they are judged."""
         for name, (stamps, values) in raw.items():
             if not stamps.size:
                 continue

@@ -17,7 +17,6 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from smallwheel_ros.common.stamps import SECOND
-from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.soil.local_law import Version
@@ -120,7 +119,7 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = soils.at(soil_version)
+    of, newest = soils.at(soil_version), soils.at(ground.newest)
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -134,7 +133,7 @@ def answer(
     digging = rolls & (judged.level == 2)
     slip_unknown = rolls & ~np.isfinite(rows.slip)
     # Without slip a model whose effects read it has no sinkage: then slip is what is missing.
-    waits = slip_unknown & bool(covariates_of(settings.effects))
+    waits = slip_unknown & bool(settings.covariates)
     has = {
         Condition.PRIOR_ONLY: ~measured,
         Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
@@ -164,7 +163,7 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soil.number for soil in soils.at(ground.newest)]
+    numbers = [soil.number for soil in newest]
     columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
@@ -218,7 +217,7 @@ def _does_not_fit(
         np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
     )
     off = (rows.sinkage - can.sinkage) ** 2 > gate * (can.sinkage_std**2 + noise**2)
-    found = np.zeros(len(rows), dtype=bool)
+    found = np.zeros(off.shape, dtype=bool)
     for i in np.flatnonzero(np.isfinite(rows.sinkage)).tolist():
         shown = state.shown.setdefault(int(rows.wheel[i]), [])
         shown.append(float(rows.sinkage[i]))

@@ -92,7 +92,7 @@ class LocalLaws(Columns):
 
     def with_load(self, shown: Array) -> Array:
         """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
-        turn = np.zeros((len(self), 4, 5))
+        turn = np.zeros((shown.size, 4, 5))
         turn[:, range(4), range(4)] = 1.0
         turn[:, 3, 4] = 1.0 / self.net(shown)
         whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)

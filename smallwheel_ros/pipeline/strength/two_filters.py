@@ -109,7 +109,7 @@ class Strengths:
             if mine.size:
                 self._take(steps, number, mine)
             else:
-                newest = self.believed[-1][0]
+                newest = self.believed.newest[0]
                 self._publish(newest.slips, newest.end)
         return steps.end
 
@@ -176,9 +176,8 @@ class Strengths:
     def at(self, versions: Integers) -> tuple[Believed, Believed]:
         """What was believed, and what the margin goes by, at rows of versions."""
         kinds, index = np.unique(versions, return_inverse=True)
-        pairs = self.believed.at(kinds)
-        now, reserve = (Believed.stacked(one, index) for one in zip(*pairs, strict=True))
-        return now, reserve
+        now, reserve = zip(*self.believed.at(kinds), strict=True)
+        return Believed.stacked(now, index), Believed.stacked(reserve, index)
 
     def record(self) -> dict[str, Any] | None:
         """What to save; None before anything was measured."""
