@@ -13,7 +13,7 @@ REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
 
 class Versions(dict[int, T]):
-    """Versions by number, those that are kept. count: of all, those that are forgotten, too; newest: the last."""
+    """Versions that are kept, by number. count: of all, the forgotten ones, too; newest: the last."""
 
     def __init__(self, first: T) -> None:
         super().__init__({0: first})

@@ -25,9 +25,9 @@ from .rigid_motion import places_of, rigid_motion
 
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
-NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 10)))
+NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 11)))
 MOVES, FELT = "moves", "felt"  # speed over ground and imu as they are read, beside the raw streams
-AGAINST = 9  # of a row of what has been learnt of the speed
+AGAINST, SLIDES = 9, 10  # of a row of what has been learnt of the speed
 _TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: some messages of it
 
 
@@ -90,7 +90,7 @@ class BelievedRows:
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
-        What has been learnt of the speed with each of its messages, (rows, 10).
+        What has been learnt of the speed with each of its messages, (rows, 11).
     doubted
         Which streams are not believed, from which stamp on.
     since, done

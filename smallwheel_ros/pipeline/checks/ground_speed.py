@@ -13,7 +13,7 @@
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
     against   of all the way so far nearly all goes against the rims: it looks back, or the joints do, and
-              which is not known. A vehicle that slides back has driven ahead before
+              which is not known. Not where the vehicle may slide down a slope: then it is believed
     imu       turned over where its z axis looks down
 
 Each row depends on messages up to its own stamp alone, and sums go on over cuts.
@@ -40,7 +40,7 @@ from smallwheel_ros.pipeline.intake.buffer import Samples, Stream
 from smallwheel_ros.pipeline.intake.layout import rules_of
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, steps_of, unknown
 
-from .believed import AGAINST, FELT, MOVES, NO_ROWS, BelievedRows, RawRows
+from .believed import AGAINST, FELT, MOVES, NO_ROWS, SLIDES, BelievedRows, RawRows, mean_of_known
 from .doubts import Doubts
 from .lateness import LAGS, Against, Lag, OfWheels
 from .sums import RunningDeviation
@@ -75,8 +75,9 @@ class Known:
     """What has turned out of odometry and imu, for those that report it.
 
     of_wheels: whether the odometry is computed from the wheels. share: of the way by which it is no multiple
-    of them. twist: whether one has come. no_twist: m by the pose before. down: whether z of the imu looks down.
-    against: m that went against the rims, where nearly all did; else 0.
+    of them. twist: whether one has come. no_twist: m by the pose before. down: whether z of the imu looks
+    down. against: m that went against the rims, where nearly all did; else 0. slides: nearly all did, and the
+    vehicle may slide down a slope.
     """
 
     of_wheels: bool = False
@@ -85,6 +86,7 @@ class Known:
     no_twist: float = 0.0
     down: bool = False
     against: float = 0.0
+    slides: bool = False
 
 
 @dataclass
@@ -117,7 +119,7 @@ class GroundSpeed:
         self._own = Stream(
             "own", 6
         )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
-        self._trust = Stream("trust", 10)
+        self._trust = Stream("trust", 11)
         self.posed = True
         self._told_aside = False  # whether a twist has ever had a speed aside
         self._way = 0.0
@@ -176,10 +178,10 @@ class GroundSpeed:
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
             return Known(down=down)
-        of_wheels, no_twist, share, against = values[0, [2, 7, 8, AGAINST]].tolist()
+        of_wheels, no_twist, share, against, slides = values[0, [2, 7, 8, AGAINST, SLIDES]].tolist()
         against = against if self.source == ODOMETRY else 0.0
         made = of_wheels > 0.0 and math.isfinite(share)
-        return Known(made, share, math.isnan(no_twist), no_twist, down, against)
+        return Known(made, share, math.isnan(no_twist), no_twist, down, against, slides > 0.0)
 
     # --- What came
 
@@ -274,6 +276,13 @@ class GroundSpeed:
         self._told_aside = bool(told[-1])
         return np.where(told, aside, np.nan)
 
+    def _rise(self, felt: Array) -> Array:
+        """Sine of the slope, nose up, by the last second of the imu, (rows, lags, 7); NaN: not known."""
+        rise = np.where(
+            np.isnan(felt[:, :, 4]), felt[:, :, 1] / self.settings.gravity, felt[:, :, 4]
+        )
+        return mean_of_known(rise.T)
+
     # --- What is learnt
 
     def learn(self, until: int) -> None:
@@ -318,7 +327,8 @@ class GroundSpeed:
         turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
         lag = np.where(np.isnan(lag), _LATE, lag)
-        against = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed)
+        rise = self._rise(shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size])
+        against, slides = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed, rise)
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
         if self.settings.steered and self.source == ODOMETRY:
@@ -332,7 +342,7 @@ class GroundSpeed:
             made, may_be = made | other[0], may_be | other[1]
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
-        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against]
+        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against, slides]
         self._trust.extend(stamps, np.column_stack(rows))
 
     def _spread(self, earlier: Array, back: Array, speed: Array, off: Array, rims: Array) -> Array:

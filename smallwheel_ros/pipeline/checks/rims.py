@@ -38,6 +38,8 @@ class Mirrored:
             self.against += (way * (rim * v < 0)).sum(axis=1)
         bad = (self.total > SIGN_WAY) & (self.against > SIGN_SHARE * self.total)
         against = window.memory.known.against  # also where nothing tells what is straight
+        if len(bad) > 1 and bad.all() and window.memory.known.slides:
+            return []  # down a slope, while the wheels drive up: that is slip, and no sensor's fault
         if len(bad) > 1 and (bad.all() or against > SIGN_WAY):
             text = (
                 "all wheels turn against the travel: odometry looks backward, or joint_sign of all is"

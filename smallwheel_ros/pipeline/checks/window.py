@@ -108,10 +108,10 @@ class Rows:
 class Source(Rows):
     """Rows of one source, with all that rules ask of each of them; arrays have a value for each row.
 
-    stamp: s. dt: how long it holds, s; 0 over a gap. inside: of the span itself. changes: which values differ,
-    bit for bit, from those of the row before (NaN is no value), (rows, columns). same: bit for bit the row
-    before. stale: has repeated an older one for longer than `GAP`: these are no witness. rims: their speeds
-    then, m/s, (rows, wheels). way: by the rims, m from the beginning of the drive.
+    stamp: s. dt: how long it holds, s; 0 over a gap. inside: of the span itself. changes: which values
+    differ, bit for bit, from those of the row before (NaN is no value), (rows, columns). same: bit for bit
+    the row before. stale: has repeated an older one for longer than `GAP`: these are no witness. rims: their
+    speeds then, m/s, (rows, wheels). way: by the rims, m from the beginning of the drive.
     """
 
     stamp: Array
