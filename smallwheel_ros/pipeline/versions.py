@@ -6,8 +6,6 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import TypeVar
 
-from smallwheel_ros.pipeline.tables import Integers
-
 T = TypeVar("T")
 REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
@@ -18,10 +16,6 @@ class Versions(dict[int, T]):
     def __init__(self, first: T) -> None:
         super().__init__({0: first})
         self.newest, self.count = first, 1
-
-    def at(self, numbers: Integers) -> list[T]:
-        """Return the version of each number, all of versions that are kept."""
-        return [self[number] for number in numbers.tolist()]
 
     def append(self, version: T) -> None:
         """Take over the newest version."""

@@ -163,7 +163,7 @@ RULES: tuple[Rule, ...] = (
         "way against the travel, over all of it",
         f"over {SIGN_SHARE:g} of at least {SIGN_WAY:g} m",
         "a delay of 0.5 s at 1 m/s and no more; worst good wheel 0.03",
-        "joint_sign or joint; all wheels at once: the odometry looks backward",
+        "joint_sign or joint; all wheels at once, where no slide is possible: the odometry looks backward",
         Mirrored,
     ),
     Rule(

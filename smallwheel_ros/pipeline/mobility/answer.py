@@ -119,7 +119,9 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of, newest = soils.at(soil_version), soils.at(ground.newest)
+    of, newest = (
+        [soils[one] for one in numbers.tolist()] for numbers in (soil_version, ground.newest)
+    )
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -270,7 +272,7 @@ def _margins(
 def _known_strength(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
     """Whether the strength of rows is determined for the present pull, and told of at all for the margin."""
     kinds, index = np.unique(versions, return_inverse=True)
-    believed = zip(*strengths.believed.at(kinds), strict=True)
+    believed = zip(*(strengths.believed[kind] for kind in kinds.tolist()), strict=True)
     now, reserve = (np.array([one.P for one in column]) for column in believed)
     determined = is_determined(now, strengths.now.prior_std)
     return determined[index], is_told(reserve, strengths.reserve.prior_std)[index]

@@ -164,7 +164,7 @@ def sinkages(
         Shape (rows,), m and m^2; NaN before any stretch.
     """
     value, variance = np.full((2, version.size), np.nan)
-    of = versions.at(version)
+    of = [versions[number] for number in version.tolist()]
     for model in {id(one.model): one.model for one in of if one.model is not None}.values():
         mine = np.flatnonzero([one.model is model for one in of])
         mean = np.array([of[i].mean for i in mine.tolist()])

@@ -176,7 +176,7 @@ class Strengths:
     def at(self, versions: Integers) -> tuple[Believed, Believed]:
         """What was believed, and what the margin goes by, at rows of versions."""
         kinds, index = np.unique(versions, return_inverse=True)
-        now, reserve = zip(*self.believed.at(kinds), strict=True)
+        now, reserve = zip(*[self.believed[kind] for kind in kinds.tolist()], strict=True)
         return Believed.stacked(now, index), Believed.stacked(reserve, index)
 
     def record(self) -> dict[str, Any] | None:
