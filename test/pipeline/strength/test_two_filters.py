@@ -121,7 +121,7 @@ def test_results_do_not_depend_on_where_blocks_are_cut(cuts: int) -> None:
         expected, found = getattr(whole, field.name), getattr(cut, field.name)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12, err_msg=field.name)
     np.testing.assert_allclose(other.now.kalman.x, one.now.kalman.x, rtol=1e-9, atol=1e-12)
-    assert len(other.believed._kept) < len(one.believed._kept)
+    assert len(other.believed) < len(one.believed)
 
 
 def test_what_was_not_measured_is_not_known_and_the_rest_is() -> None:
