@@ -14,8 +14,8 @@ On the way it is as well where slip is over 0.3 by two deviations, after the sam
 at once takes away no speed before (docs/without_soil_sensors.md).
 
 A start is not judged: an odometry that is late shows slip there. It is over where slip is under 0.3, or after
-3 s: who starts in ground that does not carry it may never slip by less. Who surely slides back on wheels that
-drive ahead is warned of after 1 s.
+3 s: who starts in ground that does not carry it may never slip by less. Who has never rolled yet, and surely
+slides back on wheels that drive ahead, is warned of after 1 s.
 
 No warning is given where slip may be none: it has to be over 0 by three deviations, as stated (the
 speed over ground late, scattered, or hardly known).
@@ -150,6 +150,7 @@ class Warnings:
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
         self._rolled, self._level, self._began = False, 0, np.inf  # s, since when the rims run
         self._driven = np.inf  # s, likewise, whether the speed is known or not
+        self._has_rolled = False  # whether any start so far was over by slip
         self._last, self._said = np.full(2, -np.inf), np.full(2, -np.inf)
 
     def take(
@@ -322,9 +323,11 @@ class Warnings:
         self._began = min(self._began, float(done.time[i])) if runs else np.inf
         # What goes against the rims slips by more than 1: how surely is by that, not by the limit of slip.
         back = float(np.median(-ground / np.maximum(rim, SLOWEST_RIM)))
-        surely_slips = max(slip, 1.0 + back) > MAY_BE_NONE * unsure
+        shown = slip if self._has_rolled else max(slip, 1.0 + back)
+        surely_slips = shown > MAY_BE_NONE * unsure
         driven = done.time[i] - self._driven
-        slides = driven >= BACK_S - 1e-6 and back > 0.0 and surely_slips
+        self._has_rolled |= bool(runs and slip < ROLLED)
+        slides = not self._has_rolled and driven >= BACK_S - 1e-6 and back > 0.0 and surely_slips
         started = slip < ROLLED or done.time[i] - self._began >= START_S - 1e-6 or slides
         self._rolled = bool(runs and (self._rolled or started))
         judged = self._rolled and -BRAKES * self._gravity < gain < GAINS
