@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 from smallwheel_ros.effects.base import Effect
 from smallwheel_ros.onboard.declared import DriveParameters, Parameters
-from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior
+from smallwheel_ros.onboard.prior import EstimatorSettings, SoilPrior, covariates_of
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
 
@@ -111,12 +112,12 @@ class OnboardSettings(DriveParameters):
         mean = sum(rolling) / max(len(rolling), 1)
         return self.vehicle.gravity_height or _GRAVITY_HEIGHT * mean
 
-    @property
+    @cached_property
     def without_soil_sensors(self) -> bool:
         """Whether no wheel's sinkage is measured."""
         return len(self.without_sinkage) == len(self.wheels)
 
-    @property
+    @cached_property
     def law_unknown(self) -> bool:
         """Whether sinkage stays unpredictable: no wheel measures it, and the soil is not named."""
         return self.without_soil_sensors and not self.soil_told
@@ -139,7 +140,12 @@ class OnboardSettings(DriveParameters):
             " longitudinal_position of each wheel"
         )
 
-    @property
+    @cached_property
+    def covariates(self) -> tuple[str, ...]:
+        """Columns other than the load that effects read: a row without them has no sinkage in the model."""
+        return covariates_of(self.effects)
+
+    @cached_property
     def rolling(self) -> tuple[Wheel, ...]:
         """The wheels that roll."""
         return tuple(wheel for wheel in self.wheels if wheel.contact == ROLLING)

@@ -286,7 +286,7 @@ def _strengths(believed: BelievedRows, ends: Sequence[int]) -> list[Table | None
     made, found = chain.made, list[Table | None]()
     for window in windows(believed, ends):
         part = _of_steps(made, (made.end > window.since) & (made.end <= window.done))
-        before = len(stage.believed)
+        before = stage.believed.count
         stamps = stage.take(part, believed.anew)
         of = [stage.believed[before + number][0] for number in range(stamps.size)]
         if of:

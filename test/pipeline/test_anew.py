@@ -53,9 +53,9 @@ def laws(one: Version) -> np.ndarray:
 def test_a_soil_that_begins_anew_is_as_one_that_heard_nothing_before() -> None:
     soils, strengths, version = believed((ANEW,))
     fresh, _, _ = believed((), since=ANEW)
-    np.testing.assert_array_equal(laws(soils.versions[-1]), laws(fresh.versions[-1]))
+    np.testing.assert_array_equal(laws(soils.versions.newest), laws(fresh.versions.newest))
     assert soils.accepted == fresh.accepted
-    assert soils.versions[-1].number != fresh.versions[-1].number, "another soil"
+    assert soils.versions.newest.number != fresh.versions.newest.number, "another soil"
     # Rows up to then are of what was believed then, those behind it of nothing until a stretch has closed.
     stamp = DRIVE.rows.stamp
     begun = version[stamp > ANEW][0]
@@ -72,7 +72,9 @@ def test_a_stamp_counts_once_and_one_that_has_not_come_does_not(before: int) -> 
     soils, _, _ = believed((last - before,))
     assert soils.accepted == believed(())[0].accepted
     twice, _, _ = believed((ANEW, ANEW))
-    np.testing.assert_array_equal(laws(twice.versions[-1]), laws(believed((ANEW,))[0].versions[-1]))
+    np.testing.assert_array_equal(
+        laws(twice.versions.newest), laws(believed((ANEW,))[0].versions.newest)
+    )
 
 
 def in_millimetres(rows: list[Row], wheel: str, factor: float = 1e3) -> list[Row]:

@@ -7,26 +7,27 @@ gives at an instant is that of the rows around it, NaN where their stream is dou
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, VELOCITY, OnboardSettings
-from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.intake.buffer import Samples, StampRules
-from smallwheel_ros.pipeline.intake.layout import rules_of, width_of
-from smallwheel_ros.pipeline.tables import Array, Flags, Integers, unknown
+from smallwheel_ros.pipeline.intake.layout import width_of
+from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
 from .doubts import NO_DOUBT, SHOWS_NO_SLIP, Doubted
 from .rigid_motion import places_of, rigid_motion
 
 _LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
-NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 10)))
-AGAINST = 9  # of a row of what has been learnt of the speed
+NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 11)))
+MOVES, FELT = "moves", "felt"  # speed over ground and imu as they are read, beside the raw streams
+AGAINST, SLIDES = 9, 10  # of a row of what has been learnt of the speed
 _TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: some messages of it
 
 
@@ -60,6 +61,18 @@ class Trust:
     mean: Array
 
 
+class RimSpeeds(NamedTuple):
+    """Speeds (m/s) of the rims at instants: mean of all, mean size, and half of right less left.
+
+    Of steered wheels, likewise, vx of the rigid motion nearest to them, mean size, and its yaw rate times
+    half of the width that they stand on.
+    """
+
+    mean: Array
+    size: Array
+    turn: Array
+
+
 @dataclass(frozen=True)
 class BelievedRows:
     """Raw rows with the stamps from which streams are doubted, read through those doubts.
@@ -68,6 +81,8 @@ class BelievedRows:
     ----------
     settings
         Of the vehicle.
+    rules
+        How far values are held.
     streams
         Raw rows by stream, as kept.
     moves
@@ -75,7 +90,7 @@ class BelievedRows:
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
-        What has been learnt of the speed with each of its messages, (rows, 10).
+        What has been learnt of the speed with each of its messages, (rows, 11).
     doubted
         Which streams are not believed, from which stamp on.
     since, done
@@ -85,6 +100,7 @@ class BelievedRows:
     """
 
     settings: OnboardSettings
+    rules: StampRules
     streams: Mapping[str, Samples]
     moves: Samples = NO_ROWS
     felt: Samples = NO_ROWS
@@ -94,11 +110,6 @@ class BelievedRows:
     done: int = NEVER
     began: tuple[int, ...] = ()
     anew: tuple[int, ...] = ()
-
-    @cached_property
-    def rules(self) -> StampRules:
-        """The rules for how long values are held."""
-        return rules_of(self.settings)
 
     @property
     def source(self) -> str:
@@ -125,8 +136,33 @@ class BelievedRows:
 
     # --- At instants
 
+    def at_once(self, names: Sequence[str], instants: Integers) -> dict[str, Array]:
+        """Values of several streams at instants.
+
+        Parameters
+        ----------
+        names
+            Raw streams, `MOVES` (speed over ground), `FELT` (imu, z up).
+        instants
+            Shape (instants,), ns.
+
+        Returns
+        -------
+        dict of ndarray
+            By name, shape (instants, width), SI; NaN where there is no value, or it is doubted.
+        """
+        own = {MOVES: self.moves, FELT: self.felt, **self.streams}
+        found = {
+            name: own[name].at(instants, self.rules)
+            if name in own
+            else np.full((instants.size, width_of(name)), np.nan)
+            for name in names
+        }
+        of = {MOVES: self.source, FELT: IMU}
+        return {name: self._of(of.get(name, name), instants, found[name]) for name in names}
+
     def at(self, name: str, instants: Integers) -> Array:
-        """Values of a stream at instants.
+        """Values of one stream at instants; see `at_once`.
 
         Parameters
         ----------
@@ -134,36 +170,41 @@ class BelievedRows:
             The stream.
         instants
             Shape (instants,), ns.
-
-        Returns
-        -------
-        ndarray
-            Shape (instants, width), SI; NaN where there is no value, or it is doubted.
         """
-        if name not in self.streams:
-            return np.full((instants.size, width_of(name)), np.nan)
-        return self._of(name, instants, self.streams[name].at(instants, self.rules))
+        return self.at_once([name], instants)[name]
 
     def speeds(self, instants: Integers) -> Array:
         """Speed (m/s) and yaw rate (rad/s) as measured over ground, (instants, 2)."""
-        return self._of(self.source, instants, self.moves.at(instants, self.rules)[:, :2])
+        return self.at(MOVES, instants)[:, :2]
 
     def aside(self, instants: Integers) -> Array:
         """Speed (m/s) of the base frame to the left as measured over ground; NaN: unknown, (instants,)."""
-        found = self.moves.at(instants, self.rules)[:, 2:3]
-        return self._of(self.source, instants, found)[:, 0]
+        return self.at(MOVES, instants)[:, 2]
 
-    def imu(self, instants: Integers) -> Array:
-        """Rows of the imu, z up, (instants, 7)."""
-        return self._of(IMU, instants, self.felt.at(instants, self.rules))
+    @cached_property
+    def rim_streams(self) -> list[str]:
+        """Streams of the speeds of the wheels that roll."""
+        return [f"{wheel.name}/wheel_speed" for wheel in self.settings.rolling]
+
+    def each_rim_of(self, shown: Mapping[str, Array], count: int) -> Array:
+        """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants); NaN without its stream.
+
+        Parameters
+        ----------
+        shown
+            Values of streams at instants, as `at_once` has them, those of the rims among them.
+        count
+            How many instants there are.
+        """
+        found = np.full((len(self.settings.rolling), count), np.nan)
+        for row, wheel in zip(found, self.settings.rolling, strict=True):
+            if (name := f"{wheel.name}/wheel_speed") in shown:
+                row[:] = shown[name][:, 0] * wheel.diameter / 2.0
+        return found
 
     def each_rim(self, instants: Integers) -> Array:
         """Speed (m/s) of the rim of each wheel that rolls, (wheels, instants)."""
-        rolling = [wheel for wheel in self.settings.wheels if wheel.contact == ROLLING]
-        found = np.empty((len(rolling), instants.size))
-        for row, wheel in zip(found, rolling, strict=True):
-            row[:] = self.at(f"{wheel.name}/wheel_speed", instants)[:, 0] * wheel.diameter / 2.0
-        return found
+        return self.each_rim_of(self.at_once(self.rim_streams, instants), instants.size)
 
     def steering(self, instants: Integers) -> tuple[Array, Array]:
         """Angle (rad, to the left) and its rate (rad/s) of each wheel that rolls, (wheels, instants).
@@ -181,41 +222,51 @@ class BelievedRows:
                 rate[i] = np.nan_to_num(change) * SECOND / _TURNING
         return angle, rate
 
-    def motion_of_rims(self, instants: Integers) -> Array:
-        """Rigid motion nearest to the rims of wheels that are steered: vx, vy, yaw rate, (3, instants)."""
+    def motion_of_rims(self, instants: Integers, rims: Array) -> Array:
+        """Rigid motion nearest to the rims of wheels that are steered: vx, vy, yaw rate, (3, instants).
+
+        Parameters
+        ----------
+        instants
+            Shape (instants,), ns.
+        rims
+            Of each wheel that rolls, shape (wheels, instants), m/s.
+        """
         angle, rate = self.steering(instants)
         rolling = self.settings.rolling
         arm = arms_of(self.settings)
         x, y = places_of(rolling, angle, arm)
         # While it is steered the middle of a wheel beside its axis is moved along, too.
-        return rigid_motion(self.each_rim(instants) + rate * arm[:, None], x, y, angle)
+        return rigid_motion(rims + rate * arm[:, None], x, y, angle)
 
-    def unsteered_rims(self, instants: Integers) -> Array:
-        """Mean speed (m/s) of the rims that are not steered, from which some odometries are computed."""
-        rolling, steered = self.settings.rolling, self.settings.steered
-        fixed = [wheel.name not in steered for wheel in rolling]
-        return mean_of_known(self.each_rim(instants)[fixed])
+    def unsteered_rims(self, rims: Array) -> Array:
+        """Mean speed (m/s) of the rims that are not steered, from which some odometries are computed.
 
-    def rims(self, instants: Integers) -> tuple[Array, Array, Array]:
-        """Speeds (m/s) of the rims: mean of all, mean size, and half of right less left.
-
-        Of steered wheels, likewise, vx of the rigid motion nearest to them, mean size, and its yaw rate times
-        half of the width that they stand on.
+        Parameters
+        ----------
+        rims
+            Of each wheel that rolls, shape (wheels, instants), m/s.
         """
+        rolling, steered = self.settings.rolling, self.settings.steered
+        return mean_of_known(rims[[wheel.name not in steered for wheel in rolling]])
+
+    def rims(self, instants: Integers, rims: Array) -> RimSpeeds:
+        """Speeds of the rims at instants, by those of each.
+
+        Parameters
+        ----------
+        instants
+            Shape (instants,), ns.
+        rims
+            Of each wheel that rolls, shape (wheels, instants), m/s.
+        """
+        size = mean_of_known(np.abs(rims))
+        side = np.array([wheel.lateral_position for wheel in self.settings.rolling])
         if self.settings.steered:
-            ahead, _, turn = self.motion_of_rims(instants)
-            sides = [wheel.lateral_position for wheel in self.settings.rolling]
-            half = 0.5 * (max(sides) - min(sides))
-            return ahead, mean_of_known(np.abs(self.each_rim(instants))), half * turn
-        rims = self.each_rim(instants)
-        if not len(rims):
-            return unknown(instants.size), unknown(instants.size), unknown(instants.size)
-        rolling = [wheel for wheel in self.settings.wheels if wheel.contact == ROLLING]
-        side = np.array([wheel.lateral_position for wheel in rolling])
-        turn = unknown(instants.size)
-        if (side > 0.0).any() and (side < 0.0).any():
-            turn = 0.5 * (mean_of_known(rims[side < 0.0]) - mean_of_known(rims[side > 0.0]))
-        return mean_of_known(rims), mean_of_known(np.abs(rims)), turn
+            ahead, _, turn = self.motion_of_rims(instants, rims)
+            return RimSpeeds(ahead, size, 0.5 * float(np.ptp(side)) * turn)
+        left, right = mean_of_known(rims[side > 0.0]), mean_of_known(rims[side < 0.0])
+        return RimSpeeds(mean_of_known(rims), size, 0.5 * (right - left))
 
     def trust(self, instants: Integers) -> Trust:
         """Accuracy of the speed at instants."""

@@ -13,7 +13,7 @@
     of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
               until 5 m of way are there it may be, unless it is further off, or no constant near 1
     against   of all the way so far nearly all goes against the rims: it looks back, or the joints do, and
-              which is not known. A vehicle that slides back has driven ahead before
+              which is not known. Not where the vehicle may slide down a slope: then it is believed
     imu       turned over where its z axis looks down
 
 Each row depends on messages up to its own stamp alone, and sums go on over cuts.
@@ -40,7 +40,7 @@ from smallwheel_ros.pipeline.intake.buffer import Samples, Stream
 from smallwheel_ros.pipeline.intake.layout import rules_of
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, steps_of, unknown
 
-from .believed import AGAINST, NO_ROWS, BelievedRows, RawRows
+from .believed import AGAINST, FELT, MOVES, NO_ROWS, SLIDES, BelievedRows, RawRows, mean_of_known
 from .doubts import Doubts
 from .lateness import LAGS, Against, Lag, OfWheels
 from .sums import RunningDeviation
@@ -74,25 +74,19 @@ _UNTRIED = (
 class Known:
     """What is known of odometry and imu, for those that report it.
 
-    share: of the way by which an odometry that comes from the wheels is no multiple of them; NaN: of its own.
-    no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks down.
-    against: m that went against the rims, where nearly all did; else 0.
+    of_wheels: whether the odometry is computed from the wheels. share: of the way by which it is no multiple
+    of them. twist: whether one has come. no_twist: m by the pose before. down: whether z of the imu looks
+    down. against: m that went against the rims, where nearly all did; else 0. slides: nearly all did, and the
+    vehicle may slide down a slope.
     """
 
+    of_wheels: bool = False
     share: float = math.nan
+    twist: bool = False
     no_twist: float = 0.0
     down: bool = False
     against: float = 0.0
-
-    @property
-    def of_wheels(self) -> bool:
-        """Whether the odometry is computed from the wheels."""
-        return math.isfinite(self.share)
-
-    @property
-    def twist(self) -> bool:
-        """Whether a twist has come."""
-        return math.isnan(self.no_twist)
+    slides: bool = False
 
 
 @dataclass
@@ -125,7 +119,7 @@ class GroundSpeed:
         self._own = Stream(
             "own", 6
         )  # of each message: ns back to its speed's stamp, speed, yaw rate, new, way without a twist, off
-        self._trust = Stream("trust", 10)
+        self._trust = Stream("trust", 11)
         self.posed = True
         self._told_aside = False  # whether a twist has ever had a speed aside
         self._way = 0.0
@@ -169,7 +163,7 @@ class GroundSpeed:
         """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(
-            self.settings, self._raw, *own, self.doubts.now, since, done, began, anew
+            self.settings, self.rules, self._raw, *own, self.doubts.now, since, done, began, anew
         )
 
     @property
@@ -184,9 +178,10 @@ class GroundSpeed:
         stamps, values = self._trust.last(np.array([stamp], dtype=np.int64))
         if stamps[0] == NEVER:
             return Known(down=down)
-        of_wheels, no_twist, share, against = values[0, [2, 7, 8, AGAINST]].tolist()
+        of_wheels, no_twist, share, against, slides = values[0, [2, 7, 8, AGAINST, SLIDES]].tolist()
         against = against if self.source == ODOMETRY else 0.0
-        return Known(share if of_wheels else math.nan, no_twist, down, against)
+        made = of_wheels > 0.0 and math.isfinite(share)
+        return Known(made, share, math.isnan(no_twist), no_twist, down, against, slides > 0.0)
 
     # --- What came
 
@@ -281,6 +276,13 @@ class GroundSpeed:
         self._told_aside = bool(told[-1])
         return np.where(told, aside, np.nan)
 
+    def _rise(self, felt: Array) -> Array:
+        """Sine of the slope, nose up, by the last second of the imu, (rows, lags, 7); NaN: not known."""
+        rise = np.where(
+            np.isnan(felt[:, :, 4]), felt[:, :, 1] / self.settings.gravity, felt[:, :, 4]
+        )
+        return mean_of_known(rise.T)
+
     # --- What is learnt
 
     def learn(self, until: int) -> None:
@@ -293,18 +295,23 @@ class GroundSpeed:
         back, speed, turn, new, no_twist, off = own.T
         middle = stamps - back.astype(np.int64)
         back_to = np.array([*LAGS, _APART, 2 * _APART])
-        mean, size, half_turn = (
-            each.reshape(middle.size, -1) for each in now.rims((middle[:, None] - back_to).ravel())
-        )
+        instants = (middle[:, None] - back_to).ravel()
+        shown = now.at_once([*now.rim_streams, MOVES, FELT], instants)
+        doubted = now.doubted.at(self.source, stamps)
+        each_rim = now.each_rim_of(shown, instants.size)
+        rims = now.rims(instants, each_rim)
+        mean, size, half_turn = (each.reshape(middle.size, -1) for each in rims)
+        moved, gyro = (shown[name][:, 0].reshape(middle.size, -1) for name in (MOVES, FELT))
         before = np.concatenate([[sums.stamp], stamps[:-1]])
         passed = np.where(stamps - before > WINDOW, 0, stamps - before) / SECOND
         sums.stamp = int(stamps[-1])
-        doubted = now.doubted.at(self.source, stamps)
         speed, turn, off = (np.where(doubted, np.nan, each) for each in (speed, turn, off))
         passed[doubted] = 0.0
         step = np.nan_to_num(size[:, 0]) * passed
         way = steps_of(step, sums.way)
         ways_before = np.concatenate([[sums.way], way[:-1]])
+        made, may_be = np.zeros((2, stamps.size), dtype=bool)
+        share = unknown(stamps.size)
         sums.way = float(way[-1])
         # Since when the message has been the same, and the way of the rims meanwhile.
         is_new = new > 0.0
@@ -313,40 +320,39 @@ class GroundSpeed:
         changed_way = np.maximum.accumulate(np.where(is_new, way, -1.0))
         changed_way = np.maximum(changed_way, sums.changed_way)
         sums.changed, sums.changed_way = int(changed[-1]), float(changed_way[-1])
-        variance = self._spread(now, middle, back, speed, off, mean)
-        lag = self._lag(now, middle, speed, turn, mean[:, : LAGS.size])
+        variance = self._spread(moved[:, -2:], back, speed, off, mean)
         parts = np.column_stack([mean[:, 0], speed, half_turn[:, 0], turn])
         parts = np.nan_to_num(parts) * passed[:, None]
-        made, may_be, share = self._made_of_wheels(ways_before, way, parts)
+        # By how much the speed comes later than gyro and rims, the larger one, or may come.
+        turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
+        lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
+        lag = np.where(np.isnan(lag), _LATE, lag)
+        rise = self._rise(shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size])
+        against, slides = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed, rise)
+        if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
+            made, may_be, share = self._of_wheels.take(ways_before, way, parts)
         if self.settings.steered and self.source == ODOMETRY:
             # Car-like odometries are made of the axle that is not steered.
             unsteered = parts.copy()
-            unsteered[:, 0] = np.nan_to_num(now.unsteered_rims(middle)) * passed
+            unsteered[:, 0] = (
+                np.nan_to_num(now.unsteered_rims(each_rim[:, :: back_to.size])) * passed
+            )
             other = self._of_unsteered.take(ways_before, way, unsteered)
             share = np.where(other[0] & ~made, other[2], share)
             made, may_be = made | other[0], may_be | other[1]
         since = (stamps - changed) / SECOND
         same = since, way - changed_way
-        against = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed)
-        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against]
+        rows = [variance, lag, made, may_be, *same, back / SECOND, no_twist, share, against, slides]
         self._trust.extend(stamps, np.column_stack(rows))
 
-    def _spread(
-        self,
-        now: BelievedRows,
-        middle: Integers,
-        back: Array,
-        speed: Array,
-        off: Array,
-        rims: Array,
-    ) -> Array:
+    def _spread(self, earlier: Array, back: Array, speed: Array, off: Array, rims: Array) -> Array:
         """Variance of a speed, by what it does while the rims turn evenly; of neighbours too.
 
-        off: m, of a place from the line between its neighbours, as `_off_line` has it. rims: their mean
-        speed `LAGS`, `_APART` and twice that before, (rows, lags + 2).
+        earlier: speeds `_APART` and twice that before, (rows, 2). off: m, of a place from the line between
+        its neighbours, as `_off_line` has it. rims: their mean speed `LAGS`, `_APART` and twice that before,
+        (rows, lags + 2).
         """
         sums = self._sums
-        apart = [now.speeds(middle - k * _APART)[:, 0] for k in (1, 2)]
         with np.errstate(invalid="ignore"):
             whole, near = rims[:, [0, -2, -1]], rims[:, :_NEAR]
             most = np.abs(whole).max(axis=1)
@@ -354,7 +360,7 @@ class GroundSpeed:
             change, change_near = np.ptp(whole, axis=1) / size, np.ptp(near, axis=1) / size
         before = np.concatenate([sums.speed, speed])
         sums.speed = before[-2:]
-        lasting = speed - 2.0 * apart[0] + apart[1]
+        lasting = speed - 2.0 * earlier[:, 0] + earlier[:, 1]
         quick = speed - 2.0 * before[1:-1] + before[:-2]
         told: Array = np.full(back.size, self.settings.noise.speed**2)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -383,27 +389,6 @@ class GroundSpeed:
         self._sums.late = total[-1]
         mean = (_GUESSED * _SCAN**2 + total[:, 1]) / (_GUESSED + total[:, 0])
         return np.asarray(np.maximum(mean, _SCAN**2))
-
-    def _lag(
-        self, now: BelievedRows, middle: Integers, speed: Array, turn: Array, rims: Array
-    ) -> Array:
-        """How much later (s) the speed comes than gyro and rims, the larger one, or may come.
-
-        rims: their mean speed `LAGS` before, (rows, lags).
-        """
-        instants = (middle[:, None] - LAGS).ravel()
-        gyro = now.imu(instants)[:, 0].reshape(middle.size, -1)
-        found = np.fmax(self._turns_late.take(turn, gyro), self._speed_late.take(speed, rims))
-        return np.where(np.isnan(found), _LATE, found)
-
-    def _made_of_wheels(
-        self, before: Array, way: Array, parts: Array
-    ) -> tuple[Flags, Flags, Array]:
-        """See `OfWheels`; a speed of another topic is not."""
-        if self.source != ODOMETRY:
-            no = np.zeros(way.size, dtype=bool)
-            return no, no, unknown(way.size)
-        return self._of_wheels.take(before, way, parts)
 
 
 def _off_line(stamps: Integers, values: Array, begin: Integers, widest: int) -> Array:

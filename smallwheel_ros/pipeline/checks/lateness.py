@@ -22,6 +22,12 @@ MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1
 SIGN_SHARE = 0.8
 _BENDS = 0.5  # of the rims' mean: by less all of them surely go one way
 _START = 0.05  # m: what noise of a speed and its delay make of a start
+# Sine of a slope from which on a vehicle may slide back on wheels that drive: resistance of soft ground alone
+# holds 0.05 to 0.1 of its weight.
+_SLIDES = 0.09
+_LEAST_ALIKE = 0.75  # of the rims' way: what an odometry that looks back shows of it on soft ground
+_BEHIND = 0.5  # s, by which odometries come late: their way is behind that of the rims by so much
+_LONGEST = 5.0  # m, over which no vehicle slides as fast as its wheels drive
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
     0.1,
@@ -140,16 +146,21 @@ class OfWheels:
 
 
 class Against:
-    """Whether nearly all of the path so far runs against the rims; which of the two is reversed is open.
+    """Whether nearly all of the path so far runs against the rims, and whether the vehicle may slide back.
 
-    A vehicle that slides back with its wheels has driven ahead before.
+    Backward by the speed while the rims drive ahead is either what looks back, speed or joints, which shows
+    no slip; or a vehicle that slides down a slope while its wheels drive up, which shows all of it. No
+    vehicle slides up, or along level ground. Where nothing tells the slope, what looks back goes as far as
+    the rims, but for its delay: a slide that does cannot be told from it.
     """
 
     def __init__(self) -> None:
-        self._total = np.zeros(2)
+        self._total = np.zeros(3)
 
-    def take(self, rims: Array, turn: Array, speed: Array, passed: Array) -> Array:
-        """Way (m) that went against the rims up to each row; 0 where it is not nearly all.
+    def take(
+        self, rims: Array, turn: Array, speed: Array, passed: Array, rise: Array
+    ) -> tuple[Array, Flags]:
+        """Way that went against the rims up to each row, and whether it may be that of a slide.
 
         Parameters
         ----------
@@ -161,16 +172,32 @@ class Against:
             Over ground, m/s.
         passed
             Time for which each row counts, s.
+        rise
+            Sine of the slope, nose up; NaN: not known.
+
+        Returns
+        -------
+        against, slides : ndarray
+            Shape (rows,), m, 0 where it is not nearly all, or may be a slide; and whether it may be one.
         """
         with np.errstate(invalid="ignore"):
             moves = np.minimum(np.abs(rims), np.abs(speed)) > MOVES
             moves &= ~(np.abs(turn) >= _BENDS * np.abs(rims))
             goes = np.where(moves, np.abs(speed) * passed, 0.0)
-            ways = np.column_stack([goes, np.where(rims * speed < 0.0, goes, 0.0)])
+            against = np.where(rims * speed < 0.0, goes, 0.0)
+            turned = np.where(against > 0.0, np.abs(rims) * passed, 0.0)
+        ways = np.column_stack([goes, against, turned])
         total = np.cumsum(np.concatenate([self._total[None], ways]), axis=0)[1:]
         self._total = total[-1]
-        way, against = total.T
-        return np.where((against > _START) & (against > SIGN_SHARE * way), against, 0.0)
+        way, against, turned = total.T
+        nearly_all = (against > _START) & (against > SIGN_SHARE * way)
+        behind = _BEHIND * np.nan_to_num(np.abs(rims))
+        alike = (against + behind > _LEAST_ALIKE * turned) & (
+            _LEAST_ALIKE * against < turned + behind
+        )
+        steep = np.sign(rims) * rise > _SLIDES
+        slides = np.where(np.isnan(rise), ~alike, steep & ~(alike & (against > _LONGEST)))
+        return np.where(nearly_all & ~slides, against, 0.0), np.asarray(nearly_all & slides)
 
 
 def _scatter(pieces: Array) -> float:

@@ -14,7 +14,7 @@ from smallwheel_ros.pipeline.tables import Array
 from .odometry import REPEAT_WAY
 from .rims import HELD, SIGN_WAY
 from .sums import Medians, Run, Said
-from .window import CheckedWheels, Rows, Window
+from .window import CheckedWheels, Source, Window
 
 WEIGHT_OFF = 0.1  # of the mass, known to 5 %, and 5 % of the cells
 SWAP, SWAP_PIECE, SWAP_PIECES = 0.5, 0.2, 20  # correlation; m: a wheel's contact; how many
@@ -43,13 +43,13 @@ class HeldColumn:
         if table is None or window.rims is None:
             return []
         inside = table.inside
-        t = table.t[inside]
-        step = np.diff(window.way(table.t), prepend=window.way(table.t[:1]))[inside]
+        t = table.stamp[inside]
+        step = np.diff(table.way, prepend=table.way[:1])[inside]
         for i, name in enumerate(self.names):
             others = np.delete(table.changes, i, axis=1).sum(axis=1) * 2 > len(self.names) - 1
             same = (~table.changes[:, i] & np.isfinite(table.x[:, i]))[inside]
             way, count = self.ways[i], self.counts[i]
-            way.extend(same, step, window.seconds(t))
+            way.extend(same, step, t)
             count.extend(same, others[inside].astype(float), t)
             if way.most > REPEAT_WAY and count.most > HELD:
                 text = f"its {self.what} is one and the same number over {way.most:.1f} m: check its driver"
@@ -114,15 +114,15 @@ class Swapped:
         if window.loads is None or window.sinkages is None or window.rims is None:
             return []
         for row, table in ((0, window.loads), (2, window.sinkages)):
-            self._add(row, table, window)
+            self._add(row, table)
         done = int(window.way(np.array([0.0]))[0] / SWAP_PIECE) - 1
         for piece in sorted(piece for piece in self.open if piece < done):
             self._close(self.open.pop(piece))
         return self._judged() if self.count >= SWAP_PIECES else []
 
-    def _add(self, row: int, table: Rows, window: Window) -> None:
-        x, t = table.x[table.inside], table.t[table.inside]
-        pieces = (window.way(t) / SWAP_PIECE).astype(int)
+    def _add(self, row: int, table: Source) -> None:
+        x = table.x[table.inside]
+        pieces = (table.way[table.inside] / SWAP_PIECE).astype(int)
         for piece in np.unique(pieces).tolist():
             mine = x[pieces == piece]
             known = np.isfinite(mine)
@@ -177,7 +177,7 @@ class Impossible:
         table, found = window.sinkages, []
         if table is None or window.rims is None:
             return []
-        moved = np.diff(window.way(table.t), prepend=window.way(table.t[:1])) > 0.0
+        moved = np.diff(table.way, prepend=table.way[:1]) > 0.0
         for i, (name, medians) in enumerate(zip(self.vehicle.names, self.middles, strict=True)):
             medians.extend(table.x[moved & table.inside][:, [i]])
             radius = float(self.vehicle.radius[i])

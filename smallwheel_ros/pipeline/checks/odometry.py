@@ -22,7 +22,6 @@ from .window import (
     LEFT,
     SPEED,
     CheckedWheels,
-    Rows,
     Window,
     X,
     Y,
@@ -70,14 +69,14 @@ class RepeatedTwists:
 
     def take(self, window: Window) -> list[Said]:
         """A source that is 0 throughout has no message that moves."""
-        rows: Rows | None = window.imu if self.source == IMU else window.odometry
+        rows = window.imu if self.source == IMU else window.odometry
         if rows is None or window.rims is None or not np.nan_to_num(rows.x).any():
             return []
         inside = rows.inside
-        rim = np.nan_to_num(np.median(np.abs(window.rims_at(rows.t[inside])), axis=1))
+        rim = np.nan_to_num(np.median(np.abs(rows.rims[inside]), axis=1))
         # A stop adds no way, and ends no run: only a new message does.
         way = np.where(rim > MOVES, rim, 0.0) * rows.dt[inside]
-        self.run.extend(rows.same[inside], way, window.seconds(rows.t[inside]))
+        self.run.extend(rows.same[inside], way, rows.stamp[inside])
         if not self.run.most > REPEAT_WAY:
             return []
         text = f"it repeats one and the same message for {self.run.most:.1f} m: check its driver"
@@ -170,7 +169,7 @@ class Jumps:
         o = window.odometry
         if o is None or window.rims is None:
             return []
-        rim = np.nan_to_num(np.abs(window.rims_at(o.t))).max(axis=1)
+        rim = np.nan_to_num(np.abs(o.rims)).max(axis=1)
         step, dt = np.hypot(*np.diff(o.x[:, [X, Y]], axis=0).T), np.diff(o.t)
         most = np.fmax(rim[1:], np.abs(o.x[1:, SPEED]))
         rows = o.inside[1:] & (dt < 2 * GAP)
@@ -231,12 +230,12 @@ class Tilt:
             return []
         t = imu.t[imu.inside]
         x = imu.x[imu.inside]
-        rims = np.abs(window.rims_at(t)).max(axis=1)
+        rims = np.abs(imu.rims[imu.inside]).max(axis=1)
         still = (
             (rims < 1e-3) & (np.abs(moves.at(t, SPEED)) < MOVES / 2) & (np.abs(x[:, GYRO]) < 0.02)
         )
         heading = moves.at(t, 2)
-        stamp = window.seconds(t)
+        stamp = imu.stamp[imu.inside]
         edges = np.flatnonzero(np.diff(still)) + 1
         for part, flags in zip(
             np.split(np.arange(t.size), edges), np.split(still, edges), strict=True

@@ -38,6 +38,8 @@ class Mirrored:
             self.against += (way * (rim * v < 0)).sum(axis=1)
         bad = (self.total > SIGN_WAY) & (self.against > SIGN_SHARE * self.total)
         against = window.memory.known.against  # also where nothing tells what is straight
+        if len(bad) > 1 and bad.all() and window.memory.known.slides:
+            return []  # down a slope, while the wheels drive up: that is slip, and no sensor's fault
         if len(bad) > 1 and (bad.all() or against > SIGN_WAY):
             text = (
                 "all wheels turn against the travel: odometry looks backward, or joint_sign of all is"
@@ -71,9 +73,7 @@ class Dead:
         for i, (name, run) in enumerate(zip(self.names, self.runs, strict=True)):
             others = np.delete(rolls, i, axis=1).sum(axis=1) > (len(self.names) - 1) / 2
             asked = others & m.inside
-            run.extend(
-                m.rim[asked, i] == 0, (np.abs(m.v) * m.dt)[asked], window.seconds(m.t[asked])
-            )
+            run.extend(m.rim[asked, i] == 0, (np.abs(m.v) * m.dt)[asked], m.stamp[asked])
             if run.most > DEAD_WAY:
                 text = (
                     f"its joint shows exactly 0 for {run.most:.1f} m on which the others roll: the encoder"
@@ -101,7 +101,7 @@ class Held:
         if rims is None:
             return []
         rows, changes = rims.inside, rims.changes[rims.inside]
-        x, t = rims.x[rows], window.seconds(rims.t[rows])
+        x, t = rims.x[rows], rims.stamp[rows]
         self.most = np.fmax(self.most, np.nan_to_num(np.abs(x)).max(axis=0, initial=0.0))
         most = {float(self.most[side].max()) for side in self.sides}
         limit = most.pop() if len(self.sides) > len(most) == 1 else np.inf

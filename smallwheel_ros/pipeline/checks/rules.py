@@ -164,7 +164,7 @@ RULES: tuple[Rule, ...] = (
         "way against the travel, over all of it",
         f"over {SIGN_SHARE:g} of at least {SIGN_WAY:g} m",
         "a delay of 0.5 s at 1 m/s and no more; worst good wheel 0.03",
-        "joint_sign or joint; all wheels at once: the odometry looks backward",
+        "joint_sign or joint; all wheels at once, where no slide is possible: the odometry looks backward",
         Mirrored,
     ),
     Rule(
@@ -372,7 +372,11 @@ class Checks:
         list of Finding
             New findings, each given once.
         """
-        self._keep(raw)
+        self.keep(raw)
+        return self.judge(until)
+
+    def judge(self, until: int) -> list[Finding]:
+        """Judge all spans of the rows that are kept, up to a stamp (ns) to which all rows have come."""
         self.done = max(self.done, until)
         return self._judge(until - AROUND)
 
@@ -383,7 +387,8 @@ class Checks:
         )
         return self._judge(newest + SPAN + 1) if newest > NEVER else []
 
-    def _keep(self, raw: Raw) -> None:
+    def keep(self, raw: Raw) -> None:
+        """Keep raw rows of each stream until they are judged."""
         for name, (stamps, values) in raw.items():
             if not stamps.size:
                 continue

@@ -61,12 +61,12 @@ class SensorChecks:
         since, self.done = self.done, max(self.done, until)
         new = {name: one.between(since, self.done) for name, one in raw.streams.items()}
         ends = np.unique(np.concatenate([stamps // SPAN for stamps, _ in new.values()]))
+        self.rules.keep(new)
         self.findings, before = (), since
         for end in [*(ends[ends * SPAN > since] * SPAN).tolist(), self.done]:
             if end > before:
                 self.ground.learn(end)
-                rows = {name: one.between(before, end) for name, one in raw.streams.items()}
-                self.findings += tuple(self.rules.take(rows, end))
+                self.findings += tuple(self.rules.judge(end))
                 before = end
         if last:
             self.findings += tuple(self.rules.flush())

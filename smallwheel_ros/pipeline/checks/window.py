@@ -76,16 +76,11 @@ class Rows:
     t: Array
     x: Array
 
-    @cached_property
-    def dt(self) -> Array:
+    @property
+    def held(self) -> Array:
         """How long each row holds, s; 0 over a gap."""
         dt = np.diff(self.t, append=self.t[-1:])
         return np.where(dt > GAP, 0.0, dt)
-
-    @cached_property
-    def inside(self) -> Flags:
-        """Which rows are of the span itself."""
-        return np.asarray((self.t >= 0.0) & (self.t < SPAN / SECOND))
 
     def at(self, t: Array, column: int) -> Array:
         """A column, interpolated linearly.
@@ -108,24 +103,48 @@ class Rows:
         after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
         return np.where(self.t[after] - self.t[after - 1] > 2 * GAP, np.nan, y)
 
-    @cached_property
-    def changes(self) -> Flags:
-        """Which values differ, bit for bit, from those of the row before; NaN is no value."""
-        before = np.vstack([self.x[:1], self.x[:-1]])
-        return np.asarray((self.x != before) & np.isfinite(self.x) & np.isfinite(before))
 
-    @cached_property
-    def same(self) -> Flags:
-        """Which rows are, bit for bit, the one before."""
-        before = np.vstack([np.full((1, self.x.shape[1]), np.inf), self.x[:-1]])
-        alike = (self.x == before) | (np.isnan(self.x) & np.isnan(before))
-        return np.asarray(alike.all(axis=1) & np.isfinite(self.x).any(axis=1))
+@dataclass(frozen=True)
+class Source(Rows):
+    """Rows of one source, with all that rules ask of each of them; arrays have a value for each row.
 
-    @cached_property
-    def stale(self) -> Flags:
-        """Rows that have repeated an older one for longer than `GAP`: they are no evidence."""
-        last_new = np.maximum.accumulate(np.where(self.same, -np.inf, self.t))
-        return np.asarray(self.t - last_new > GAP)
+    stamp: s. dt: how long it holds, s; 0 over a gap. inside: of the span itself. changes: which values
+    differ, bit for bit, from those of the row before (NaN is no value), (rows, columns). same: bit for bit
+    the row before. stale: has repeated an older one for longer than `GAP`: these are no evidence. rims: their
+    speeds then, m/s, (rows, wheels). way: by the rims, m from the beginning of the drive.
+    """
+
+    stamp: Array
+    dt: Array
+    inside: Flags
+    changes: Flags
+    same: Flags
+    stale: Flags
+    rims: Array
+    way: Array
+
+    @classmethod
+    def of(cls, rows: Rows, begin: int, rims: Array, way: Array) -> Source:
+        """Ask all at once.
+
+        Parameters
+        ----------
+        rows
+            Of the source.
+        begin
+            Of the span, ns.
+        rims, way
+            At these rows.
+        """
+        t, x = rows.t, rows.x
+        before = np.vstack([x[:1], x[:-1]])
+        changes = (x != before) & np.isfinite(x) & np.isfinite(before)
+        before[:1] = np.inf
+        same = ((x == before) | (np.isnan(x) & np.isnan(before))).all(axis=1)
+        same &= np.isfinite(x).any(axis=1)
+        stale = t - np.maximum.accumulate(np.where(same, -np.inf, t)) > GAP
+        inside = (t >= 0.0) & (t < SPAN / SECOND)
+        return cls(t, x, t + begin / SECOND, rows.held, inside, changes, same, stale, rims, way)
 
 
 @dataclass
@@ -148,18 +167,30 @@ class Window:
     def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:
         self.vehicle, self.begin, self.memory = vehicle, begin, memory
         self._raw = {name: self._cut(*rows) for name, rows in raw.items()}
-        self.rims = self._wheels("wheel_speed", vehicle.radius)
         ones = np.ones(len(vehicle.names))
-        self.loads, self.sinkages = self._wheels("load", ones), self._wheels("sinkage", ones)
-        self.imu = self._source(IMU, 4)
-        self.odometry = self._source(ODOMETRY, 6)
+        self._rims = self._wheels("wheel_speed", vehicle.radius)
+        self._rim_way = None if self._rims is None else self._way_of(self._rims)
+        self.rims = self._asked(self._rims)
+        self.loads = self._asked(self._wheels("load", ones))
+        self.sinkages = self._asked(self._wheels("sinkage", ones))
+        self.imu = self._asked(self._source(IMU, 4))
+        self.odometry = self._asked(self._source(ODOMETRY, 6))
         self.velocity = self._source(VELOCITY, 2)
+        self.moves = self._moves()
         if self.odometry is not None:
             memory.turns |= bool(np.nan_to_num(self.moves.x[:, YAW_RATE]).any())
+        self.motion = self._motion()
 
     def _cut(self, stamps: Integers, values: Array) -> Rows:
         first, last = np.searchsorted(stamps, [self.begin - AROUND, self.begin + SPAN + AROUND])
         return Rows((stamps[first:last] - self.begin) / SECOND, values[first:last])
+
+    def _asked(self, rows: Rows | None) -> Source | None:
+        return (
+            None
+            if rows is None
+            else Source.of(rows, self.begin, self.rims_at(rows.t), self.way(rows.t))
+        )
 
     def _source(self, name: str, columns: int) -> Rows | None:
         rows = self._raw.get(name)
@@ -192,8 +223,7 @@ class Window:
             x[fresh, i] = rows.x[last[fresh], 0] * factor[i]
         return Rows(t, x)
 
-    @cached_property
-    def moves(self) -> Rows:
+    def _moves(self) -> Rows:
         """Odometry as speed, yaw rate and heading: by its twist, or by the pose while that was always 0."""
         o = self.odometry
         if o is None:
@@ -208,28 +238,24 @@ class Window:
         speed = dx * np.cos(heading) + dy * np.sin(heading)
         return Rows(o.t, np.column_stack([speed, turn, heading]))
 
-    @cached_property
-    def rim_way(self) -> Array:
+    def _way_of(self, rims: Rows) -> Array:
         """Way by the rims at their rows, m from the beginning of the drive."""
-        assert self.rims is not None
-        speed = np.nan_to_num(np.abs(np.nanmedian(np.abs(self.rims.x), axis=1)))
-        way = np.concatenate([[0.0], np.cumsum((speed * self.rims.dt)[:-1])])
-        return np.asarray(way - np.interp(0.0, self.rims.t, way) + self.memory.way)
+        speed = np.nan_to_num(np.abs(np.nanmedian(np.abs(rims.x), axis=1)))
+        way = np.concatenate([[0.0], np.cumsum((speed * rims.held)[:-1])])
+        return np.asarray(way - np.interp(0.0, rims.t, way) + self.memory.way)
 
     def way(self, t: Array) -> Array:
         """Way by the rims at times of the window, m."""
-        if self.rims is None:
+        if self._rims is None or self._rim_way is None:
             return np.full(t.size, self.memory.way)
-        return np.interp(t, self.rims.t, self.rim_way)
-
-    def seconds(self, t: Array) -> Array:
-        """Stamps of times of the window, s."""
-        return np.asarray(t + self.begin / SECOND)
+        return np.interp(t, self._rims.t, self._rim_way)
 
     def rims_at(self, t: Array) -> Array:
         """Speeds of the rims at times of the window, (times, wheels)."""
-        assert self.rims is not None
-        return np.stack([self.rims.at(t, i) for i in range(self.rims.x.shape[1])], axis=1)
+        rims, wheels = self._rims, len(self.vehicle.names)
+        if rims is None:
+            return np.full((t.size, wheels), np.nan)
+        return np.stack([rims.at(t, i) for i in range(wheels)], axis=1)
 
     def angles_at(self, t: Array) -> Array:
         """Steering angles (rad, to the left) at times of the window, (times, wheels); NaN: not known."""
@@ -264,8 +290,7 @@ class Window:
         angles = self.angles_at(t)
         return np.where(np.abs(angles) <= FAR, np.cos(angles) * rims, np.nan)
 
-    @cached_property
-    def motion(self) -> Motion | None:
+    def _motion(self) -> Motion | None:
         """Rows of the rims with all that is compared to them; None without rims."""
         rims, memory = self.rims, self.memory
         if rims is None:
@@ -287,17 +312,18 @@ class Window:
         half = float(np.ptp(self.vehicle.y)) / 2
         straight = (np.abs(v) > MOVES) & ~(yaw * half >= STRAIGHT * np.abs(v)) & np.isfinite(yaw)
         ahead = self._ahead(rims.x, rims.t) if self.vehicle.steered else rims.x
-        return Motion(rims.t, rims.dt, ahead, v, w, gyro, straight, rims.inside)
+        return Motion(rims.t, rims.stamp, rims.dt, ahead, v, w, gyro, straight, rims.inside)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Rows of the rims: times and durations (s), rims (m/s), speed, yaw rates, straight, of the span.
+    """Rows of the rims: times, stamps and durations (s), rims (m/s), speed, yaw rates, straight, of the span.
 
     Of steered wheels rims are their parts ahead, NaN where they point far aside.
     """
 
     t: Array
+    stamp: Array
     dt: Array
     rim: Array
     v: Array

@@ -17,7 +17,6 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from smallwheel_ros.common.stamps import SECOND
-from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import SLOWEST_RIM, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.pipeline.soil.local_law import Version
@@ -120,7 +119,9 @@ def answer(
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     static = np.array([w.name in settings.static_loads for w in wheels])[rows.wheel]
     sensed = np.array([w.name not in settings.without_sinkage for w in wheels])[rows.wheel]
-    of = soils.at(soil_version)
+    of, newest = (
+        [soils[one] for one in numbers.tolist()] for numbers in (soil_version, ground.newest)
+    )
     measured = np.array([version.accepted > 0 for version in of])
     loaded = np.flatnonzero(np.isfinite(loads.load))
     made = mobility(
@@ -134,7 +135,7 @@ def answer(
     digging = rolls & (judged.level == 2)
     slip_unknown = rolls & ~np.isfinite(rows.slip)
     # Without slip a model whose effects read it has no sinkage: then slip is what is missing.
-    waits = slip_unknown & bool(covariates_of(settings.effects))
+    waits = slip_unknown & bool(settings.covariates)
     has = {
         Condition.PRIOR_ONLY: ~measured,
         Condition.LAW_UNKNOWN: ~measured & settings.law_unknown,
@@ -164,7 +165,7 @@ def answer(
     conditions = np.zeros(count, dtype=np.int64)
     for condition, applies in has.items():
         conditions |= np.where(applies, int(condition), 0)
-    numbers = [soil.number for soil in soils.at(ground.newest)]
+    numbers = [soil.number for soil in newest]
     columns = {column.name: getattr(can, column.name) for column in fields(Mobility)}
     columns |= {"margin": margin, "margin_std": margin_std}
     return Estimates(
@@ -218,7 +219,7 @@ def _does_not_fit(
         np.isfinite(rows.sinkage_std), rows.sinkage_std, settings.estimator.sinkage_std
     )
     off = (rows.sinkage - can.sinkage) ** 2 > gate * (can.sinkage_std**2 + noise**2)
-    found = np.zeros(len(rows), dtype=bool)
+    found = np.zeros(off.shape, dtype=bool)
     for i in np.flatnonzero(np.isfinite(rows.sinkage)).tolist():
         shown = state.shown.setdefault(int(rows.wheel[i]), [])
         shown.append(float(rows.sinkage[i]))
@@ -271,7 +272,7 @@ def _margins(
 def _known_strength(strengths: Strengths, versions: Integers) -> tuple[Flags, Flags]:
     """Whether the strength of rows is determined for the present pull, and told of at all for the margin."""
     kinds, index = np.unique(versions, return_inverse=True)
-    believed = zip(*strengths.believed.at(kinds), strict=True)
+    believed = zip(*(strengths.believed[kind] for kind in kinds.tolist()), strict=True)
     now, reserve = (np.array([one.P for one in column]) for column in believed)
     determined = is_determined(now, strengths.now.prior_std)
     return determined[index], is_told(reserve, strengths.reserve.prior_std)[index]

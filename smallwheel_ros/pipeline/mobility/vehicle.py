@@ -35,7 +35,7 @@ from smallwheel_ros.pipeline.tables import (
 from smallwheel_ros.pipeline.versions import Versions
 from smallwheel_ros.pipeline.warning.hazard import HELD, PERIOD, SLIP_S, Instants, Warned
 from smallwheel_ros.pipeline.warning.judgement import Judged
-from smallwheel_ros.pipeline.warning.margin import MEASURED, information
+from smallwheel_ros.pipeline.warning.margin import information, is_prior
 from smallwheel_ros.pipeline.warning.warning_level import WarningLevel
 
 from .answer import STALE
@@ -139,7 +139,7 @@ class VehicleState:
             By version.
         """
         every = Estimates.joined([self._wheels, estimates])
-        own = [soil.number for soil in soils.at(estimates.soil_version)]
+        own = [soils[version].number for version in estimates.soil_version.tolist()]
         numbers = np.concatenate([self._numbers, np.array(own, dtype=np.int64)])
         stamps = np.concatenate([self._felt[0], rows.stamp])
         # Slopes are those ahead and to the left, whichever way the vehicle goes.
@@ -207,7 +207,7 @@ class VehicleState:
         wheels = _Newest(every, numbers, instants.stamp, len(self.settings.wheels))
         margin, margin_std = wheels.margin
         known = information(margin_std, self.settings.reference_slip)
-        of_drive = known > MEASURED
+        of_drive = ~is_prior(margin_std, self.settings.reference_slip)
         source = np.where(of_drive, MarginSource.MEASURED, MarginSource.ANY_GROUND)
         of_soil = wheels.by_soil & (of_drive | self.settings.strength_measured)
         ahead, across, asked = _felt(stamps, felt, instants.stamp, self.settings.gravity)

@@ -22,7 +22,7 @@ from smallwheel_ros.physics.force_slopes import WheelRows, sloped_forces
 from smallwheel_ros.pipeline.soil.local_law import Version, local_laws, sinkages
 from smallwheel_ros.pipeline.soil.stretches import WheelsUnderLoad
 from smallwheel_ros.pipeline.strength.contact import OnSoil, on_soil
-from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Force, Rolling
+from smallwheel_ros.pipeline.strength.forces import OF_SOIL, OTHER, WHEELS, Believed, Rolling
 from smallwheel_ros.pipeline.strength.two_filters import RECENT, Strengths
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers, Mobility, Readings, unknown
 from smallwheel_ros.pipeline.versions import Versions
@@ -90,19 +90,21 @@ def mobility(
 
     on = at_slip(rows.slip)
     reference = at_slip(np.full(count, settings.reference_slip)) if settings.effects else on
-    found = {name: unknown(count) for name in ("thrust", "drawbar_pull", "margin", "energy")}
-    found |= {f"{name}_std": unknown(count) for name in found} | {"beyond": unknown(count)}
+    names = "thrust", "drawbar_pull", "margin", "energy"
+    names_of_all = [*names, *(f"{name}_std" for name in names), "beyond"]
+    found = dict(zip(names_of_all, np.full((len(names_of_all), count), np.nan), strict=True))
     beyond, unsure = np.zeros(count), np.zeros(count)
     rolls = np.array([w.contact == ROLLING for w in wheels])[rows.wheel]
     rolls &= ~on.sunk & np.isfinite(on.sinkage) & np.isfinite(reference.sinkage)
     mine = np.flatnonzero(rolls)
     if mine.size:
         now, reserve = strengths.at(strength[mine])
-        of = strengths.rolling(rows.wheel[mine], on.take(mine), rows.slip[mine])
+        rolling, own, at_reference = rows.take(mine), on.take(mine), reference.take(mine)
+        of = strengths.rolling(rolling.wheel, own, rolling.slip)
         beyond[mine] = on.load[mine] * now.x[:, OTHER]
         unsure[mine] = on.load[mine] * np.sqrt(now.P[:, OTHER, OTHER])
-        made = _pulls(rows.take(mine), of, now) | _margins(
-            reference.take(mine), of, reserve, settings, bool(strengths.mass > 0.0)
+        made = _pulls(rolling, of, now) | _margins(
+            at_reference, of, reserve, settings, bool(strengths.mass > 0.0)
         )
         for name, values in made.items():
             found[name][mine] = values
@@ -145,12 +147,26 @@ def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
     noise = (SCATTER * push.value) ** 2 + own_slip + _LEAST_STD**2
     found: dict[str, Array] = {}
     torque = np.where(rows.forward, 1.0, -1.0) * rows.torque
-    for name, force, by_other in (("thrust", push, 0.0), ("drawbar_pull", pull, -1.0)):
-        value, spread = force.value, now.spread(push, force.row) + noise
-        value, spread = _by_torque(now, at, rim, torque, noise, force, value, spread)
-        by_law = at.on.variance(sinkage=force.by_sinkage, other=by_other, log_load=force.by_load)
+    both = push, pull
+    by_state = [now.spread(push, force.row) + noise for force in both]
+    rim_spread = now.product(rim.row, rim.row)
+    shared = [now.product(rim.row, force.row) for force in both]
+    by_law = [
+        at.on.variance(sinkage=force.by_sinkage, other=by_other, log_load=force.by_load)
+        for force, by_other in ((push, 0.0), (pull, -1.0))
+    ]
+    index = np.arange(at.order.size)
+    scale = np.exp(now.x[index, WHEELS + now.cells.shape[-1] + at.order])
+    for i, name in enumerate(("thrust", "drawbar_pull")):
+        # Corrected by the torque of this moment where there is one.
+        variance = rim_spread + scale**2 * noise + _LEAST_TORQUE**2
+        innovation = 2.0 * torque / at.diameter - rim.value
+        common = shared[i] + scale * noise
+        gain = np.where(np.isfinite(innovation), common / variance, 0.0)
+        value = both[i].value + gain * np.nan_to_num(innovation)
+        spread = np.maximum(by_state[i] - gain * common, 0.0)
         found[name] = np.where(known, value, np.nan)
-        deviation = np.sqrt(np.maximum(spread + by_law, _LEAST_STD**2))
+        deviation = np.sqrt(np.maximum(spread + by_law[i], _LEAST_STD**2))
         found[f"{name}_std"] = np.where(known, deviation, np.nan)
     with np.errstate(all="ignore"):
         driven = rows.slip >= 0.0
@@ -163,20 +179,6 @@ def _pulls(rows: Readings, at: Rolling, now: Believed) -> dict[str, Array]:
     return found
 
 
-def _by_torque(
-    now: Believed, at: Rolling, rim: Force, torque: Array, noise: Array, force: Force,
-    value: Array, spread: Array,
-) -> tuple[Array, Array]:  # fmt: skip
-    """A force and its variance, corrected by the torque of this moment where there is one."""
-    index = np.arange(at.order.size)
-    scale = np.exp(now.x[index, WHEELS + now.cells.shape[-1] + at.order])
-    variance = now.product(rim.row, rim.row) + scale**2 * noise + _LEAST_TORQUE**2
-    innovation = 2.0 * torque / at.diameter - rim.value
-    common = now.product(rim.row, force.row) + scale * noise
-    gain = np.where(np.isfinite(innovation), common / variance, 0.0)
-    return value + gain * np.nan_to_num(innovation), np.maximum(spread - gain * common, 0.0)
-
-
 def _margins(
     on: OnSoil, at: Rolling, reserve: Believed, settings: OnboardSettings, balanced: bool
 ) -> dict[str, Array]:
@@ -186,7 +188,7 @@ def _margins(
     """
 
     def at_slip(value: float) -> Rolling:
-        slip = np.full(len(on), value)
+        slip = np.full_like(on.load, value)
         best = _best_sinkage(on, at, reserve, slip)
         return replace(at, on=replace(on, sinkage=np.maximum(on.sinkage, best)), slip=slip)
 

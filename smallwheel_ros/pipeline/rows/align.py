@@ -20,7 +20,13 @@ from smallwheel_ros.common.stamps import NEVER, SECOND
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY, STANDSTILL_SPEED, OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
-from smallwheel_ros.pipeline.checks.believed import BelievedRows, Trust, mean_of_known
+from smallwheel_ros.pipeline.checks.believed import (
+    FELT,
+    MOVES,
+    BelievedRows,
+    Trust,
+    mean_of_known,
+)
 from smallwheel_ros.pipeline.checks.ground_speed import (
     COSINE,
     PITCH,
@@ -104,27 +110,35 @@ class Align:
             kind: unknown(stamps.size) for kind in ("load", "drawbar_pull", "wheel_speed", "torque")
         }
         sinkage, variance = unknown(stamps.size), unknown(stamps.size)
+        shown = self._shown(believed, stamps)
         for number, one in enumerate(wheels):
             mine = wheel == number
             for kind, column in own.items():
-                if f"{one.name}/{kind}" in believed.streams:
-                    column[mine] = believed.at(f"{one.name}/{kind}", stamps[mine])[:, 0]
-            exact = believed.at(f"{one.name}/sinkage", stamps[mine])
-            sinkage[mine], variance[mine] = exact.T
-        moves = believed.at(ODOMETRY, stamps)
-        felt = believed.imu(stamps)
-        trust = believed.trust(stamps)
+                if f"{one.name}/{kind}" in shown:
+                    column[mine] = shown[f"{one.name}/{kind}"][mine, 0]
+            if f"{one.name}/sinkage" in shown:
+                sinkage[mine], variance[mine] = shown[f"{one.name}/sinkage"][mine].T
+        moves, felt = shown[ODOMETRY], shown[FELT]
+        trust, period = believed.trust(stamps), believed.period(stamps)
+        rims = believed.each_rim_of(shown, stamps.size)
+        # All that is asked of the time before: by how much speeds are off that come late, and what is gained.
+        over = np.maximum(_GAINING, 2 * period)
+        late = (SECOND * (trust.lag + (0.5 * period / SECOND + trust.mean))).astype(np.int64)
+        ago = np.concatenate([stamps - late // 2, stamps - late, stamps - over])
+        earlier = believed.at_once([*believed.rim_streams, MOVES], ago)
+        rims_ago = believed.each_rim_of(earlier, ago.size).reshape(len(rims), 3, stamps.size)[:, :2]
+        moved = earlier[MOVES][-stamps.size :]
         rim = np.where(rolls, own["wheel_speed"] * diameter / 2.0, np.nan)
-        middle, turn = self._middle(believed, stamps, moves, trust)
+        middle, turn = self._middle(shown[MOVES], moves, trust)
         gyro = ~np.isnan(felt[:, 0])
-        yaw_rate = np.where(gyro, felt[:, 0], self._turned(believed, stamps, turn))
+        yaw_rate = np.where(gyro, felt[:, 0], self._turned(believed, stamps, rims, turn))
         steered, lever = None, lateral
         aside: Array = np.zeros(stamps.size)
         course: Array = aside
         speed = np.where(rolls, middle - yaw_rate * lateral, np.nan)
         if settings.steered:
             course = self._course.take(believed, stamps)
-            aside = speed_aside(believed, stamps, middle, yaw_rate, course)
+            aside = speed_aside(settings, shown[MOVES][:, 2], middle, yaw_rate, course)
             motion_ = middle, aside, yaw_rate
             steered = SteeredRows(believed, wheel, stamps, self._order, motion_)
             speed, lever = np.where(rolls, steered.speed, np.nan), steered.lever
@@ -133,14 +147,16 @@ class Align:
         )
         told = (variance_told > 0.0) & (settings.velocity != "topic")
         speed_std = np.sqrt(np.where(told, variance_told, trust.variance))
-        speed_std = np.hypot(speed_std, self._unsteady(believed, wheel, stamps, trust, gyro))
+        speed_std = np.hypot(speed_std, self._unsteady(believed, wheel, rims, rims_ago, gyro))
         if steered is not None:
             speed_std = np.hypot(speed_std, steered.std)
         if settings.velocity == "none":
             rim = unknown(stamps.size)
         slip, slip_std, stands = assembled_slip(speed, speed_std, rim, trust)
         faster = np.where(np.abs(rim) > np.abs(speed), rim, speed)
-        slope, gained, across, pushed = self._felt(believed, stamps, moves, middle, felt)
+        slope, gained, across, pushed = self._felt(
+            (middle - moved[:, 0]) / (over / SECOND), moves, felt
+        )
         torque = self._torque(wheel, own["torque"])
         load = np.where(own["load"] >= _LIGHTEST, own["load"], np.nan)
         load_std = np.hypot(noise.load, _LOAD_STD * load)
@@ -151,7 +167,7 @@ class Align:
         slip_angle: Array = angle
         if steered is not None:
             angle, slip_angle = steered.angle, steered.slip_angle
-            left = self._gained_aside(believed, stamps)
+            left = np.nan_to_num((shown[MOVES][:, 2] - moved[:, 2]) / (over / SECOND))
             pushed, _ = along_course(course, pushed, np.nan_to_num(across) + left)
             gained, _ = along_course(course, gained, left)
             slope, across = along_course(course, slope, across)
@@ -171,11 +187,18 @@ class Align:
             steering=angle, slip_angle=slip_angle, course=course,
         )  # fmt: skip
 
-    def _middle(
-        self, believed: BelievedRows, stamps: Integers, moves: Array, trust: Trust
-    ) -> tuple[Array, Array]:
-        """Speed of the vehicle's middle, NaN where it is frozen, and yaw rate, without a gyro."""
-        speed, turn = believed.speeds(stamps).T
+    def _shown(self, believed: BelievedRows, stamps: Integers) -> dict[str, Array]:
+        """What all streams of wheels and vehicle show at rows, by name, each (rows, width)."""
+        instants, row = np.unique(stamps, return_inverse=True)
+        names = [ODOMETRY, MOVES, FELT, *(name for name in believed.streams if "/" in name)]
+        return {name: each[row] for name, each in believed.at_once(names, instants).items()}
+
+    def _middle(self, measured: Array, moves: Array, trust: Trust) -> tuple[Array, Array]:
+        """Speed of the vehicle's middle, NaN where it is frozen, and yaw rate, without a gyro.
+
+        measured: speed and yaw rate over ground. moves: rows of the odometry.
+        """
+        speed, turn = measured[:, 0], measured[:, 1]
         posed = (moves[:, X] != 0.0) | (moves[:, Y] != 0.0)
         if self.settings.velocity == "topic":
             # A yaw rate of exactly 0 in every message so far is none: then odometry's is used.
@@ -191,41 +214,33 @@ class Align:
         )
         return np.where(same, np.nan, speed), turn
 
-    def _turned(self, believed: BelievedRows, stamps: Integers, turn: Array) -> Array:
+    def _turned(self, believed: BelievedRows, stamps: Integers, rims: Array, turn: Array) -> Array:
         """Yaw rate of an odometry, in place of a gyro that is doubted; none where it never turned."""
         turned = np.logical_or.accumulate(np.append(self._moves_turn, np.abs(turn) > 0.0))[1:]
         self._moves_turn = bool(turned[-1])
-        _, size, across = believed.rims(stamps)
+        _, size, across = believed.rims(stamps, rims)
         # Sides whose rims run alike go straight on, whatever the imu says.
         bends = np.abs(across) > 0.02 * size
         return np.where(~turned & bends & believed.doubted.at(IMU, stamps), np.nan, turn)
 
     def _unsteady(
-        self, believed: BelievedRows, wheel: Integers, stamps: Integers, trust: Trust, gyro: Flags
+        self, believed: BelievedRows, wheel: Integers, rims: Array, ago: Array, gyro: Flags
     ) -> Array:
         """By how much a speed is off (m/s) that comes late or is a mean over time: what the rims change by.
 
         Those of all wheels; of the wheel's own where the late one tells the turn, too.
+
+        rims: at the rows, (wheels, rows), m/s. ago: by half and by all of what it may be late,
+        (wheels, 2, rows).
         """
-        if believed.source not in believed.streams:
-            return np.zeros(stamps.size)
-        spread = 0.5 * believed.period(stamps) / SECOND + trust.mean
-        earlier = (SECOND * (trust.lag + spread)).astype(np.int64)
-        ago = np.stack([stamps, stamps - earlier // 2, stamps - earlier])
-        rims = believed.each_rim(ago.ravel()).reshape(-1, *ago.shape)
-        if not len(rims):
-            return np.zeros(stamps.size)
-        own = np.ptp(rims, axis=1)[self._order[wheel], np.arange(stamps.size)]
+        if not len(rims) or believed.source not in believed.streams:
+            return np.zeros(wheel.size)
+        each = np.concatenate([rims[:, None], ago], axis=1)
+        own = np.ptp(each, axis=1)[self._order[wheel], np.arange(wheel.size)]
         # Of the wheels that are known: one that is doubted makes the others no surer.
-        common = np.ptp(mean_of_known(rims), axis=0)
+        common = np.ptp(mean_of_known(each), axis=0)
         rolls = self._order[wheel] >= 0
         return np.asarray(np.nan_to_num(np.where(rolls & ~gyro, own, common)))
-
-    def _gained_aside(self, believed: BelievedRows, stamps: Integers) -> Array:
-        """Speed that the vehicle gains to its left, m/s^2; 0 where that is not known."""
-        over = np.maximum(_GAINING, 2 * believed.period(stamps))
-        change = believed.aside(stamps) - believed.aside(stamps - over)
-        return np.nan_to_num(change / (over / SECOND))
 
     def _torque(self, wheel: Integers, torque: Array) -> Array:
         """Torques; of a driver that leaves the effort empty, 0 in every message, they are not known."""
@@ -238,13 +253,11 @@ class Align:
             self._strains[number] |= bool(strains.any())
         return found
 
-    def _felt(
-        self, believed: BelievedRows, stamps: Integers, moves: Array, middle: Array, felt: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Per mass (m/s^2): what slope and gaining speed take of the wheels, the slope across, both ahead."""
-        over = np.maximum(_GAINING, 2 * believed.period(stamps))
-        before = believed.speeds(stamps - over)[:, 0]
-        gained = (middle - before) / (over / SECOND)
+    def _felt(self, gained: Array, moves: Array, felt: Array) -> tuple[Array, Array, Array, Array]:
+        """Per mass (m/s^2): what slope and gaining speed take of the wheels, the slope across, both ahead.
+
+        gained: dv/dt, m/s^2. moves, felt: rows of odometry and imu.
+        """
         gravity = self.settings.gravity
         if self.settings.with_imu:
             _, ahead, left, above, *up = felt.T

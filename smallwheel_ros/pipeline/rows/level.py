@@ -96,22 +96,3 @@ class Level:
         """Drop zeros that no stamp from here on asks for."""
         drop = max(int(np.searchsorted(np.array(self._stamps), before, side="right")) - 1, 0)
         del self._stamps[:drop], self._zeros[:drop]
-
-
-def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """Information that a value and its deviation add to an earlier pair.
-
-    Parameters
-    ----------
-    before, now
-        Value and deviation, in one unit.
-
-    Returns
-    -------
-    more variance, value times precision, precision : float
-        The first where the deviation has grown, else 0; the others where it has not.
-    """
-    precision = now[1] ** -2 - before[1] ** -2
-    if precision <= 0.0:
-        return now[1] ** 2 - before[1] ** 2, 0.0, 0.0
-    return 0.0, now[0] * now[1] ** -2 - before[0] * before[1] ** -2, precision

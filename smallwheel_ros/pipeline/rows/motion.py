@@ -66,8 +66,8 @@ def motion(state: MotionState, rows: Aligned, settings: OnboardSettings) -> Read
         The pipeline's settings.
     """
     wheels = settings.wheels
-    path, due = np.empty(len(rows)), np.empty(len(rows), dtype=bool)
-    pressed = np.zeros(len(rows))
+    count = len(rows)
+    path, due, pressed = np.empty(count), np.empty(count, dtype=bool), np.zeros(count)
     pressed_before = max(state.deepest.values(), default=0.0)
     for number, wheel in enumerate(wheels):
         mine = np.flatnonzero(rows.wheel == number)
@@ -156,8 +156,8 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
         if (rows.forward[told] == way).all():
             state.ways.update(dict.fromkeys(np.unique(rows.wheel[told]).tolist(), way))
             state.onward = way
-            return np.full(len(rows), way)
-    found = np.empty(len(rows), dtype=bool)
+            return np.full(told.shape, way)
+    found = np.empty(told.shape, dtype=bool)
     for i, (wheel, tells, forward) in enumerate(
         zip(rows.wheel.tolist(), told.tolist(), rows.forward.tolist(), strict=True)
     ):

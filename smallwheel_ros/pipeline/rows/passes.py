@@ -73,7 +73,7 @@ class Passes:
         ndarray
             Shape (rows,); NaN where it is not known.
         """
-        found = np.full(len(rows), np.nan)
+        found = np.full_like(distance, np.nan)
         cosine, sine = np.cos(rows.heading), np.sin(rows.heading)
         along = np.array([wheel.longitudinal_position for wheel in self._wheels])[rows.wheel]
         aside = np.array([wheel.lateral_position for wheel in self._wheels])[rows.wheel]

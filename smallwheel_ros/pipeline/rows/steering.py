@@ -76,7 +76,7 @@ def _reach(settings: OnboardSettings, number: int) -> float:
 
 
 def speed_aside(
-    believed: BelievedRows, stamps: Integers, ahead: Array, turn: Array, course: Array
+    settings: OnboardSettings, told: Array, ahead: Array, turn: Array, course: Array
 ) -> Array:
     """Speed of the base frame to the left; where it is not measured, as the wheels' angles imply.
 
@@ -85,10 +85,10 @@ def speed_aside(
 
     Parameters
     ----------
-    believed
-        Streams as they are believed.
-    stamps
-        Shape (rows,), ns.
+    settings
+        Of the vehicle.
+    told
+        As measured over ground, shape (rows,), m/s; NaN where it is not.
     ahead
         Speed ahead, shape (rows,), m/s.
     turn
@@ -101,10 +101,9 @@ def speed_aside(
     ndarray
         Shape (rows,), m/s; NaN where it is not known.
     """
-    settings, told = believed.settings, believed.aside(stamps)
     if len(settings.steered) < len(settings.rolling):
         place = settings.unsteered_place
-        rolls = -turn * place if place else np.zeros(stamps.size)
+        rolls = -turn * place if place else np.zeros(ahead.size)
     else:
         rolls = np.where(np.abs(course) <= _SHOWN, ahead * np.tan(course), np.nan)
     return np.where(np.isnan(told), rolls, told)
@@ -135,7 +134,7 @@ class Course:
             Shape (rows,), rad; NaN before the rims have moved.
         """
         instants, index = np.unique(stamps, return_inverse=True)
-        vx, vy, _ = believed.motion_of_rims(instants)
+        vx, vy, _ = believed.motion_of_rims(instants, believed.each_rim(instants))
         found = unknown(instants.size)
         moves = np.hypot(vx, vy) > _SLOWEST
         ways = np.arctan2(vy, vx)

@@ -152,14 +152,16 @@ class Soils:
             Versions at each row, shape (rows,): of the soil under the wheel, by the stretches
             before, and of the newest soil.
         """
-        first = len(self.versions) - 1
+        first = self.versions.count - 1
         stamps: list[int] = []  # from which on each new version holds
         until = int(rows.stamp[-1])
         for end, group in self._periods(closed, until):
             stamps += self._begin_anew(anew, end)
-            before = len(self.versions)
-            self._take(_where(group, group.end > self._since))
-            stamps += [end] * (len(self.versions) - before)
+            before = self.versions.count
+            new = group.end > self._since
+            if new.any():
+                self._take(_where(group, new))
+            stamps += [end] * (self.versions.count - before)
         stamps += self._begin_anew(anew, until)
         return self._version_of(rows, first, np.array(stamps, dtype=np.int64))
 
@@ -182,27 +184,26 @@ class Soils:
         self._coming = None if over.all() else closed.take(~over)
         rows, due = _where(closed, over), due[over]
         cuts = np.flatnonzero((np.diff(due) != 0) | np.diff(rows.onward)) + 1
-        groups = np.split(np.arange(len(rows)), cuts)
+        groups = np.split(np.arange(due.size), cuts)
         return [(int(due[group[0]]), rows.take(group)) for group in groups if group.size]
 
     def _take(self, rows: Stretches) -> None:
-        if not len(rows):
-            return
         self.outliers += int(rows.dropped.sum())
         self._distance = float(rows.distance.max())
         weighed = self.weighing.add(rows)
         if weighed is not None and self.filter is not None:
             self.filter.weigh(*weighed)
             self._past.clear()  # these laws have not been weighed
-        rows = self._moving(rows)
-        if not len(rows):
+        moving = self._moving(rows)
+        if not moving.any():
             return
+        rows = _where(rows, moving)
         if self.filter is None:
             reference = reference_wheel(rows, self.wheels, self.prior)
             self.filter = SoilFilter(
                 self.prior, self.settings, self.effects, self.wheels, reference
             )
-        self.watch.take(rows, lambda: constants(self.versions[-1].law))
+        self.watch.take(rows, lambda: constants(self.versions.newest.law))
         squares = self._squares(rows)
         self.health.add(rows, squares)
         self._lately.extend(np.minimum(squares[np.isfinite(squares)], _WORST).tolist())
@@ -210,15 +211,15 @@ class Soils:
         if onward is not self._onward:
             self._onward = onward
             self._turn_back()
-        clear = _where(rows, rows.place >= self._border + self.length)
-        if not len(clear):
-            return
-        rolls = np.array([wheel.contact == ROLLING for wheel in self.wheels])[clear.wheel]
+        beyond = rows.place >= self._border + self.length
+        rolls = np.array([wheel.contact == ROLLING for wheel in self.wheels])[rows.wheel]
         # A rig presses into one place: there is no border on the way down.
-        self._absorb(_where(clear, ~rolls))
-        clear = _where(clear, rolls)
-        if not len(clear):
+        pressed, rolled = beyond & ~rolls, beyond & rolls
+        if pressed.any():
+            self._absorb(_where(rows, pressed))
+        if not rolled.any():
             return
+        clear = _where(rows, rolled)
         self.waiting = clear if self.waiting is None else Stretches.joined([self.waiting, clear])
         leads = self._leads[clear.wheel, clear.onward.astype(int)]
         if leads.any() and self._changed():
@@ -236,18 +237,18 @@ class Soils:
         miss, _, variance, _ = law.innovations(rows)
         return np.asarray(miss**2 / variance)
 
-    def _moving(self, rows: Stretches) -> Stretches:
-        """Those of sensors that are not stuck; what waits of one that turns out to be is dropped."""
+    def _moving(self, rows: Stretches) -> Flags:
+        """Which are of sensors that are not stuck; what waits of one that turns out to be is dropped."""
         self.sensors.add(rows)
         stuck = self.sensors.stuck
         if self.waiting is not None and stuck.any():
             self.waiting = self.waiting.take(~stuck[self.waiting.wheel])
-        return _where(rows, ~stuck[rows.wheel])
+        return np.asarray(~stuck[rows.wheel])
 
     def _ready(self, distance: float) -> Stretches | None:
         """Take out the stretches that have waited long enough."""
         waiting = self.waiting
-        if waiting is None or not len(waiting):
+        if waiting is None:
             return None
         ready = waiting.distance < distance - _WAIT * self.length
         for wheel in np.unique(waiting.wheel).tolist():
@@ -374,7 +375,7 @@ class Soils:
         self._absorb(waiting.take(waiting.place < place - self.length))
         both = Stretches.joined([*used, waiting])
         new, self.waiting = both.take(both.place >= place), None
-        self._old = len(self.versions) - 1
+        self._old = self.versions.count - 1
         if law.used >= _SETTLED:
             state = law.mean[:LAW].copy(), law.covariance[:LAW, :LAW].copy()
             self._known = [*self._known, _Known(state, self._number, self.variety)][-REMEMBERED:]
@@ -434,14 +435,16 @@ class Soils:
         version = first + np.searchsorted(stamps, rows.stamp)
         places = np.array([w.longitudinal_position for w in self.wheels])[rows.wheel]
         place = rows.distance + np.where(rows.onward, places, -places)
-        since = [self.versions[number] for number in range(first, len(self.versions))]
-        border = np.array([one.border for one in since])[version - first]
-        old = np.array([one.old for one in since])[version - first]
+        since = [self.versions[number] for number in range(first, self.versions.count)]
+        border, old = (
+            np.array([getattr(one, name) for one in since])[version - first]
+            for name in ("border", "old")
+        )
         return np.where(place < border, old, version), version
 
     def forget(self, version: Integers) -> None:
-        """Keep these versions, the newest, and the one from before the border."""
-        self.versions.forget({*np.unique(version).tolist(), self.versions[-1].old})
+        """Keep versions of these numbers, the newest, and the one from before the border."""
+        self.versions.forget({*np.unique(version).tolist(), self.versions.newest.old})
 
 
 def _where(rows: Stretches, keep: Flags) -> Stretches:

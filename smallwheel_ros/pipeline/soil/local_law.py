@@ -92,7 +92,7 @@ class LocalLaws(Columns):
 
     def with_load(self, shown: Array) -> Array:
         """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
-        turn = np.zeros((len(self), 4, 5))
+        turn = np.zeros((shown.size, 4, 5))
         turn[:, range(4), range(4)] = 1.0
         turn[:, 3, 4] = 1.0 / self.net(shown)
         whole: Array = np.einsum("rij,rjk,rlk->ril", turn, self.covariance, turn)
@@ -164,7 +164,7 @@ def sinkages(
         Shape (rows,), m and m^2; NaN before any stretch.
     """
     value, variance = np.full((2, version.size), np.nan)
-    of = versions.at(version)
+    of = [versions[number] for number in version.tolist()]
     for model in {id(one.model): one.model for one in of if one.model is not None}.values():
         mine = np.flatnonzero([one.model is model for one in of])
         mean = np.array([of[i].mean for i in mine.tolist()])

@@ -171,6 +171,8 @@ def covariates(
     rows, values : ndarray, dict of ndarray
         Numbers of the rows; values by name, shape (known,).
     """
+    if not effects:
+        return np.arange(rolling.size), {}
     given = {"slip": slip, "speed": speed}
     read = {name: given[name] for name in covariates_of(effects)}
     columns = {name: unknown(rolling.size) if v is None else v for name, v in read.items()}
@@ -314,13 +316,13 @@ class LawModel:
         Shown
             Value (m), H and the slope by ln load.
         """
-        whole = np.broadcast_to(x, (len(rows), self.size))
+        index = np.arange(len(rows))
+        whole = np.broadcast_to(x, (index.size, self.size))
         sunk = self.sinkage(whole, rows)
         scale = np.exp(whole[:, SCALE])
         value = scale * sunk.value
         row = scale[:, None] * sunk.H
         zero = WHEELS + EACH * rows.wheel
-        index = np.arange(len(rows))
         row[:, PITCH] = rows.pitch
         row[:, ZERO] += 1.0
         row[index, zero] = 1.0
@@ -358,7 +360,7 @@ class LawModel:
         rut = np.exp(rows.passes * passed)
         factor = rut * np.maximum(1.0 + digs * slip, _LEAST_SLIP_FACTOR)
         value, by_load = static.value * factor, by_log_load * factor
-        row = np.zeros((len(rows), self.size))
+        row = np.zeros(y.shape)
         row[:, U] = factor * by_modulus * by_sinkage
         row[:, N] = factor * (by_n + by_modulus * by_exponent)
         row[:, M] = factor * (by_m - by_modulus * self._across)

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from smallwheel_ros.common.stamps import SECOND
-from smallwheel_ros.onboard.prior import covariates_of
 from smallwheel_ros.onboard.settings import OnboardSettings
 from smallwheel_ros.physics.conditions import ROLLING
 from smallwheel_ros.physics.wheel import Wheel
@@ -168,7 +167,7 @@ def stretches(
     found: list[Stretches] = []
     load, load_std = rows.load.copy(), rows.load_std.copy()
     usable = np.isfinite(rows.sinkage) & np.isfinite(rows.load) & (rows.load > 0.0)
-    for name in covariates_of(settings.effects):
+    for name in settings.covariates:
         usable &= np.isfinite(getattr(rows, name))
     for number, wheel in enumerate(settings.wheels):
         mine = np.flatnonzero((rows.wheel == number) & usable)
@@ -195,26 +194,26 @@ def _of_wheel(
     before = state.open
     held = 0 if before is None else len(before)
     joined = rows if before is None else _StretchRows.joined([before, rows])
-    path, onward = joined.path, joined.onward
+    path, onward, count = joined.path, joined.onward, len(joined)
     moved = np.concatenate([[False], path[1:] > path[:-1]])
     if wheel.contact != ROLLING:
         moved[:] = True
     log_load = np.log(joined.load)
-    calm, deviation = np.empty(len(joined)), np.empty(len(joined))
+    calm, deviation = np.empty((2, count))
     turns = np.flatnonzero(np.diff(onward))
     found: list[Stretches] = []
     start = 0
     while True:
         end = int(np.searchsorted(path, path[start] + state.length))
-        turn = turns[np.searchsorted(turns, start)] + 1 if (turns >= start).any() else len(joined)
+        turn = turns[np.searchsorted(turns, start)] + 1 if (turns >= start).any() else count
         stop = min(end, int(turn))
-        part = slice(start, min(stop, len(joined)))
+        part = slice(start, min(stop, count))
         moved[start] = True
-        count = np.cumsum(moved[part]).astype(float)
-        means = np.cumsum(np.where(moved[part], log_load[part], 0.0)) / count
-        value, variance = state.calibrated(means, count)
+        many = np.cumsum(moved[part]).astype(float)
+        means = np.cumsum(np.where(moved[part], log_load[part], 0.0)) / many
+        value, variance = state.calibrated(means, many)
         calm[part], deviation[part] = value, value * np.sqrt(variance)
-        if stop >= len(joined):
+        if stop >= count:
             break
         enough = state.length if stop == end else 0.5 * state.length
         if path[stop] - path[start] >= enough:
@@ -228,7 +227,7 @@ def _of_wheel(
     rest = joined.take(slice(start, None))
     keep = moved[start:].copy()
     keep[:1] = keep[-1:] = True
-    if wheel.contact != ROLLING and len(rest) > _MOST_ROWS:
+    if wheel.contact != ROLLING and count - start > _MOST_ROWS:
         keep[_MOST_ROWS:-1] = False
     state.open = rest.take(keep)
     return found, calm[held:], deviation[held:]

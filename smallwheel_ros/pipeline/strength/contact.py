@@ -75,7 +75,7 @@ class OnSoil(Columns):
 
     def variance(self, **by: Array | float) -> Array:
         """Variance of a quantity with slopes by `sinkage`, `compaction`, `other` and `log_load`."""
-        row = np.zeros((len(self), 4))
+        row = np.zeros_like(self.covariance[:, 0])
         for i, name in enumerate(("sinkage", "compaction", "other", "log_load")):
             row[:, i] = by.get(name, 0.0)
         return np.asarray(np.maximum(np.einsum("ri,rij,rj->r", row, self.covariance, row), 0.0))
@@ -127,7 +127,7 @@ def on_soil(
             strength=strength, geometry=geometry,
         )  # fmt: skip
         return _among(some, known, wheel, laws, shown, shown_std)
-    load = laws.load(shown)
+    load, spread = laws.load(shown), laws.with_load(shown)
     law = laws.law.copy()
     law[:, 0] -= law[:, 1] * LOG_DEPTH
     exponent: Array = law[:, 1]
@@ -179,7 +179,7 @@ def on_soil(
         by_law[:, 1] = compaction[:, None] * along
     # From here on by ln pressure, n, m and ln load.
     by_law[:, :3, 1] -= by_law[:, :3, 0] * LOG_DEPTH
-    spread, nothing = laws.with_load(shown), np.full(load.size, np.nan)
+    nothing = np.full(load.size, np.nan)
     alone = np.zeros((load.size, 4, 4))
     alone[:, 0, 0], alone[:, 3, 3] = scatter**2, (shown_std / shown) ** 2
     own = by_law @ alone @ by_law.transpose(0, 2, 1)

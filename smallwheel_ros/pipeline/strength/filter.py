@@ -43,7 +43,6 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from smallwheel_ros.physics.wheel import Quantity, Strength, Wheel
-from smallwheel_ros.pipeline.rows.level import news
 from smallwheel_ros.pipeline.tables import Array
 
 from .forces import (
@@ -335,3 +334,22 @@ def bounded(x: Array, prior: Array) -> Array:
             x[place], np.minimum(low, prior[place]), np.maximum(high, prior[place])
         )
     return inside
+
+
+def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
+    """Information that a value and its deviation add to an earlier pair.
+
+    Parameters
+    ----------
+    before, now
+        Value and deviation, in one unit.
+
+    Returns
+    -------
+    more variance, value times precision, precision : float
+        The first where the deviation has grown, else 0; the others where it has not.
+    """
+    precision = now[1] ** -2 - before[1] ** -2
+    if precision <= 0.0:
+        return now[1] ** 2 - before[1] ** 2, 0.0, 0.0
+    return 0.0, now[0] * now[1] ** -2 - before[0] * before[1] ** -2, precision

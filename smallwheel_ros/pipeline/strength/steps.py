@@ -148,7 +148,7 @@ def steps(
     soils.forget(carried)
     rolling = np.array([w.contact == ROLLING for w in settings.wheels])[rows.wheel]
     use = rolling & ~rows.stands & np.isfinite(rows.speed) & np.isfinite(rows.rim_speed)
-    number = np.array([soil.number for soil in soils.versions.at(version[use])], dtype=np.int64)
+    number = np.array([soils.versions[one].number for one in version[use].tolist()], dtype=np.int64)
     new = _StepRows(rows.take(use), load[use], load_std[use], version[use], number)
     whole = new if state.open is None else _StepRows.joined([state.open, new])
     if not len(whole):

@@ -109,7 +109,7 @@ class Strengths:
             if mine.size:
                 self._take(steps, number, mine)
             else:
-                newest = self.believed[-1][0]
+                newest = self.believed.newest[0]
                 self._publish(newest.slips, newest.end)
         return steps.end
 
@@ -176,9 +176,8 @@ class Strengths:
     def at(self, versions: Integers) -> tuple[Believed, Believed]:
         """Strengths believed, and those that the margin uses, at rows that name versions."""
         kinds, index = np.unique(versions, return_inverse=True)
-        pairs = self.believed.at(kinds)
-        now, reserve = (Believed.stacked(one, index) for one in zip(*pairs, strict=True))
-        return now, reserve
+        now, reserve = zip(*[self.believed[kind] for kind in kinds.tolist()], strict=True)
+        return Believed.stacked(now, index), Believed.stacked(reserve, index)
 
     def record(self) -> dict[str, Any] | None:
         """State to be saved; None before anything was measured."""

@@ -68,7 +68,7 @@ class StrengthEstimate:
 
 def strength_of(strengths: Strengths) -> StrengthEstimate:
     """The newest estimate, by the filter of the reserve."""
-    believed = strengths.believed[-1][1]
+    believed = strengths.believed.newest[1]
     mean = believed.x[:STRENGTH]
     deviation = _deviations(believed)
     remaining = dict(zip(_NAMES, (deviation / strengths.reserve.prior_std).tolist(), strict=True))

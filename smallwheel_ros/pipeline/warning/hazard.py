@@ -14,7 +14,8 @@ On the way it is as well where slip is over 0.3 by two deviations, after the sam
 at once takes away no speed before (docs/without_soil_sensors.md).
 
 A start is not judged: an odometry that is late shows slip there. It is over where slip is under 0.3, or after
-3 s: who starts in ground that does not carry it may never slip by less.
+3 s: who starts in ground that does not carry it may never slip by less. Who has never rolled yet, and surely
+slides back on wheels that drive ahead, is warned of after 1 s.
 
 No warning is given where slip may be none: it has to be over 0 by three deviations, as stated (the
 speed over ground late, scattered, or hardly known).
@@ -56,6 +57,9 @@ DRIVES = 0.20  # m/s: slower rims stand, or spin on the spot
 DEVIATIONS = 1.0  # of the hazard, that are taken off
 # Slip under which a start is over; s, after which it is: rims run up within two.
 ROLLED, START_S = 0.30, 3.0
+# s, after which a start is over where the vehicle surely goes against its rims: odometries come late by half
+# a second, and half a second is averaged.
+BACK_S = 1.0
 BRAKES = 0.30  # of g: wheels that pull cannot brake so
 GAINS = 0.10  # m/s^2: what gains speed so fast is not getting stuck
 LOSS_S, UNFELT, SEEN = (
@@ -145,6 +149,8 @@ class Warnings:
         self._done: Instants | None = None
         self._slips: Array = np.empty(0)  # of each of these, whether judged or not
         self._rolled, self._level, self._began = False, 0, np.inf  # s, since when the rims run
+        self._driven = np.inf  # s, likewise, whether the speed is known or not
+        self._has_rolled = False  # whether any start so far was over by slip
         self._last, self._said = np.full(2, -np.inf), np.full(2, -np.inf)
 
     def take(
@@ -287,6 +293,9 @@ class Warnings:
         rim, ground, spread = (
             each[a : i + 1].mean(axis=0) for each in (done.rim, done.ground, done.ground_std)
         )
+        turning = rim[np.isfinite(rim)]
+        drives = turning.size > 0 and abs(float(np.mean(turning))) > DRIVES
+        self._driven = min(self._driven, float(done.time[i])) if drives else np.inf
         known = np.isfinite(rim) & np.isfinite(ground)
         if not known.sum() * 2 > known.size:
             self._rolled, self._began = False, np.inf
@@ -312,12 +321,17 @@ class Warnings:
         less = DEVIATIONS * (deviation if np.isfinite(deviation) else 0.0)
         runs = bool(rolls > DRIVES and rim.min() > -0.05)
         self._began = min(self._began, float(done.time[i])) if runs else np.inf
-        started = slip < ROLLED or done.time[i] - self._began >= START_S - 1e-6
+        # What goes against the rims slips by more than 1: how surely is by that, not by the limit of slip.
+        back = float(np.median(-ground / np.maximum(rim, SLOWEST_RIM)))
+        shown = slip if self._has_rolled else max(slip, 1.0 + back)
+        surely_slips = shown > MAY_BE_NONE * unsure
+        driven = done.time[i] - self._driven
+        self._has_rolled |= bool(runs and slip < ROLLED)
+        slides = not self._has_rolled and driven >= BACK_S - 1e-6 and back > 0.0 and surely_slips
+        started = slip < ROLLED or done.time[i] - self._began >= START_S - 1e-6 or slides
         self._rolled = bool(runs and (self._rolled or started))
         judged = self._rolled and -BRAKES * self._gravity < gain < GAINS
-        if not (judged and slip > MAY_BE_NONE * unsure) or _unfelt(
-            time, done, along, self._gravity
-        ):
+        if not (judged and surely_slips) or _unfelt(time, done, along, self._gravity):
             return _Hazard()
         grows = growth > GROWS or gain < -LOSES * max(rolls, DRIVES)
         now = slip + max(growth, 0.0) * 0.5 * slip_s  # the mean is that of half of its span ago

@@ -60,7 +60,7 @@ _AHEAD_OF = 0.2
 POINTS = 4096  # a step in under 2 ms
 ASKED = 1.0  # m, over which what is asked for is averaged
 STEP = SECOND  # ns
-MEASURED = 0.5  # of the information, over which a margin is no prior any more
+_MEASURED = 0.5  # of the information, over which a margin is no prior any more
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
@@ -89,6 +89,8 @@ def information(deviation: Array | float, reference_slip: float) -> Array:
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
     """Whether a margin is still a prior's: over half of the variance of any ground's is left.
 
+    An unknown one is, too: nothing was measured of it.
+
     Parameters
     ----------
     deviation
@@ -96,7 +98,7 @@ def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
     reference_slip
         Slip for which the margin holds.
     """
-    return np.asarray(information(deviation, reference_slip) < MEASURED)
+    return np.asarray(~(information(deviation, reference_slip) >= _MEASURED))
 
 
 def scatter_ahead(margin: Array | float) -> Array:

@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from smallwheel_ros.pipeline.checks.lateness import Against
 
 STEP = 0.1  # s
 
 
-def flags(rims: np.ndarray, speed: np.ndarray, turn: float = 0.0) -> np.ndarray:
-    return Against().take(rims, np.full(rims.size, turn), speed, np.full(rims.size, STEP))
+def flags(
+    rims: np.ndarray, speed: np.ndarray, turn: float = 0.0, rise: float = np.nan
+) -> np.ndarray:
+    turns, passed, rises = (np.full(rims.size, value) for value in (turn, STEP, rise))
+    return Against().take(rims, turns, speed, passed, rises)[0]
 
 
 def test_from_its_first_way_on_it_is_known_to_contradict() -> None:
@@ -37,11 +41,36 @@ def test_a_turn_on_the_spot_says_nothing() -> None:
     assert not flags(np.full(100, 0.2), np.full(100, -0.3), turn=0.5).any()
 
 
-def test_it_goes_on_over_cuts() -> None:
+def test_no_vehicle_slides_along_level_ground_nor_up() -> None:
+    rims = np.full(100, 0.3)
+    for share in (0.4, 1.0, 2.0):
+        for rise in (0.0, 0.05, -0.3):
+            assert (flags(rims, -share * rims, rise=rise)[5:] > 0.0).all()
+        assert (flags(-rims, share * rims, rise=0.3)[5:] > 0.0).all()
+
+
+def test_down_a_slope_a_vehicle_may_slide_and_is_believed() -> None:
+    rims = np.full(100, 0.3)
+    for share in (0.4, 1.0, 2.0):
+        assert not flags(rims, -share * rims, rise=0.2).any()
+        assert not flags(-rims, share * rims, rise=-0.2).any()
+    longer = np.full(400, 0.3)
+    assert flags(longer, -longer, rise=0.2)[-1] > 5.0, "none slides 5 m as fast as its wheels drive"
+    assert not flags(longer, -2.0 * longer, rise=0.2).any()
+
+
+def test_where_nothing_tells_the_slope_what_looks_back_goes_as_far_as_the_rims() -> None:
+    rims = np.full(100, 0.3)
+    assert not flags(rims, -0.4 * rims)[20:].any()
+    assert not flags(rims, -2.0 * rims)[20:].any()
+    assert (flags(rims, -0.8 * rims)[5:] > 0.0).all()
+
+
+@pytest.mark.parametrize("rise", [np.nan, 0.0, 0.2])
+def test_it_goes_on_over_cuts(rise: float) -> None:
     rims, speed = np.full(60, 0.3), np.where(np.arange(60) < 30, -0.3, 0.3)
-    whole, parts = flags(rims, speed), Against()
-    none, passed = np.zeros(60), np.full(60, STEP)
-    found = [
-        parts.take(*(c[i : i + 7] for c in (rims, none, speed, passed))) for i in range(0, 60, 7)
-    ]
-    assert (np.concatenate(found) == whole).all()
+    columns = rims, np.zeros(60), speed, np.full(60, STEP), np.full(60, rise)
+    whole, parts = Against().take(*columns), Against()
+    found = [parts.take(*(c[i : i + 7] for c in columns)) for i in range(0, 60, 7)]
+    for one, of_parts in zip(whole, zip(*found, strict=True), strict=True):
+        assert (np.concatenate(of_parts) == one).all()

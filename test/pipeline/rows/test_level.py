@@ -12,10 +12,10 @@ from rows_of_drives import PLACES, G, Row, drive, rover, run
 from smallwheel_ros.common.stamps import SECOND
 from smallwheel_ros.physics.wheel import GRAVITY
 from smallwheel_ros.pipeline.pipeline import Pipeline
-from smallwheel_ros.pipeline.rows.level import Level, news
+from smallwheel_ros.pipeline.rows.level import Level
 from smallwheel_ros.pipeline.soil.sensors import Weighing
 from smallwheel_ros.pipeline.soil.stretches import Stretches
-from smallwheel_ros.pipeline.strength.filter import LEVEL_STD
+from smallwheel_ros.pipeline.strength.filter import LEVEL_STD, news
 from smallwheel_ros.pipeline.strength.forces import LEVEL
 from smallwheel_ros.pipeline.tables import Readings
 

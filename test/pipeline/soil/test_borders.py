@@ -67,10 +67,10 @@ def driven(
         if not part.size:
             continue
         block = rows.take(part)
-        first = len(soils.versions) - 1
+        first = soils.versions.count - 1
         closed, loads = stretches(state, block, settings)
         number = soils.take(closed, block)[0]
-        versions += [soils.versions[i] for i in range(first + 1, len(soils.versions))]
+        versions += [soils.versions[i] for i in range(first + 1, soils.versions.count)]
         found.append(np.array([number, loads.load, loads.load_std]))
         if forget:
             soils.forget(number)
@@ -123,7 +123,7 @@ def test_results_do_not_depend_on_where_blocks_are_cut(world: str, seed: int) ->
         np.testing.assert_allclose(one.mean, other.mean, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-7, atol=1e-14)
         assert (one.number, one.settled, one.border) == (other.number, other.settled, other.border)
-    assert len(kept.versions._kept) <= len(rows) // 4  # those of the last block alone
+    assert len(kept.versions) <= len(rows) // 4  # those of the last block alone
 
 
 def test_a_border_is_found_and_wheels_behind_it_are_on_the_old_soil() -> None:
@@ -171,7 +171,7 @@ def crossing(factor: float, noise: float, seed: int) -> tuple[Soils, list[Versio
     )
     soils = Soils(prior, EstimatorSettings(sinkage_zero_std=1e-3), (), wheels)
     soils.take(Stretches(**columns), rows)  # type: ignore[arg-type]
-    return soils, [soils.versions[i] for i in range(len(soils.versions))]
+    return soils, [soils.versions[i] for i in range(soils.versions.count)]
 
 
 @pytest.mark.parametrize(
@@ -292,10 +292,10 @@ def test_a_soil_goes_on_from_its_file(tmp_path: Path) -> None:
     again = Soils(settings.prior, settings.estimator, (), settings.wheels)
     assert state.soil is not None
     again.resume(state.soil, state.variety, state.accepted)
-    for one, other in zip(law_of(again.versions[-1]), law_of(versions[-1]), strict=True):
+    for one, other in zip(law_of(again.versions.newest), law_of(versions[-1]), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
     assert (
-        flags_of(again.versions[-1], settings.prior).tolist()
+        flags_of(again.versions.newest, settings.prior).tolist()
         == flags_of(versions[-1], settings.prior).tolist()
     )
     assert again.variety == soils.variety

@@ -62,7 +62,7 @@ def alarms(pipeline: Pipeline) -> list[MissingEffect]:
     """Every alarm of a drive, each once."""
     versions = pipeline.soils.versions
     found: dict[str, MissingEffect] = {}
-    for number in range(len(versions)):
+    for number in range(versions.count):
         missing = versions[number].missing
         if missing is not None:
             found.setdefault(missing.effect, missing)
@@ -77,7 +77,7 @@ def test_hidden_slip_sinkage_is_named(terrain: str) -> None:
     assert found[0].rivals == ()
     assert found[0].follows == "slip"
     assert "follows slip: slip_sinkage fits" in found[0].message
-    newest = pipeline.soils.versions[-1]
+    newest = pipeline.soils.versions.newest
     assert (
         newest.missed_variance > 0.0
     )  # what every prediction is uncertain by until it is in the model

@@ -38,7 +38,7 @@ def error(task: tuple[str, int]) -> float:
     closed, _ = stretches(StretchState.of(settings), found.rows, settings)
     assert closed is not None
     soils.take(closed, found.rows)
-    mean, covariance = law_of(soils.versions[-1])
+    mean, covariance = law_of(soils.versions.newest)
     true = found.drive.ground.soil
     off = mean - np.array([true.pressure, true.n, true.m])
     return float(off @ np.linalg.solve(covariance, off)) / 3.0

@@ -95,7 +95,7 @@ def drive(strengths: Strengths, angle: float, begin: int = 0, soil: int = 0) -> 
 
 
 def angle_of(strengths: Strengths) -> Quantity:
-    return Quantity(*constants_of(strengths.believed[-1][0])["friction_angle"])
+    return Quantity(*constants_of(strengths.believed.newest[0])["friction_angle"])
 
 
 def test_balance_finds_the_friction_angle() -> None:
@@ -114,7 +114,7 @@ def test_what_a_rim_grips_with_is_not_taken_for_the_angle() -> None:
     for mu in (Quantity(1.0, 1e-3), Quantity(1.0, 0.2)):
         strengths = Strengths(replace(PRIOR, rim_friction=mu), WHEELS, ALL, MASS)
         drive(strengths, 0.42)
-        now = strengths.believed[-1][0]
+        now = strengths.believed.newest[0]
         at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0)
         push = now.forces(at)[0]
         spread = float(np.sqrt(now.product(push.row, push.row))[0]) / float(push.value[0])
@@ -163,7 +163,7 @@ def test_a_slippery_place_is_grip_and_not_strength() -> None:
     for i in range(6):
         strengths.take(step(60 + i, 0.3, balance(0.5, 0.3, grip=0.4)))
     at = Rolling(ALL, contact(4), np.full(4, 0.25), np.full(4, 0.1), np.full(4, 0.3), 0.0)
-    found = strengths.believed[-1][0].forces(at)[0].value
+    found = strengths.believed.newest[0].forces(at)[0].value
     assert (push < found).all()
     assert (found < 1.7 * push).all()
     # A factor of 0.4 is 3.7 deviations of the grip: strength, of which a metre has told, takes some of it.
@@ -247,7 +247,7 @@ def test_places_of_different_grip_are_not_taken_for_a_flat_curve(seeds: int) -> 
             slip = brentq(_missing, -0.5, 0.95, args=(asked, grip[i], grip[i - 7]))
             slip += 0.01 * normal()
             strengths.take(step(i, slip, asked))
-        angle, deviation = constants_of(strengths.believed[-1][0])["friction_angle"]
+        angle, deviation = constants_of(strengths.believed.newest[0])["friction_angle"]
         off.append((angle - 0.5) / deviation)
     assert np.abs(off).max() < 2.0
     if seeds > 1:
@@ -279,7 +279,7 @@ def test_no_step_breaks_the_filter(
     for one in (strengths.now, strengths.reserve or strengths.now):
         assert np.isfinite(one.kalman.x).all()
         assert np.linalg.eigvalsh(one.kalman.P).min() > -1e-9 * np.abs(one.kalman.P).max()
-    told = constants_of(strengths.believed[-1][0])
+    told = constants_of(strengths.believed.newest[0])
     assert told["cohesion"][0] >= 0.0
     assert told["shear_displacement"][0] > 0.0
 

@@ -63,7 +63,7 @@ def driven(
             continue
         block = rows.take(part)
         closed, loads = stretches(stretched, block, settings)
-        told = len(strengths.believed) - 1
+        told = strengths.believed.count - 1
         law = soils.take(closed, block)[0]
         made = steps(stepped, block, loads.load, loads.load_std, law, soils, settings)
         ends = np.empty(0, dtype=np.int64) if made is None else strengths.take(made)
@@ -121,7 +121,7 @@ def test_results_do_not_depend_on_where_blocks_are_cut(cuts: int) -> None:
         expected, found = getattr(whole, field.name), getattr(cut, field.name)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12, err_msg=field.name)
     np.testing.assert_allclose(other.now.kalman.x, one.now.kalman.x, rtol=1e-9, atol=1e-12)
-    assert len(other.believed._kept) < len(one.believed._kept)
+    assert len(other.believed) < len(one.believed)
 
 
 def test_what_was_not_measured_is_not_known_and_the_rest_is() -> None:
@@ -187,8 +187,8 @@ def test_a_way_back_is_the_mirror_of_a_way_forward() -> None:
     found, other, _ = driven(back, replace(settings, wheels=wheels))
     np.testing.assert_allclose(found.drawbar_pull, forth.drawbar_pull, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(found.margin, forth.margin, rtol=1e-6, atol=1e-6)
-    assert constants_of(other.believed[-1][0])["friction_angle"][0] == pytest.approx(
-        constants_of(one.believed[-1][0])["friction_angle"][0]
+    assert constants_of(other.believed.newest[0])["friction_angle"][0] == pytest.approx(
+        constants_of(one.believed.newest[0])["friction_angle"][0]
     )
 
 
@@ -212,7 +212,7 @@ def test_a_strength_goes_on_from_its_record() -> None:
     again = Strengths(settings.strength, settings.wheels, np.arange(4), settings.mass)
     again.restore(saved)
     assert again.record() == saved
-    for one, other in zip(again.believed[-1], strengths.believed[-1], strict=True):
+    for one, other in zip(again.believed.newest, strengths.believed.newest, strict=True):
         mean = constants_of(one)["friction_angle"]
         assert mean == pytest.approx(constants_of(other)["friction_angle"])
     with pytest.raises(ValueError, match="another prior"):
