@@ -44,7 +44,9 @@ def test_decimal_commas_between_blanks(tmp_path) -> None:
 
 @pytest.mark.parametrize("by", ["\t", ",", ";", "|"])
 def test_names_of_several_words_keep_their_separator(tmp_path, by: str) -> None:
-    head = by.join(["Normal load [N]", "Wheel diameter [mm]", "Wheel width [mm]", "Slip", "Sinkage [mm]"])
+    head = by.join(
+        ["Normal load [N]", "Wheel diameter [mm]", "Wheel width [mm]", "Slip", "Sinkage [mm]"]
+    )
     data = read(tmp_path, f"{head}\n{body(by)}")
     np.testing.assert_allclose(data.channels["sinkage"], DEPTHS)
     np.testing.assert_allclose(data.conditions["slip"], [0.1, 0.1, 0.3])
