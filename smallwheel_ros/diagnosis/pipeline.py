@@ -147,7 +147,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
         if evidence is None or decision is None:
             return self.fit.model
         tied = {name for one in self.fit.measured.tied for name in (one.setting, one.other)}
-        # A single candidate describes the data, though these do not confirm it.
+        # Candidates describe the data, though these do not confirm them.
         unknown = decision.word == "unknown_effect" and not decision.rivals
         if not (decision.rivals or unknown or (tied and decision.word == "adequate")):
             return self.fit.model

@@ -2,7 +2,8 @@
 """What the probabilities of the models say, before any other evidence is heard.
 
 - A family that is in the models of at least `NAMED` of the probability would be named.
-- Families that take each other's place and together have that much are rivals.
+- Families that take each other's place and together have that much are rivals. Where none do, those that
+  are there may be missing, though nothing is more probable: the data does not confirm them.
 - Something is missing where p of `Search` is up to `ALARM`. Above it nothing is named.
 - A curve without a name counts for the named effect whose most general form it is, as long as a law
   of that effect does better than none; otherwise something unknown follows that setting.
@@ -39,11 +40,11 @@ class Posterior:
     """Probabilities of what is missing, and the models from which they are computed.
 
     word: the verdict, were there no other evidence. named: families that are missing, the clearest first.
-    rivals: families of which one is missing; a single one is a candidate that these data do not confirm.
+    rivals: families of which one is missing; of an unknown effect, candidates that these data do not confirm.
     unknown: curves without a name that no law stands for. closest: names that describe the data best and not
     well enough. probabilities: of each family. best: with laws of
     the library for what is named, else the most probable. ties: sentences on settings that were varied
-    together.
+    together. doubtful: the rivals together are less probable than nothing.
     """
 
     word: Word
@@ -54,6 +55,7 @@ class Posterior:
     unknown: tuple[str, ...] = ()
     closest: tuple[str, ...] = ()
     ties: tuple[str, ...] = ()
+    doubtful: bool = False
 
 
 def posterior_of(search: Search) -> Posterior:
@@ -92,9 +94,13 @@ def posterior_of(search: Search) -> Posterior:
     closest: list[str] = []
     if word == "unknown_effect" and (unknown or len(rivals) > 1):
         rivals, closest = [], [r for r in rivals if r not in unknown]
+    with_one = sum(share[key] for key, m in members.items() if m & {*rivals})
+    doubtful = not named and bool(rivals) and with_one < share[search.none.key]
+    if doubtful:
+        word = "unknown_effect"
     return Posterior(
         word, probability, library if named else best, tuple(named),
-        tuple(rivals), tuple(unknown), tuple(closest), tuple(ties),
+        tuple(rivals), tuple(unknown), tuple(closest), tuple(ties), doubtful,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ SAID = {
     "missing_effect": "The model lacks {named}.",
     "adequate": "Nothing is missing that this data could show.",
     "unknown_effect": "Something is missing, and no effect of the library explains it.",
-    "unconfirmed": "Something may be missing: {candidates}. This data does not confirm it.",
+    "unconfirmed": "Something may be missing: {candidates}. This data does not confirm {them}.",
     "indistinguishable": "Something is missing: {candidates}. This data cannot tell which.",
     "insufficient_data": "Too little data for a verdict.",
 }
@@ -29,7 +29,7 @@ SAID = {
 _NEXT = {
     "adequate": "use the model within the settings measured; what this data could not show may still be "
     "there",
-    "unconfirmed": "make the measurements proposed, which would confirm it or rule it out",
+    "unconfirmed": "make the measurements proposed, which would settle it",
     "indistinguishable": "make the measurements proposed, which tell them apart",
     "none proposed": "measure at settings beyond these: within them no {runs} runs would settle it",
     "tied": "make the measurements proposed, or others off that line",
@@ -57,6 +57,7 @@ def verdict_sentences(
         SAID[verdict].format(
             named=listed(document["missing_effects"], "and"),
             candidates=listed(document["candidates"], "or"),
+            them="it" if len(document["candidates"]) < 2 else "any of them",
         )
     ]
     tied = [_tied_words(*map(words, one["settings"])) for one in document.get("tied", [])]

@@ -78,10 +78,10 @@ class Verdict:
     """The verdict and its grounds.
 
     named: families that are missing, the clearest first. rivals: families of which one is missing,
-    and the data cannot tell which; a single one, of an unknown effect, is a candidate that the data does not
-    confirm. unknown: curves without a name. closest: names that describe the data
-    best and not well enough. probabilities: of each family. best: the model that explains the data best,
-    with laws of the library alone where they do. steps: the base, and with each name. reasons: sentences.
+    and the data cannot tell which; of an unknown effect, candidates that the data does not confirm.
+    unknown: curves without a name. closest: names that describe the data best and not well enough.
+    probabilities: of each family. best: the model that explains the data best, with laws of the library
+    alone where they do. steps: the base, and with each name. reasons: sentences.
     """
 
     word: Word
@@ -114,10 +114,12 @@ def decide(evidence: Evidence) -> Verdict:
     still = stuck(evidence.problem.points)
     flat = [*([still] if still else []), *flat]
     reasons = [*mixed, *reasons, *stray, *flat, *scatter]
-    undescribed = bool(mixed or stray or flat or (word == "adequate" and any(scatter.values())))
+    calm = word == "adequate" or said.doubtful or not held.rivals_help  # but for the scatter
+    undescribed = bool(mixed or stray or flat or (calm and any(scatter.values())))
     if undescribed:
         word = "unknown_effect"
-    unconfirmed = not (undescribed or said.unknown) and len(rivals) == 1
+    # That no held-out error falls confirms no rival; that does not mean that none describes the data.
+    unconfirmed = bool(rivals) and not (undescribed or said.unknown)
     if word == "unknown_effect" and not unconfirmed:
         # Of a gauge that does not move no effect is the closest description.
         closest, named, rivals = (() if still else (*closest, *named, *rivals)), (), ()

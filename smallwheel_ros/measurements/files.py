@@ -9,6 +9,7 @@ import io
 import os
 import re
 import stat
+from collections import Counter
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -118,7 +119,7 @@ def _refuse_many_cells(rows: int, columns: int) -> None:
 
 
 def _text_grid(data: bytes) -> CellGrid:
-    """Read comma, semicolon, tab or bar separated text in UTF-8, UTF-16 or Windows-1252."""
+    """Read text between commas, semicolons, tabs, bars or blanks, in any code that `_decoded` knows."""
     text, said = _decoded(data)
     start = text[:200].lstrip()[:1]
     if start in ("{", "<") or (start == "[" and "\n" not in text.strip()):
@@ -213,8 +214,18 @@ def _separator(text: str) -> str:
         score = max(map(known_cells, rows), default=0), max(map(len, rows), default=0)
         if separator in text[:_SAMPLE] and score > most:
             best, most = separator, score
-    by_blanks = [_by_blanks(line) for line in text[:_SAMPLE].splitlines()[:SEARCHED]]
-    return _BLANKS if max(map(known_cells, by_blanks), default=0) > max(most[0], 1) else best
+    lines = [_by_blanks(line) for line in text[:_SAMPLE].splitlines()[:SEARCHED]]
+    return _BLANKS if _known_by_blanks([line for line in lines if line]) > max(most[0], 1) else best
+
+
+def _known_by_blanks(lines: list[list[str]]) -> int:
+    """Names of quantities in the header of a table between blanks; 0 where its rows have other counts.
+
+    A header of several words to a name, between tabs, has more cells than its rows.
+    """
+    header = max(lines, key=known_cells, default=[])
+    usual = Counter(map(len, lines)).most_common(1)
+    return known_cells(header) if usual and usual[0][0] == len(header) else 0
 
 
 def _by_blanks(line: str) -> list[str]:

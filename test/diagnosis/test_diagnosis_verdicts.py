@@ -24,6 +24,7 @@ from smallwheel_ros.diagnosis.competitors import field_of
 from smallwheel_ros.diagnosis.misfit import Plateau
 from smallwheel_ros.diagnosis.next_measurement import Runs, propose
 from smallwheel_ros.diagnosis.pipeline import Diagnosis, decided, start_of
+from smallwheel_ros.diagnosis.posterior import posterior_of
 from smallwheel_ros.diagnosis.search import search
 from smallwheel_ros.diagnosis.verdict import decide
 from smallwheel_ros.effects.registry import default_registry
@@ -118,6 +119,24 @@ def test_the_decision_is_made_from_the_evidence_alone(monkeypatch: pytest.Monkey
     tied = decide(replace(evidence, held_out=held, posterior=two))
     assert tied.word == "indistinguishable"
     assert tied.rivals == ("slip_sinkage", "bulldozing", "multipass")
+    # Rivals that no held-out error confirms may be there all the same, unless runs differ wildly.
+    unhelpful = replace(evidence, held_out=replace(held, rivals_help=False), posterior=two)
+    doubted = decide(unhelpful)
+    assert (doubted.word, doubted.rivals, doubted.closest) == ("unknown_effect", tied.rivals, ())
+    wild = replace(evidence.misfit, scatter={**evidence.misfit.scatter, "tau": 0.4})
+    none_of_them = decide(replace(unhelpful, misfit=wild))
+    assert (none_of_them.word, none_of_them.rivals) == ("unknown_effect", ())
+    assert {*none_of_them.closest} >= {"bulldozing", "multipass"}
+
+
+def test_what_is_less_probable_than_nothing_is_doubtful() -> None:
+    search = plain(0.0, 4).search
+    assert search is not None
+    said = posterior_of(replace(search, p_drawn=0.01))
+    assert said.rivals
+    assert (said.word, said.doubtful) == ("unknown_effect", True)
+    said = posterior_of(search)
+    assert (said.word, said.doubtful) == ("adequate", False)
 
 
 def test_one_effect_alone_may_compete() -> None:

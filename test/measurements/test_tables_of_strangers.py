@@ -42,6 +42,16 @@ def test_decimal_commas_between_blanks(tmp_path) -> None:
     np.testing.assert_allclose(read(tmp_path, text).conditions.load, [20.5, 40.5])
 
 
+@pytest.mark.parametrize("by", ["\t", ",", ";", "|"])
+def test_names_of_several_words_keep_their_separator(tmp_path, by: str) -> None:
+    head = by.join(
+        ["Normal load [N]", "Wheel diameter [mm]", "Wheel width [mm]", "Slip", "Sinkage [mm]"]
+    )
+    data = read(tmp_path, f"{head}\n{body(by)}")
+    np.testing.assert_allclose(data.channels["sinkage"], DEPTHS)
+    np.testing.assert_allclose(data.conditions["slip"], [0.1, 0.1, 0.3])
+
+
 def test_who_checked_it_is_a_remark_and_a_cell_with_a_digit_is_not(tmp_path) -> None:
     head = "run;load [N];diameter [mm];width [mm];sinkage [mm]\n"
     rows = "1;20;150;75;5.62\n2;40;150;75;6.25\n"

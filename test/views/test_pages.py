@@ -221,6 +221,11 @@ def test_the_story_says_which_model_is_best_and_where_it_fails(compared: str) ->
             "Something may be missing: sinkage offset. This data does not confirm it",
         ),
         (
+            "unknown_effect",
+            {"missing_effects": [], "candidates": ["sinkage_offset", "load_offset"]},
+            "Something may be missing: sinkage offset or load offset. This data does not confirm any of",
+        ),
+        (
             "indistinguishable",
             {"missing_effects": [], "candidates": ["slip_sinkage", "penetration_rate"]},
             "Something is missing: slip sinkage or penetration rate",
