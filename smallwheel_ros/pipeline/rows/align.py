@@ -160,6 +160,7 @@ class Align:
         torque = self._torque(wheel, own["torque"])
         load = np.where(own["load"] >= _LIGHTEST, own["load"], np.nan)
         load_std = np.hypot(noise.load, _LOAD_STD * load)
+        pitch = _pitch(slope, settings.gravity, moves[:, PITCH])
         apart = np.nan_to_num(slope) + np.nan_to_num(gained)
         pushed_by = np.where(np.isnan(pushed), apart, pushed)
         load, load_std = self._static(wheel, load, load_std, pushed_by, np.nan_to_num(across))
@@ -183,7 +184,7 @@ class Align:
             stands=stands, forward=~(faster < 0.0), slope=slope, gained=gained,
             pushed=pushed, across=across, yaw_rate=yaw_rate, vertical=felt[:, 3], torque=torque,
             pull=own["drawbar_pull"],
-            pitch=np.nan_to_num(moves[:, PITCH]), x=moves[:, X], y=moves[:, Y], heading=heading,
+            pitch=pitch, x=moves[:, X], y=moves[:, Y], heading=heading,
             steering=angle, slip_angle=slip_angle, course=course,
         )  # fmt: skip
 
@@ -317,6 +318,12 @@ class Align:
         )  # half the height is what is known of it
         given = ~np.isnan(level)
         return np.where(given, static, load), np.where(given, static_std, load_std)
+
+
+def _pitch(slope: Array, gravity: float, shown: Array) -> Array:
+    """Pitch (rad, positive nose down) by what the slope takes; where that is not known, the odometry's."""
+    by_slope = -np.arcsin(np.clip(slope / gravity, -1.0, 1.0))
+    return np.where(np.isnan(slope), np.nan_to_num(shown), by_slope)
 
 
 def _levers(wheels: tuple[Wheel, ...], name: str) -> Array:

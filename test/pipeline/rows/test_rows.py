@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rows_of_drives import PLACES, drive, readings_of, rover, static_rover
+from rows_of_drives import PLACES, G, drive, readings_of, rover, static_rover
 
 
 def test_slip_speed_and_path_are_those_of_the_drive() -> None:
@@ -45,3 +45,23 @@ def test_without_sensors_of_the_soil_there_are_readings_all_the_same() -> None:
     rows = readings_of(static_rover(), drive(10.0, soil=False))
     assert np.isnan(rows.sinkage).all()
     assert np.isfinite(rows.slip).mean() > 0.7
+
+
+@pytest.mark.parametrize("shown_by", ["orientation", "acceleration", "odometry"])
+def test_pitch_is_the_slope_s_whatever_measures_it(shown_by: str) -> None:
+    """Uphill by 0.1 rad: an imu's slope reaches the sinkage sensors' error with pitch, too."""
+    climb = 0.1
+    made = []
+    for name, stamp, values, clock in drive(20.0, oriented=shown_by == "orientation"):
+        new = np.array(values)
+        if name == "imu" and shown_by != "odometry":
+            new[[1, 3]] += G * np.sin(climb), G * (np.cos(climb) - 1.0)
+            if shown_by == "orientation":
+                new[4:] = np.sin(climb), 0.0, np.cos(climb)
+        if name == "odom" and shown_by == "odometry":
+            new[8] = -climb
+        made.append((name, stamp, tuple(new.tolist()), clock))
+    imu = {"imu_topic": None} if shown_by == "odometry" else {}
+    rows = readings_of(rover(**imu), made)
+    late = rows.take(rows.distance > 1.0)
+    assert np.mean(late.pitch) == pytest.approx(-climb, abs=0.01)
