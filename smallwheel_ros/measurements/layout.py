@@ -163,7 +163,7 @@ def _header(grid: CellGrid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     # A row of a run called b is no header: most of its cells are numbers.
-    known = [n if (n := known_cells(row)) >= sum(map(_is_number, row)) else 0 for row in first]
+    known = list(map(_names, first))
     if max(known) > 0:
         return known.index(max(known))
     texts = (
@@ -172,6 +172,12 @@ def _header(grid: CellGrid, rows: list[int]) -> int:
         if sum(not is_blank(cell) for cell in row) > 1 and not str(row[0]).startswith(_COMMENTS)
     )
     return next(texts, 0)
+
+
+def _names(row: Sequence[Cell]) -> int:
+    """How many cells of a row name a quantity; 0 where more of them are numbers."""
+    known = known_cells(row)
+    return known if known >= sum(map(_is_number, row)) else 0
 
 
 def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:

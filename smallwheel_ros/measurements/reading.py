@@ -69,6 +69,7 @@ from smallwheel_ros.measurements.layout import (
     rows_not_measured,
     with_unit,
 )
+from smallwheel_ros.measurements.shapes import upright
 
 BEFORE_TOUCH = ("load", "sinkage")  # noise around 0 before a plate touches: `lab` looks at it
 # Settings that a table may lack: one in another unit is something else, the speed of a rim in rpm.
@@ -291,6 +292,7 @@ def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     MeasurementsError
         Where there is no table.
     """
+    grid = upright(grid)
     try:
         layout = find_layout(grid)
     except MeasurementsError as error:
