@@ -23,6 +23,7 @@ from smallwheel_ros.measurements.lab import (
     take_contact,
     take_plates,
 )
+from smallwheel_ros.measurements.layout import one_row_a_reading
 from smallwheel_ros.measurements.measurements import (
     Measurements,
     ShearTests,
@@ -44,7 +45,6 @@ from smallwheel_ros.measurements.settings import (
     set_columns,
     setting_codes,
 )
-from smallwheel_ros.measurements.shapes import one_row_a_reading
 from smallwheel_ros.measurements.suspicions import SHARES, order_followed, suspicions
 from smallwheel_ros.physics.conditions import PLATE, ROLLING, Array, Conditions
 

@@ -67,9 +67,9 @@ from smallwheel_ros.measurements.layout import (
     odd_names,
     row_names,
     rows_not_measured,
+    upright,
     with_unit,
 )
-from smallwheel_ros.measurements.shapes import upright
 
 BEFORE_TOUCH = ("load", "sinkage")  # noise around 0 before a plate touches: `lab` looks at it
 # Settings that a table may lack: one in another unit is something else, the speed of a rim in rpm.

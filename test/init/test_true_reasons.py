@@ -57,6 +57,10 @@ def description(text: str) -> str:
         return str(error)
 
 
+def two_arms() -> str:
+    return robots.robot(*robots.arm("0 0.3 0.7", "_l", 7), *robots.arm("0 -0.3 0.7", "_r", 7))
+
+
 def unit(factor: float, *, turns: bool = True) -> str:
     """What is wrong with velocities that are so many times the rate of their positions."""
     seconds = np.arange(600) / 50.0
@@ -211,8 +215,7 @@ PAIRS: dict[str, tuple[Callable[[], str], str, Callable[[], str], str]] = {
     ),
     "a caster, an arm": (
         lambda: description(robots.one_caster()), "(a caster)",
-        lambda: description(robots.robot(*robots.arm("0 0.3 0.7", "_l"), *robots.arm("0 -0.3 0.7", "_r"))),
-        "others: an arm)",
+        lambda: description(two_arms()), "others: an arm)",
     ),
     "nothing, XML that is cut": (
         lambda: description(""), "it is empty", lambda: description("<robot>"), "it is no XML",
