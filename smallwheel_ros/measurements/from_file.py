@@ -15,7 +15,7 @@ from smallwheel_ros.measurements.cells import CellGrid, MeasurementsError, clipp
 from smallwheel_ros.measurements.columns import CHANNELS, COLUMNS, SETTINGS, TEXTS, Mask, Texts
 from smallwheel_ros.measurements.copies import without_copies
 from smallwheel_ros.measurements.files import read_grid
-from smallwheel_ros.measurements.headers import UNKNOWN, meant
+from smallwheel_ros.measurements.headers import UNKNOWN, meant, tokens_of
 from smallwheel_ros.measurements.lab import (
     keep_rows_on_soil,
     name_curves,
@@ -23,6 +23,7 @@ from smallwheel_ros.measurements.lab import (
     take_contact,
     take_plates,
 )
+from smallwheel_ros.measurements.layout import one_row_a_reading
 from smallwheel_ros.measurements.measurements import (
     Measurements,
     ShearTests,
@@ -308,10 +309,29 @@ def _check_there(columns: TableColumns, measured: bool) -> None:
     if measured and not any(name in columns.headings or name in nearly for name in CHANNELS):
         wanted = ", ".join(CHANNELS)
         lacking.append(f"nothing was measured: expected at least one column of {wanted}")
-    if lacking:
+        lacking[-1] += _several(columns)
+    numeric = [name for name in columns.numbers if name in columns.headings]
+    texts = {name: cells.tolist() for name, cells in columns.texts.items()}
+    reading = one_row_a_reading(columns.headings, texts, numeric) if lacking else ""
+    if reading:
+        columns.add(reading)
+    elif lacking:
         columns.lacking(lacking)
     if measured and not columns.found and not any(n in columns.numbers for n in CHANNELS):
         columns.add(f"nothing was measured: every cell of {', '.join(CHANNELS)} is blank")
+
+
+def _several(columns: TableColumns) -> str:
+    """What to do where several columns may be one channel: gauges at the left and the right of a wheel."""
+    for name in CHANNELS:
+        headings = columns.headings.values()
+        own = [h.text for h in headings if name in tokens_of(f"{h.text} {h.name}".lower())]
+        if len(own) > 1:
+            return (
+                f". {listed(own)}: their mean is one {name}, or say which is it with"
+                f" --map '{name}={clipped(own[0])}'"
+            )
+    return ""
 
 
 def _check_blanks(columns: TableColumns) -> None:

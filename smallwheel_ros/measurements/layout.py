@@ -4,7 +4,8 @@
 The header is the row, of the first forty, in which most cells name a quantity; units may stand in a row
 below it. A row is no measurement if it is blank, a comment, has no number, repeats the header, begins
 with a word of a summary (Mittelwert), or is exactly the mean of the rows above under a name of
-another kind, or below such a mean another statistic of the same rows.
+another kind, or below such a mean another statistic of the same rows. A table with a row a quantity is
+turned; one with a row a reading is only named: which readings belong together nobody else knows.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import groupby, pairwise
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ from smallwheel_ros.measurements.columns import (
     CHANNELS,
     COLUMNS,
     DIMENSIONLESS,
+    TEXTS,
     Array,
     UnitsError,
     fits,
@@ -45,6 +47,7 @@ from smallwheel_ros.measurements.headers import (
     expected_unit,
     find,
     is_summary,
+    plain,
     read_heading,
 )
 
@@ -56,6 +59,16 @@ _NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
 _SUMMARY, _REMARK = "is no measurement", "is a remark"
 _MOST_MEANS = 1000  # rows that are looked at
 _FEW = 0.25  # share of rows at most that have an odd name
+# Of tables with a row a quantity, or a row a reading.
+_LEAST_QUANTITIES = 2  # quantities that stand in the first column: one may be a title's
+_SHORT = 2  # characters: so short are names of runs, too (b, i, W1)
+_OF_TEXTS = {"run", "soil", "wheel", "contact"}  # whose cells are texts
+_MOST_QUANTITIES = 30  # quantities that a logger has
+# What loggers call the column of the names, and that of the values.
+_NAMES_CALLED = {
+    "varname", "tagname", "tag", "variable", "channel", "parameter", "signal", "quantity", "sensor",
+    "kanal", "grosse", "messgrosse", "messstelle", "grandeur", "name",
+}  # fmt: skip
 
 
 # What spreadsheets compute below a mean.
@@ -163,7 +176,7 @@ def _header(grid: CellGrid, rows: list[int]) -> int:
     """Position in `rows` of the header: the row with most names of quantities."""
     first = [grid.rows[i] for i in rows[:SEARCHED]]
     # A row of a run called b is no header: most of its cells are numbers.
-    known = [n if (n := known_cells(row)) >= sum(map(_is_number, row)) else 0 for row in first]
+    known = list(map(_names, first))
     if max(known) > 0:
         return known.index(max(known))
     texts = (
@@ -172,6 +185,12 @@ def _header(grid: CellGrid, rows: list[int]) -> int:
         if sum(not is_blank(cell) for cell in row) > 1 and not str(row[0]).startswith(_COMMENTS)
     )
     return next(texts, 0)
+
+
+def _names(row: Sequence[Cell]) -> int:
+    """How many cells of a row name a quantity; 0 where more of them are numbers."""
+    known = known_cells(row)
+    return known if known >= sum(map(_is_number, row)) else 0
 
 
 def _unit_row(row: Sequence[Cell], headers: list[str]) -> dict[int, str] | None:
@@ -522,3 +541,100 @@ def with_unit(heading: Heading, unit: str | None) -> Heading:
         return read_heading(f"{heading.text} [{unit}]")._replace(text=heading.text)
     pure = unit == DIMENSIONLESS and heading.name not in COLUMNS
     return heading if pure else heading._replace(unit=unit)
+
+
+# --- Tables of another shape
+
+
+def quantity(cell: Cell) -> str:
+    """The quantity that a cell names, by our name; empty where it names none."""
+    if not isinstance(cell, str) or not any(c.isalpha() for c in cell):
+        return ""
+    with suppress(UnitsError):
+        found = read_heading(cell.strip())
+        return found.name if found.rank < UNKNOWN else ""
+    return ""
+
+
+def upright(grid: CellGrid) -> CellGrid:
+    """The grid as it is, or turned where its first column names the quantities, each once.
+
+    Parameters
+    ----------
+    grid
+        The cells of a sheet or a file.
+    """
+    if grid.header is not None or not _lies(grid.rows):
+        return grid
+    filled = [row for row in grid.rows if not all(map(is_blank, row))]
+    begins = next(i for i, row in enumerate(filled) if _quantity_of(row))
+    # Rows above the first name: those of numbers, of runs perhaps, or of words in each column.
+    above = [row for row in filled[:begins] if sum(not is_blank(cell) for cell in row) > 1]
+    turned = [list(row) for row in zip_longest(*above, *filled[begins:], fillvalue="")]
+    units = all(
+        isinstance(c, str) and not any(map(str.isdigit, c)) for c in turned[1][len(above) :]
+    )
+    for i in range(len(above)):
+        turned[1][i] = "" if units else turned[1][i]  # what is above them says that they are units
+        if is_blank(turned[0][i]):
+            turned[0][i] = "run" if i == 0 and "run" not in map(quantity, turned[0]) else ""
+    return replace(
+        grid,
+        rows=list(turned),
+        numbers=list(range(1, len(turned) + 1)),
+        place="column",
+        merged=[],
+        said=[*grid.said, "the first column names the quantities: read as a table that is turned"],
+    )
+
+
+def _lies(rows: Sequence[Sequence[Cell]]) -> bool:
+    """Whether the first column names the quantities, and no row does."""
+    first = rows[:SEARCHED]
+    if any(len({quantity(cell) for cell in row} - {""}) >= _LEAST_QUANTITIES for row in first):
+        return False
+    named = [name for row in first if (name := _quantity_of(row))]
+    return len({*named} - _OF_TEXTS) >= _LEAST_QUANTITIES and len({*named}) == len(named)
+
+
+def _quantity_of(row: Sequence[Cell]) -> str:
+    """The quantity that the first cell of a row names, its other cells being values of it."""
+    name = quantity(row[0]) if row and len(str(row[0]).strip()) > _SHORT else ""
+    others = [cell for cell in row[1:] if not is_blank(cell)]
+    numbers = sum(not isinstance(c, str) or not any(map(str.isalpha, c)) for c in others)
+    return name if others and (name in _OF_TEXTS or 2 * numbers > len(others)) else ""
+
+
+def one_row_a_reading(
+    headings: Mapping[str, Heading], texts: Mapping[str, Sequence[str]], numeric: Sequence[str]
+) -> str:
+    """Words on a table whose rows have one reading each, and its name in a column; else empty.
+
+    Parameters
+    ----------
+    headings
+        By our name, the table's headers.
+    texts
+        By our name, the columns of texts.
+    numeric
+        Our names of the columns of numbers.
+    """
+    known = {*CHANNELS, "load"}
+    for name, cells in texts.items():
+        if name in TEXTS or not numeric:
+            continue
+        times = Counter(cell for cell in cells if cell)
+        if not 1 < len(times) <= min(_MOST_QUANTITIES, len(cells) // 2) or min(times.values()) < 2:
+            continue
+        if plain(name) not in _NAMES_CALLED and not any(quantity(cell) in known for cell in times):
+            continue
+        values = next((n for n in numeric if "val" in plain(n) or "wert" in plain(n)), numeric[0])
+        of = clipped(headings[name].text)
+        listed = ", ".join(f"'{clipped(shown(cell))}'" for cell in [*times][:5])
+        return (
+            f"it has one row a reading: column '{of}' says what each is of ({listed}). Expected one row a"
+            " measurement, with a column for each quantity: pivot it first (in a spreadsheet a pivot table"
+            f" with '{of}' as columns, in pandas df.pivot_table(index=TIME, columns='{of}',"
+            f" values='{clipped(headings[values].text)}')), and bring readings of one instant into one row"
+        )
+    return ""

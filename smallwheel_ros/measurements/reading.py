@@ -67,6 +67,7 @@ from smallwheel_ros.measurements.layout import (
     odd_names,
     row_names,
     rows_not_measured,
+    upright,
     with_unit,
 )
 
@@ -291,6 +292,7 @@ def read_columns(grid: CellGrid, mapping: Mapping[str, str]) -> TableColumns:
     MeasurementsError
         Where there is no table.
     """
+    grid = upright(grid)
     try:
         layout = find_layout(grid)
     except MeasurementsError as error:

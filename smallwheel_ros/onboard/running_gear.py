@@ -28,6 +28,8 @@ _UPRIGHT = 0.7  # an axis within 45 degrees of the vertical steers
 _LOWEST = 0.25  # of the height over which joints turn: a wheel is no higher above the lowest one
 # Of the length or width of the vehicle: wheels of two sizes, and rockers, whose joints are all low.
 _LEVEL = 0.1
+# Joints above the last one of an arm. A wheel has four at most: of deployment, rocker, bogie, steering.
+_OF_ARM = 5
 _TRAIL = 0.1  # of its height above a wheel: a swivel so far ahead of the wheel's axis is a caster's
 _OF_TRACK = 3  # wheels of a side, from which others above them in line make it a track
 _IN_LINE = 0.15  # of the vehicle's width: rollers are beside sprockets
@@ -162,7 +164,7 @@ def running_gear(urdf: Urdf) -> RunningGear:
             raise RobotDescriptionError(articulated(name, carried))
     left = {n: reason for n, reason in why.items() if reason and n not in steering}
     if not wheels:
-        words = "; ".join(notes + _left_out(left))
+        words = "; ".join(notes + _left_out(left) + _fixed_wheels(urdf))
         raise RobotDescriptionError(
             f"no joint turns like a wheel, about a horizontal axis and without end: {words}"
         )
@@ -398,8 +400,14 @@ def _turning(urdf: Urdf, joint: Joint, base: str) -> _Turning:
 
 
 def _across(turning: Iterable[_Turning]) -> int:
-    """The axis of the base frame that most joints which could be wheels turn about: 1 is y, 0 x."""
-    free = [one for one in turning if one.joint.full_turn]
+    """The axis of the base frame that most joints which could be wheels turn about: 1 is y, 0 x.
+
+    Those in the lower part: an arm's turn about all axes.
+    """
+    free = [one for one in turning if one.joint.full_turn and max(abs(one.axis[:2])) > PARALLEL]
+    heights = [float(one.centre[2]) for one in free] or [0.0]
+    highest = min(heights) + max(_LOWEST * (max(heights) - min(heights)), 1e-3)
+    free = [one for one in free if one.centre[2] <= highest]
     about = [sum(abs(one.axis[i]) > PARALLEL for one in free) for i in (0, 1)]
     return 0 if about[0] > about[1] else 1
 
@@ -417,18 +425,20 @@ def _no_wheel(one: _Turning, turning: Mapping[str, _Turning], across: int) -> st
         return f"above {below[0]}"
     if not one.joint.full_turn:
         return "limited to less than a turn"
+    if len(one.above) >= _OF_ARM and "wheel" not in f"{one.joint.name} {one.joint.child}".lower():
+        return f"at the end of {len(one.above)} others: an arm"
     return _caster(one, turning)
 
 
 def _caster(one: _Turning, turning: Mapping[str, _Turning]) -> str:
     """Whether a wheel follows a swivel, which no motor turns; empty where it does not."""
     name = _steered_by(one, turning)
-    if not name:
-        return ""
-    swivel = turning[name]
     called = f"{name} {one.joint.name} {one.joint.child}".lower()
     if "caster" in called or "castor" in called:
         return "a caster"
+    if not name:
+        return ""
+    swivel = turning[name]
     away = one.centre - swivel.at
     trail = float(np.linalg.norm((away - (away @ one.axis) * one.axis)[:2]))
     trails = trail > _TRAIL * max(swivel.at[2] - one.low, 0.0) + 1e-3
@@ -471,6 +481,14 @@ def _none_turns(urdf: Urdf) -> str:
         f"none of its {len(urdf.joints)} joints turns, they are {', '.join(kinds)}: a wheel's is"
         f" {' or '.join(TURNING)}"
     )
+
+
+def _fixed_wheels(urdf: Urdf) -> list[str]:
+    """Joints that are called wheels and do not turn."""
+    names = [
+        j.name for j in urdf.joints.values() if j.kind == "fixed" and "wheel" in j.name.lower()
+    ]
+    return [f"{', '.join(names[:_SHOWN])} (fixed)"] if names else []
 
 
 def _not_ahead(base: str, wheels: list[Joint]) -> str:

@@ -7,6 +7,7 @@ Poses are matrices, (4, 4), of what is in a frame to that frame; m.
 from __future__ import annotations
 
 import math
+import re
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -65,13 +66,11 @@ class Urdf:
 
     def __init__(self, text: str) -> None:
         try:
-            root = ElementTree.fromstring(text)
+            root = _tree(text)
         except (ElementTree.ParseError, ValueError) as error:
-            if "<xacro:" in text and "unbound prefix" in str(error):
-                raise RobotDescriptionError(
-                    f"it is xacro, without its namespace: {_EXPAND}"
-                ) from None
-            raise RobotDescriptionError(f"it is no XML: {error}") from None
+            raise RobotDescriptionError(
+                f"it is no XML: {error}" if text.strip() else "it is empty"
+            ) from None
         if root.tag != "robot":
             raise RobotDescriptionError(f"its outermost element is {root.tag!r}, expected 'robot'")
         macro = _macro(root)
@@ -178,6 +177,22 @@ def _numbers(element: Element | None, name: str, default: tuple[float, ...], whe
             f" {len(default)} number{'s' if len(default) > 1 else ''} of at most {_LARGEST:g}"
         )
     return numbers
+
+
+def _tree(text: str) -> Element:
+    """Read the text; prefixes that it does not declare are declared (older ones of Gazebo are seldom)."""
+    try:
+        return ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        begin = re.search(r"<robot(?=[\s>])", text)
+        if "unbound prefix" not in str(error) or begin is None:
+            raise
+        used = dict.fromkeys(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]", text))
+        own = [
+            name for name in used if name not in ("xml", "xmlns") and f"xmlns:{name}=" not in text
+        ]
+        declared = "".join(f" xmlns:{name}='{name}'" for name in own)
+        return ElementTree.fromstring(f"{text[: begin.end()]}{declared}{text[begin.end() :]}")
 
 
 def _macro(root: Element) -> str:

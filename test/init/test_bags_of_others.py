@@ -220,4 +220,10 @@ def test_an_odometry_that_looks_back_shows_no_slip_and_warns_of_nothing(folder: 
     rows = pd.read_csv(out / "estimates.csv")
     unknown = rows[rows["time"] > 3.5]  # it has gone 0.05 m by then
     assert unknown["slip"].isna().all()
+    # Before that it goes backward, as far as anybody can tell: nothing is learnt of it.
+    vehicle = pd.read_csv(out / "vehicle.csv")
+    assert vehicle["margin"].nunique() == 1
+    assert vehicle["level"].max() == 1
+    costs = (out / "cost_map.pgm").read_bytes()[-20 * 20 :]
+    assert {*costs} <= {0, 255}
     assert unknown["status_text"].str.contains("goes backward|odom is doubted").all()

@@ -57,6 +57,10 @@ def description(text: str) -> str:
         return str(error)
 
 
+def two_arms() -> str:
+    return robots.robot(*robots.arm("0 0.3 0.7", "_l", 7), *robots.arm("0 -0.3 0.7", "_r", 7))
+
+
 def unit(factor: float, *, turns: bool = True) -> str:
     """What is wrong with velocities that are so many times the rate of their positions."""
     seconds = np.arange(600) / 50.0
@@ -101,7 +105,14 @@ def imu(along: float, up: float = 0.0) -> str:
     return unlike_gravity(math.hypot(along, up))
 
 
+def with_first(cell: str) -> list[str]:
+    """Loads, of which the first is written so."""
+    return [cell, *map(str, np.tile([20.0, 40.0, 60.0, 80.0], 3)[1:])]
+
+
 N = 9.80665
+# Columns of its own that a table lacks.
+NOTHING = dict.fromkeys(("run", "load [N]", "diameter [mm]", "width [mm]", "sinkage [mm]"))
 # What holds, words of it, and what looks alike with words of its own.
 PAIRS: dict[str, tuple[Callable[[], str], str, Callable[[], str], str]] = {
     "an imu in g, one without gravity": (
@@ -176,6 +187,46 @@ PAIRS: dict[str, tuple[Callable[[], str], str, Callable[[], str], str]] = {
     "a column without a known unit, a text": (
         lambda: table(notes=["wet"] * 12), "is text: kept as a label",
         lambda: table(notes=["wet", *range(11)]), "left out, and not needed",
+    ),
+    "a unit in a cell, a text in it": (
+        lambda: table(**{"load [N]": with_first("20 N")}), "write the unit in the header, not in the cell",
+        lambda: table(**{"load [N]": with_first("much")}), "'much' found, expected a number",
+    ),
+    "a limit, a deviation": (
+        lambda: table(**{"load [N]": with_first("<20")}), "a limit is no measurement",
+        lambda: table(**{"load [N]": with_first("20 ± 1")}), "write the deviation in a column of its own",
+    ),
+    "slips in per cent, slips": (
+        lambda: table(slip=20.0), "in per cent? then the header is 'slip [%]'",
+        lambda: table(slip=0.2), "",
+    ),
+    "a diameter under the width, a wheel": (
+        lambda: table(**{"diameter [mm]": 80.0, "width [mm]": 200.0}), "with the headers interchanged?",
+        table, "",
+    ),
+    "wheels without a width, plates": (
+        lambda: table(**{"width [mm]": None}), "no column 'width'",
+        lambda: table(**{"width [mm]": None, "contact": "plate"}), "",
+    ),
+    "a row a reading, a label": (
+        lambda: table(**NOTHING, VarName=["Radlast", "Einsinkung"] * 6, VarValue=np.arange(12.0)),
+        "it has one row a reading",
+        lambda: table(**NOTHING, site=["N", "S"] * 6, depth=np.arange(12.0)), "no column 'load'",
+    ),
+    "a caster, an arm": (
+        lambda: description(robots.one_caster()), "(a caster)",
+        lambda: description(two_arms()), "others: an arm)",
+    ),
+    "nothing, XML that is cut": (
+        lambda: description(""), "it is empty", lambda: description("<robot>"), "it is no XML",
+    ),
+    "a world, xacro without its namespace": (
+        lambda: description("<sdf/>"), "its outermost element is 'sdf'",
+        lambda: description("<robot><xacro:a/></robot>"), "xacro that has not been expanded",
+    ),
+    "wheels that do not turn, wheels": (
+        lambda: description(robots.mobile_manipulator("fixed")), "right_wheel_joint (fixed)",
+        lambda: description(robots.mobile_manipulator()), "joints that turn and are no wheels",
     ),
     "no load at all, a load that is blank": (
         lambda: table(**{"load [N]": None}), "no column 'load'",

@@ -203,6 +203,41 @@ def casters() -> str:
     return robot(*parts)
 
 
+def arm(at: str, side: str = "", joints: int = 6) -> list[str]:
+    """An arm whose joints turn about all axes in turn, without end; the last about the long axis."""
+    axes = ["0 0 1", "0 1 0", "1 0 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"][-joints:]
+    parts, parent = [], "base_link"
+    for i, axis in enumerate(axes):
+        xyz = at if i == 0 else "0.2 0 0"
+        parts.append(joint(f"arm{side}_{i}", parent, f"arm{side}_link_{i}", xyz, axis))
+        parent = f"arm{side}_link_{i}"
+    return parts
+
+
+def mobile_manipulator(turns: str = "continuous") -> str:
+    """Two wheels, or two that do not turn, below an arm, which has more joints."""
+    sides = (("left", 0.2), ("right", -0.2))
+    wheels = [
+        wheel(f"{side}_wheel_joint", "base_link", f"0 {y} 0.06", kind=turns) for side, y in sides
+    ]
+    return robot(*wheels, *arm("0.1 0 0.7", joints=7))
+
+
+def one_caster(wheels: str = "fixed") -> str:
+    """Two wheels, and a caster that turns about the axis that a joint has by default."""
+    sides = (("left", 0.17), ("right", -0.17))
+    parts = [
+        wheel(f"{side}_wheel_joint", "base_link", f"0 {y} -0.08", kind=wheels) for side, y in sides
+    ]
+    parts.append(joint("caster_swivel", "base_link", "fork", "-0.2 0 -0.05", "1 0 0"))
+    parts.append(
+        wheel("hubcap_joint", "fork", "-0.03 0 -0.06", 0.04).replace(
+            "hubcap_joint_link", "caster_wheel"
+        )
+    )
+    return robot(*parts)
+
+
 def articulated() -> str:
     """A body that bends in its middle."""
     ahead = joint("bend", "base_link", "front_body", "0 0 0", "0 0 1", "revolute")

@@ -315,7 +315,11 @@ def test_what_steers_a_wheel_comes_from_the_description() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "it is no XML: no element found"),
+        ("", "it is empty"),
+        ("\n", "it is empty"),
+        ("<?xml version='1.0'?>", "it is no XML: no element found"),
+        ("<robot><xacro:a/></robot>", "it is xacro that has not been expanded (it has <xacro:a>)"),
+        ("<sdf><a:b/></sdf>", "it is no XML: unbound prefix"),
         ("<robot>", "it is no XML"),
         ("<robot>\x00</robot>", "it is no XML"),
         ("<robot>\ud800</robot>", "it is no XML"),
@@ -340,6 +344,13 @@ def test_what_is_no_description_is_refused_in_words(text: str, words: str) -> No
         Urdf(text)
     assert words in str(refused.value)
     assert len(str(refused.value)) < 300
+
+
+def test_prefixes_that_nobody_declared_are_read() -> None:
+    """As the descriptions of robots with older sensors of Gazebo have them."""
+    sensor = "<gazebo><sensor:camera name='a' body:b='1'><x/></sensor:camera></gazebo>"
+    text = one_wheel().replace("</robot>", f"{sensor}</robot>")
+    assert {*Urdf(text).joints} == {*Urdf(one_wheel()).joints}
 
 
 def test_a_description_is_needed_only_where_nothing_else_is_wrong() -> None:

@@ -40,6 +40,8 @@ def steering(text: str) -> dict[str, tuple[str, int, float]]:
         pytest.param(robots.ranger(), CORNERS, 4, id="ranger"),
         pytest.param(robots.limo(), CORNERS, 2, id="limo"),
         pytest.param(robots.casters(), {"left": 0, "right": 0}, 0, id="casters"),
+        pytest.param(robots.one_caster("continuous"), {"left": 0, "right": 0}, 0, id="caster"),
+        pytest.param(robots.mobile_manipulator(), {"left": 0, "right": 0}, 0, id="with an arm"),
     ],
 )
 def test_wheels_are_found_named_and_steered(text, wheels, steered, tmp_path) -> None:
@@ -73,6 +75,33 @@ def test_joints_that_turn_and_are_not_taken_are_named_with_the_reason() -> None:
                  joint("reel", "base_link", "reel", "0 0 1.5"))  # fmt: skip
     assert "reel (1.5 m above the lowest wheel)" in "; ".join(running_gear(Urdf(high)).notes)
     assert "roll_l, roll_r (a caster)" in "; ".join(running_gear(Urdf(robots.casters())).notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (robots.mobile_manipulator("fixed"), "left_wheel_joint, right_wheel_joint (fixed)"),
+        (robots.one_caster(), "hubcap_joint (a caster)"),
+        (robots.one_caster(), "caster_swivel (about (1 0 0))"),
+        (
+            robot(*robots.arm("0 0.3 0.7", "_l", 7), *robots.arm("0 -0.3 0.7", "_r", 7)),
+            "arm_l_5, arm_r_5 (at the end of 5 others: an arm)",
+        ),
+    ],
+)
+def test_what_turns_but_is_no_wheel_is_refused_with_the_reason(text: str, words: str) -> None:
+    with pytest.raises(RobotDescriptionError, match="no joint turns like a wheel") as refused:
+        running_gear(Urdf(text))
+    assert words in str(refused.value)
+
+
+def test_wheels_at_the_end_of_a_leg_are_wheels() -> None:
+    """A leg has as many joints as an arm: its wheel is called so."""
+    legs = []
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        parts = robots.arm(f"0 {y} 0.9", f"_{side}", 6)
+        legs += [*parts, wheel(f"{side}_wheel", f"arm_{side}_link_5", "0 0 -0.8", axis="1 0 0")]
+    assert len(running_gear(Urdf(robot(*legs))).wheels) == 2
 
 
 def test_wheels_of_two_sizes_and_with_rollers_are_all_wheels() -> None:
@@ -142,7 +171,7 @@ def test_a_wheel_that_is_not_where_its_name_says_is_said(tmp_path) -> None:
             robot(robots.joint("arm_1", "base_link", "arm")),
             "one joint alone turns about a horizontal axis and without end, 'arm_1'",
         ),
-        ("<robot name='a'><xacro:wheel/></robot>", "it is xacro, without its namespace"),
+        ("<robot name='a'><xacro:wheel/></robot>", "it is xacro that has not been expanded"),
         (robots.four("${{side}}{}"), "it is xacro that has not been expanded (name of a link is '${side}"),
     ],
 )  # fmt: skip
