@@ -90,7 +90,8 @@ def feed(
     _steered(pipeline, rows)
     streams.add_rows(rows, np.array([now for _, _, now in chunk], dtype=np.int64))
     for stream, ended in refused.items():
-        streams.all[stream].end(ended)
+        if ended.size:
+            streams.all[stream].end(ended)
 
 
 def _by_their_joints(
@@ -98,7 +99,8 @@ def _by_their_joints(
 ) -> dict[str, Integers]:
     """Speeds of wheels in place of their joints' values; how they are computed is reported once.
 
-    Returns stamps of messages that are refused since their velocity is in another unit, by stream.
+    Returns by stream the stamps of messages that show that its speed is not known any more: their velocity
+    is in another unit, or 0 while their position moves.
     """
     ended: dict[str, Integers] = {}
     for stream in [name for name in rows if name.endswith("/wheel_speed")]:
@@ -116,7 +118,6 @@ def _by_their_joints(
                 unit.wrong or "its velocity disagrees with how its position changes: not yet used"
             )
             pipeline.note(stream, "velocity_unit", text, refused.size)
-            ended[stream] = refused
         before, left_out = joint.by_positions, joint.left_out
         found, speeds, index = joint.take(stamps, values[:, 0], values[:, 1], values[:, 2] > 0.0)
         if joint.by_positions and not before:
@@ -124,6 +125,7 @@ def _by_their_joints(
         if times := joint.left_out - left_out:
             text = "its joint has no velocity any more: is there more than one publisher?"
             pipeline.note(stream, "no_value", text, times)
+        ended[stream] = np.concatenate([refused, np.array(joint.unknown, dtype=np.int64)])
         if found.size:
             rows[stream] = found, speeds[:, None], order[index]
     return ended

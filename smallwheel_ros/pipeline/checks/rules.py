@@ -75,6 +75,11 @@ from .rims import (
     SIGN_WAY,
     TURN,
     TURN_AGREES,
+    UNIT_FAR,
+    UNIT_PIECE,
+    UNIT_PIECES,
+    UNIT_SCATTER,
+    AnotherUnit,
     Dead,
     Held,
     Mirrored,
@@ -204,6 +209,16 @@ RULES: tuple[Rule, ...] = (
         "zeros of joints are off by 3 degrees; no other sign removes what slips differ by",
         "steering_sign, or steering_joint",
         SteeringSign,
+    ),
+    Rule(
+        "unit",
+        f"pieces of {UNIT_PIECE:g} m by the odometry, from the start",
+        "way of the rims over that of the odometry",
+        f"over {UNIT_FAR:g} and near a unit's, or under {1.0 / UNIT_FAR:g}, on all so far, {UNIT_PIECES} and"
+        f" more; scatter under {UNIT_SCATTER:g} of it",
+        "a unit is the same on each piece from the first one on; slip is not, nor near a unit",
+        "unit of the joints' velocities or positions",
+        AnotherUnit,
     ),
     Rule(
         "rolling",
