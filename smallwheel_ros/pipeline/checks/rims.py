@@ -19,9 +19,10 @@ TURN, TURN_AGREES = 1.5, 0.5  # rad, 1
 ROLL_PIECE, ROLL_PIECES = 1.0, 20  # m, and how many
 ROLL_SCATTER, ROLL_OFF, ROLL_SURE = 0.02, 0.05, 5.0
 LEVEL = 0.05  # of g: downhill wheels that brake do skid
-# m, how many, and a factor that slips of -0.3 to 0.3 do not reach: units differ by 6 and more.
+# m, how many, and a factor that no wheel that rolls reaches (slip 0.75): units differ by 6 and more.
 UNIT_PIECE, UNIT_PIECES, UNIT_FAR = 0.5, 6, 4.0
-UNIT_SCATTER, UNIT_NEAR = 0.15, 1.5
+UNIT_SCATTER = 0.1  # a slip that grows by 0.01 at 0.9 is more
+_UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
 
 class Mirrored:
@@ -214,7 +215,8 @@ class AnotherUnit:
             return []
         middle, scatter = robust(ratio)
         units = {**UNITS_OF_TURNING, "m/s at the rim": float(self.vehicle.radius.mean())}
-        near = [u for u, f in units.items() if 1.0 / UNIT_NEAR < middle / f < UNIT_NEAR]
+        least, most = _UNIT_NEAR
+        near = [u for u, f in units.items() if least < middle / f < most]
         # Wheels that spin on the spot are over it, too; that driven ones skid so is not known.
         if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
             return []

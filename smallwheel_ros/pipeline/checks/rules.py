@@ -212,12 +212,12 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         "unit",
-        f"pieces of {UNIT_PIECE:g} m by the odometry, from the start",
-        "way of the rims over that of the odometry",
-        f"over {UNIT_FAR:g} and near a unit's, or under {1.0 / UNIT_FAR:g}, on all so far, {UNIT_PIECES} and"
-        f" more; scatter under {UNIT_SCATTER:g} of it",
-        "a unit is the same on each piece from the first one on; slip is not, nor near a unit",
-        "unit of the joints' velocities or positions",
+        f"all so far, in pieces of {UNIT_PIECE:g} m",
+        "the rims' way over that of the odometry",
+        f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more; scatter under"
+        f" {UNIT_SCATTER:g} of it",
+        "units never change, slip does",
+        "unit of velocities or positions",
         AnotherUnit,
     ),
     Rule(
