@@ -214,8 +214,8 @@ RULES: tuple[Rule, ...] = (
         "unit",
         f"all so far, in pieces of {UNIT_PIECE:g} m",
         "the rims' way over that of the odometry",
-        f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more; scatter under"
-        f" {UNIT_SCATTER:g} of it",
+        f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more; scatter"
+        f" under {UNIT_SCATTER:g} of it",
         "units never change, slip does",
         "unit of velocities or positions",
         AnotherUnit,
