@@ -86,13 +86,23 @@ def feed(
         stamps, values, order = (np.concatenate(column) for column in zip(*groups_of, strict=True))
         sort = np.argsort(order, kind="stable")
         rows[stream] = stamps[sort], values[sort], order[sort]
-    _by_their_joints(pipeline, rows)
+    refused = _by_their_joints(pipeline, rows)
     _steered(pipeline, rows)
     streams.add_rows(rows, np.array([now for _, _, now in chunk], dtype=np.int64))
+    for stream, ended in refused.items():
+        if ended.size:
+            streams.all[stream].end(ended)
 
 
-def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]) -> None:
-    """Speeds of wheels in place of their joints' values; how they are computed is reported once."""
+def _by_their_joints(
+    pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]
+) -> dict[str, Integers]:
+    """Speeds of wheels in place of their joints' values; how they are computed is reported once.
+
+    Returns by stream the stamps of messages that show that its speed is not known any more: their velocity
+    is in another unit, or 0 while their position moves.
+    """
+    ended: dict[str, Integers] = {}
     for stream in [name for name in rows if name.endswith("/wheel_speed")]:
         stamps, values, order = rows.pop(stream)
         joint = pipeline.joints[stream]
@@ -103,11 +113,11 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
         unit = pipeline.units[stream]
         stamps, values, free, refused = unit.take(stamps, values, pipeline.streams.rules.reorder)
         order = order[free]
-        if refused:
+        if refused.size:
             text = (
                 unit.wrong or "its velocity disagrees with how its position changes: not yet used"
             )
-            pipeline.note(stream, "velocity_unit", text, refused)
+            pipeline.note(stream, "velocity_unit", text, refused.size)
         before, left_out = joint.by_positions, joint.left_out
         found, speeds, index = joint.take(stamps, values[:, 0], values[:, 1], values[:, 2] > 0.0)
         if joint.by_positions and not before:
@@ -115,8 +125,10 @@ def _by_their_joints(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, 
         if times := joint.left_out - left_out:
             text = "its joint has no velocity any more: is there more than one publisher?"
             pipeline.note(stream, "no_value", text, times)
+        ended[stream] = np.concatenate([refused, np.array(joint.unknown, dtype=np.int64)])
         if found.size:
             rows[stream] = found, speeds[:, None], order[index]
+    return ended
 
 
 def _steered(pipeline: Pipeline, rows: dict[str, tuple[Integers, Array, Integers]]) -> None:

@@ -20,6 +20,7 @@ MOVES = 0.5
 _SETTLES = 0.05
 # ns: a tick of an encoder (0.006 rad with 1,000 of them) is 0.06 rad/s over it.
 _SPAN = SECOND // 10
+_TURNS = 0.2  # rad/s over that: three ticks, and 1 cm/s of the smallest wheel
 _GAP = SECOND  # ns: what comes after so long is no speed of the time in between
 _NEAR = (
     0.05  # rad beyond half or a whole turn, from which a position does not begin anew at each turn
@@ -32,12 +33,14 @@ class JointMotion:
     """Reads the messages of one joint in their order.
 
     by_positions: whether its speed is the difference of its positions. left_out: messages without a velocity
-    that were not used, since the joint has had one: of another publisher.
+    that were not used, since the joint has had one: of another publisher. unknown: stamps (ns) of those of
+    the last call in which the velocity is 0 while the position moves, and it is not known yet which is true.
     """
 
     def __init__(self) -> None:
         self.by_positions = False
         self.left_out = 0
+        self.unknown: list[int] = []
         self._told = False  # a velocity has come, be it 0
         self._moves = False  # and one that is not 0
         self._since = math.nan  # rad, unwrapped position of the first velocity of 0
@@ -64,6 +67,7 @@ class JointMotion:
         Stamps (ns), speeds (rad/s) and, of each, the number of the message that it came with.
         """
         found: list[tuple[int, float, int]] = []
+        self.unknown = []
         number = 0
         while number < stamps.size and not self._moves:
             one = int(stamps[number]), float(velocity[number]), float(position[number])
@@ -107,7 +111,10 @@ class JointMotion:
         self.by_positions = self.by_positions or moved >= MOVES
         if self.by_positions:
             return speed
-        return (stamp, velocity) if moved <= _SETTLES else None
+        if moved <= _SETTLES and (speed is None or abs(speed[1]) <= _TURNS):
+            return stamp, velocity
+        self.unknown.append(stamp)
+        return None
 
     def _by_difference(self, stamp: int, position: float) -> tuple[int, float] | None:
         """Speed over a tenth of a second at least, at its middle."""

@@ -58,7 +58,7 @@ class VelocityUnit:
 
     def take(
         self, stamps: Integers, values: Array, wait: int = 0
-    ) -> tuple[Integers, Array, Integers, int]:
+    ) -> tuple[Integers, Array, Integers, Integers]:
         """Process further messages, in the order in which they came.
 
         As long as it is not known, messages in which it turns wait for what those after them show.
@@ -76,16 +76,17 @@ class VelocityUnit:
         Returns
         -------
         Stamps and values of messages that may be used, also of earlier calls; of each the number of the
-        message, of these, with which it came free; and how many will not be used, since their velocity is
-        in another unit.
+        message, of these, with which it came free; and stamps of those that will not be used, since their
+        velocity is in another unit.
         """
         if self._known and not self._waiting:
             every = np.arange(0 if self.wrong else stamps.size)
-            return stamps[every], values[every], every, stamps.size - every.size
+            return stamps[every], values[every], every, stamps[every.size :]
         found: list[tuple[int, Array, int]] = []
-        refused = 0
+        left_out: list[int] = []
         for number, stamp in enumerate(stamps.tolist()):
-            refused += self._one(stamp, values[number], round(_WAITS * wait), number, found)
+            self._one(stamp, values[number], round(_WAITS * wait), number, found, left_out)
+        refused = np.array(left_out, dtype=np.int64)
         if not found:
             return stamps[:0], values[:0], np.empty(0, dtype=np.int64), refused
         free, rows, numbers = zip(*found, strict=True)
@@ -98,8 +99,9 @@ class VelocityUnit:
         wait: int,
         number: int,
         found: list[tuple[int, Array, int]],
-    ) -> int:
-        """Take a message; what comes free with it is added, and how many are refused is returned."""
+        refused: list[int],
+    ) -> None:
+        """Take a message; what comes free with it is added to `found` or `refused`."""
         waiting = self._waiting
         velocity, position = float(row[0]), float(row[1])
         if not self._known:
@@ -107,16 +109,14 @@ class VelocityUnit:
         doubtful = bool(self.wrong) or (not self._known and (self._suspect or self._not_yet()))
         goes_back = bool(waiting) and abs(stamp - waiting[-1][0]) > _LONGEST
         waiting.append((stamp, row))
-        refused = 0
         tells = not self._known and math.isfinite(velocity) and math.isfinite(position)
         keeps = tells and not self._agreed and not goes_back and bool(velocity or len(waiting) > 1)
         while waiting and not (keeps and stamp - waiting[0][0] < wait):
             first, values = waiting.popleft()
             if doubtful:
-                refused += 1
+                refused.append(first)
             else:
                 found.append((first, values, number))
-        return refused
 
     def _add(self, stamp: int, velocity: float, position: float) -> None:
         if not (math.isfinite(velocity) and math.isfinite(position)):

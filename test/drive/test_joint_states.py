@@ -44,6 +44,14 @@ def always_0(message: Any, turned: Any) -> Iterator[Any]:
     yield _as(message, position=turned, velocity=0.0 * message.velocity)
 
 
+def in_rpm(message: Any, turned: Any) -> Iterator[Any]:
+    yield _as(message, position=turned, velocity=message.velocity * 30.0 / np.pi)
+
+
+def in_metres(message: Any, turned: Any) -> Iterator[Any]:
+    yield _as(message, position=turned, velocity=message.velocity * 0.125)
+
+
 def and_a_second_one(message: Any, turned: Any) -> Iterator[Any]:
     yield _as(message, position=turned)
     later = _as(message.header.stamp, nanosec=message.header.stamp.nanosec + 1000)
@@ -100,3 +108,18 @@ def test_slip_is_right_whatever_joint_states_lack(
         )
     else:
         assert pipeline.problems[("front_left/wheel_speed", "by_positions")] == 1
+
+
+@pytest.mark.parametrize("change", [in_rpm, in_metres, always_0])
+def test_a_true_0_is_not_held_over_messages_that_are_not_used(
+    change: Change, bag: Path, repository: Path, tmp_path: Path
+) -> None:
+    """A rover stands, and then turns its wheels: what they do from there on is not known."""
+    rover = repository / "config" / "four_wheels.yaml"
+    found, pipeline = replayed(rewritten(bag, tmp_path / "drive", change), rover)
+    known = found.slip[np.isfinite(found.slip)]
+    if change is always_0:
+        assert known.min() > -0.5
+    else:
+        assert known.size == 0
+        assert pipeline.problems[("front_left/wheel_speed", "velocity_unit")] > 0

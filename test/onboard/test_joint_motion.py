@@ -63,6 +63,14 @@ def test_the_middle_of_a_tenth_of_a_second_is_meant() -> None:
     np.testing.assert_allclose(speed, 4.0 * (at - stamps[0]) / SECOND, atol=1e-6)
 
 
+def test_a_velocity_of_0_is_not_believed_while_its_position_turns() -> None:
+    stamps, position = messages(1.6, 0.3)
+    at, _, _, joint = taken(stamps, 0.0, position)
+    assert not joint.by_positions  # a rover that settles may have turned it
+    assert at.size == 5  # a tenth of a second, after which it is known to turn
+    assert {*at} | {*joint.unknown} == {*stamps}
+
+
 def test_a_joint_that_stands_has_a_speed_of_0() -> None:
     stamps, _ = messages(5.0, 0.0)
     ticks = 0.006 * (np.arange(stamps.size) % 2)

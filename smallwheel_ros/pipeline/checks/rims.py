@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from smallwheel_ros.onboard.joint_units import UNITS_OF_TURNING
 from smallwheel_ros.onboard.settings import IMU, ODOMETRY
 
 from .lateness import MOVES, SIGN_SHARE
@@ -18,6 +19,10 @@ TURN, TURN_AGREES = 1.5, 0.5  # rad, 1
 ROLL_PIECE, ROLL_PIECES = 1.0, 20  # m, and how many
 ROLL_SCATTER, ROLL_OFF, ROLL_SURE = 0.02, 0.05, 5.0
 LEVEL = 0.05  # of g: downhill wheels that brake do skid
+# m, how many, and a factor that no wheel that rolls reaches (slip 0.75): units differ by 6 and more.
+UNIT_PIECE, UNIT_PIECES, UNIT_FAR = 0.5, 6, 4.0
+UNIT_SCATTER = 0.1  # a slip that grows by 0.01 at 0.9 is more
+_UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
 
 class Mirrored:
@@ -179,6 +184,49 @@ class TurnRule:
         text = f"{' and '.join(names)} turn as the other side does: are their joints interchanged?"
         both_sides = tuple(f"{name}/wheel_speed" for name in names)
         return [Said(" and ".join(names), float(each[bad].max()), text, both_sides)]
+
+
+class AnotherUnit:
+    """Way of the rims over that of the odometry, from the beginning of the drive.
+
+    A unit is the same from the first metre to the last, and slip is not: one piece of the way on which the
+    ratio is an ordinary one ends the question for good.
+    """
+
+    def __init__(self, vehicle: CheckedWheels) -> None:
+        self.vehicle, self.pieces = vehicle, Pieces(UNIT_PIECE, 2)
+        self.ordinary = False
+
+    def take(self, window: Window) -> list[Said]:
+        """Speeds of joints without a position beside them are weighed against nothing else."""
+        m, known = window.motion, window.memory.known
+        if m is None or self.ordinary or known.of_wheels or ODOMETRY in window.memory.doubted:
+            return []
+        way = np.median(np.abs(m.rim), axis=1)
+        rows = m.inside & np.isfinite(way) & (way > 0.0) & (np.abs(m.v) > MOVES)
+        moved, turned = np.abs(m.v[rows]) * m.dt[rows], way[rows] * m.dt[rows]
+        self.pieces.extend(moved, np.column_stack([turned, moved]))
+        if not len(self.pieces):
+            return []
+        ratio = self.pieces.rows[:, 0] / self.pieces.rows[:, 1]
+        apart = np.fmax(ratio, 1.0 / np.fmax(ratio, 1e-9)) > UNIT_FAR
+        self.ordinary = bool((~apart).any())
+        if self.ordinary or len(ratio) < UNIT_PIECES:
+            return []
+        middle, scatter = robust(ratio)
+        units = {**UNITS_OF_TURNING, "m/s at the rim": float(self.vehicle.radius.mean())}
+        least, most = _UNIT_NEAR
+        near = [u for u, f in units.items() if least < middle / f < most]
+        # Wheels that spin on the spot are over it, too; that driven ones skid so is not known.
+        if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
+            return []
+        perhaps = " or ".join(near) or "another unit"
+        text = (
+            f"the rims travel {middle:.3g} times the distance by the odometry, evenly from the start: are"
+            f" velocities (or positions) of the joints in {perhaps}? expected rad/s and rad"
+        )
+        every = tuple(f"{name}/wheel_speed" for name in self.vehicle.names)
+        return [Said("joints", middle, text, every)]
 
 
 class RollingAll:

@@ -75,6 +75,11 @@ from .rims import (
     SIGN_WAY,
     TURN,
     TURN_AGREES,
+    UNIT_FAR,
+    UNIT_PIECE,
+    UNIT_PIECES,
+    UNIT_SCATTER,
+    AnotherUnit,
     Dead,
     Held,
     Mirrored,
@@ -205,6 +210,16 @@ RULES: tuple[Rule, ...] = (
         "zeros of joints are off by 3 degrees; no other sign removes what slips differ by",
         "steering_sign, or steering_joint",
         SteeringSign,
+    ),
+    Rule(
+        "unit",
+        f"all so far, in pieces of {UNIT_PIECE:g} m",
+        "the rims' way over that of the odometry",
+        f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more; scatter"
+        f" under {UNIT_SCATTER:g} of it",
+        "units never change, slip does",
+        "unit of velocities or positions",
+        AnotherUnit,
     ),
     Rule(
         "rolling",

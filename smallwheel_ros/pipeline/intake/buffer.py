@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,11 +39,19 @@ class StampRules:
         return max(self.gap, _WIDEST)
 
 
+_NO_STAMPS: Integers = np.empty(0, dtype=np.int64)
+
+
 class Sampled:
-    """Rows in the order of their stamps, to be read at instants. stamps: ns; values: (rows, width)."""
+    """Rows in the order of their stamps, to be read at instants.
+
+    stamps: ns; values: (rows, width). ends: stamps (ns) of messages that were refused though they say that
+    something has changed: beyond them no earlier value is held.
+    """
 
     stamps: Integers
     values: Array
+    ends: Integers
 
     def between(self, after: int, until: int) -> tuple[Integers, Array]:
         """Rows as they came, with stamps in (after, until].
@@ -133,6 +141,9 @@ class Sampled:
         gap = self.gaps(stamps, rules)[before]
         from_start, to_end = instants - start, end - instants
         holds = (from_start >= 0) & (from_start <= gap)
+        if self.ends.size:
+            ended = np.searchsorted(self.ends, start, "right")
+            holds &= np.searchsorted(self.ends, instants, "right") == ended
         comes = (to_end >= 0) & (to_end <= gap)
         # Between two rows where both are near; else both are the one that is.
         low = values[np.where(holds & ~exact, before, later)]
@@ -156,6 +167,7 @@ class Samples(Sampled):
 
     stamps: Integers
     values: Array
+    ends: Integers = field(default_factory=_NO_STAMPS.copy)
 
 
 class Stream(Sampled):
@@ -170,6 +182,7 @@ class Stream(Sampled):
         self._stamps: Integers = np.empty(_ROOM, dtype=np.int64)
         self._values: Array = np.empty((_ROOM, width))
         self._begin = self._end = 0  # of what is kept, in the room that there is
+        self.ends = _NO_STAMPS
         self.newest = NEVER
         self.received = 0
 
@@ -204,6 +217,18 @@ class Stream(Sampled):
         self._end = end
         self.newest = int(stamps[-1])
 
+    def end(self, stamps: Integers) -> None:
+        """Hold no value beyond messages that were refused.
+
+        Parameters
+        ----------
+        stamps
+            Theirs, shape (messages,), ns.
+        """
+        ends = np.union1d(self.ends, stamps)
+        # The first after each row.
+        self.ends = ends[np.unique(np.searchsorted(self.stamps, ends), return_index=True)[1]]
+
     def _move(self, more: int) -> tuple[int, int]:
         """Make room for more rows after those that are kept, elsewhere: views of the old ones stay."""
         stamps, values = self.stamps, self.values
@@ -228,13 +253,15 @@ class Stream(Sampled):
         """Drop rows that nothing asks for any more: all but the last ones before a stamp."""
         kept = int(np.searchsorted(self.stamps, before)) - 1 - _PERIODS
         self._begin += max(kept, 0)
+        if self.ends.size and kept > 0:
+            self.ends = self.ends[self.ends >= self._stamps[self._begin]]
 
     def clear(self) -> None:
         """Forget everything but the count."""
-        self._begin = self._end
+        self._begin, self.ends = self._end, _NO_STAMPS
         self.newest = NEVER
 
     @property
     def samples(self) -> Samples:
         """The rows that are kept now."""
-        return Samples(self.stamps, self.values)
+        return Samples(self.stamps, self.values, self.ends)

@@ -37,6 +37,8 @@ NOTHING: frozenset[str] = frozenset()
 # is derived of the sensor is right, or no less sure than before: a zero, a radius, a place, stamps.
 DOUBTS = {
     "encoder 0": {LEFT}, "encoder holds": {LEFT}, "mirrored": {LEFT},
+    "rpm": {f"{name}/wheel_speed" for name in NAMES},
+    "m/s at the rim": {f"{name}/wheel_speed" for name in NAMES},
     "joints interchanged": {LEFT, RIGHT}, "radius": NOTHING, "all radii": NOTHING,
     "odometry repeats": {ODOMETRY}, "of wheels": {SHOWS_NO_SLIP}, "no twist": NOTHING, "late": NOTHING,
     "jumps": NOTHING, "gyro": {IMU}, "imu frozen": {IMU}, "tilt": NOTHING, "z down": NOTHING,

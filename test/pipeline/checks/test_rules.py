@@ -128,12 +128,22 @@ def all_radii(rows: Rows) -> None:
         scale(rows, f"{name}/wheel_speed", 0.8)
 
 
+def all_joints(factor: float) -> Callable[[Rows], None]:
+    def make(rows: Rows) -> None:
+        for name in NAMES:
+            scale(rows, f"{name}/wheel_speed", factor)
+
+    return make
+
+
 FAULTS: dict[str, tuple[str, str, Callable[[Rows], None]]] = {
     "encoder 0": ("dead", "front_left", zero),
     "encoder holds": ("held", "front_left", lambda r: hold(r, LEFT)),
     "mirrored": ("mirrored", "front_left", lambda r: scale(r, LEFT, -1.0)),
     "radius": ("rolling", "front_left and rear_left", lambda r: scale(r, LEFT, 1.1)),
     "all radii": ("rolling", "radii", all_radii),
+    "rpm": ("unit", "joints", all_joints(30.0 / math.pi)),
+    "m/s at the rim": ("unit", "joints", all_joints(RADIUS)),
     "joints interchanged": (
         "turn", "front_left and front_right", lambda r: swap(r, LEFT, "front_right/wheel_speed"),
     ),
@@ -345,6 +355,21 @@ def test_nothing_at_all_is_no_fault() -> None:
     listening = Listening()
     assert listening.take({}, START) == []
     assert listening.flush() == []
+
+
+@pytest.mark.parametrize("slip", [0.8, 0.9, 0.95])
+def test_wheels_that_spin_are_in_no_other_unit(good: Rows, slip: float) -> None:
+    """One that digs in changes its slip; one that has ever rolled is in rad/s."""
+    rows = copy.deepcopy(good)
+    spins = 1.0 - slip * np.linspace(0.85, 1.0, len(rows[LEFT][0]))
+    for name in NAMES:
+        rows[f"{name}/wheel_speed"][1][:, 0] /= spins
+    stood = copy.deepcopy(good)
+    for name in NAMES:
+        stood[f"{name}/wheel_speed"][1][200:] /= 1.0 - slip
+    assert not [
+        finding for rows in (rows, stood) for finding in heard(rows) if finding.rule == "unit"
+    ]
 
 
 def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:

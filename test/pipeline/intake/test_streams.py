@@ -155,6 +155,22 @@ def test_a_slow_stream_is_interpolated_and_a_gap_in_a_quick_one_is_not() -> None
     assert np.isnan(streams.all["fl/load"].at(between, rules)).all()
 
 
+def test_no_value_is_held_over_a_message_that_ended_it() -> None:
+    streams = streams_of(rover())
+    rim, tenth = streams.all["fl/wheel_speed"], SECOND // 10
+    for k in (0, 1, 6, 7):
+        streams.add("fl/wheel_speed", START + k * tenth, (float(k),), None)
+    before = rim.at(START + np.array([15, 25]) * tenth // 10, streams.rules)[:, 0]
+    assert before.tolist() == [1.0, 1.0]
+    rim.end(START + np.array([2, 3, 4]) * tenth)
+    assert rim.ends.tolist() == [START + 2 * tenth]  # the first is enough
+    for samples in (rim, rim.samples):
+        found = samples.at(START + np.array([5, 15, 25, 55, 65]) * tenth // 10, streams.rules)[:, 0]
+        np.testing.assert_array_equal(found, [0.5, 1.0, np.nan, 6.0, 6.5])
+    rim.clear()
+    assert not rim.ends.size
+
+
 def test_memory_is_bounded_parked_and_without_any_row() -> None:
     vehicle = rover()
     pipeline = Pipeline(vehicle.onboard)
