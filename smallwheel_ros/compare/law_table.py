@@ -71,7 +71,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class LawTable:
-    """One contact in one soil of one table, left out in one way. file: its table.
+    """Errors of the laws for one contact in one soil, under one way of leaving rows out. file: the table.
 
     judged: by channel, how many points all laws predict. fits: of each law.
     """

@@ -83,14 +83,14 @@ class CvErrors:
         return {name: found for name in self.error if (found := self.score(name)) is not None}
 
     def without(self, rows: Index) -> CvErrors:
-        """The same without the errors of these rows."""
+        """Errors without those of these rows."""
         error = {name: known.copy() for name, known in self.error.items()}
         for known in error.values():
             known[rows] = np.nan
         return CvErrors(error, self.run)
 
     def over(self, size: Mapping[str, Array]) -> CvErrors:
-        """The same in shares of the size of each row's value, by channel, shape (rows,)."""
+        """Errors as shares of the size of each row's value, by channel, shape (rows,)."""
         return CvErrors({name: known / size[name] for name, known in self.error.items()}, self.run)
 
     def rmse(self) -> dict[str, float]:

@@ -329,7 +329,7 @@ def spelled(text: str, expected: str | None) -> str | None:
 
 
 def is_mass(unit: str | None) -> bool:
-    """Whether a force is written as the mass that it is the weight of (`spelled`)."""
+    """Whether a unit gives a force as the mass of that weight (`spelled`)."""
     return unit is not None and unit.endswith(_STANDARD_WEIGHT)
 
 

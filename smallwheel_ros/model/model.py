@@ -191,7 +191,7 @@ class CalibratedModel(Model):
             object.__setattr__(self, name, value)
 
     def changed(self, **parts: Any) -> CalibratedModel:
-        """The same but for some of the arguments that make it."""
+        """A copy with some of the constructor's arguments changed."""
         known: dict[str, Any] = {
             name: getattr(self, name)
             for name in ("model", "names", "covariance", "provenance", "measured", "rivals")

@@ -53,7 +53,7 @@ class ModelFileError(SmallwheelError):
 
 
 def as_calibrated(model: Model) -> CalibratedModel:
-    """The model itself, or where it states no uncertainty, with that."""
+    """Return a calibrated model as it is, a plain model with no stated uncertainty."""
     return model if isinstance(model, CalibratedModel) else CalibratedModel(model)
 
 

@@ -40,8 +40,8 @@ class Steered:
     arm
         m, its middle to the left of the steering axis; None: not known.
     linkage
-        m, of two wheels with one central angle: their axle ahead of the line across the vehicle that the
-        vehicle turns about a point of; 0: the wheel has a joint of its own.
+        m, for two wheels with one central angle: distance of their axle ahead of the transverse line that
+        the vehicle's turning centre lies on; 0: the wheel has a joint of its own.
     """
 
     arm: float | None = None

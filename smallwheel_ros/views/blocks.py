@@ -161,7 +161,7 @@ class Callout:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns; a column in which nothing stands is left out. strong: rows that are stressed."""
+    """Rows under columns; empty columns are left out. strong: rows in bold."""
 
     kind: ClassVar = "table"
     columns: Sequence[Column]

@@ -48,11 +48,10 @@ def from_diagnosis_to_model(
     """
     found, law, better = folder / "found.json", folder / "law.py", folder / "better.yaml"
     printed = run("diagnose", data, *start, "--without", denied, "--json", found)
-    before = document(found)
-    assert before["verdict"] == "unknown_effect"
-    (command,) = re.findall(r"Next: .*`smallwheel (learn [^`]*)`", printed)
+    assert document(found)["verdict"] == "unknown_effect"
+    (command,) = re.findall(r"`smallwheel (learn [^`]*)`", " ".join(printed.split()))
     asked = [str(law) if word == "law.py" else word for word in shlex.split(command)]
-    run(*asked, *start, "--json", found)
+    run(*asked, "--json", found)
     learnt = document(found)
     assert (learnt["verdict"], learnt["file"]) == ("law", str(law))
     name = learnt["law"]["id"]

@@ -39,7 +39,9 @@ def test_over_rigs_pull_is_as_good_as_stated(truth: str) -> None:
         assert mine[:, 1].sum() >= 0.85 * mine[:, 2].sum()
     fit, least = np.sqrt(np.mean([[one["fit"] ** 2, one["least"] ** 2] for one in made], axis=0))
     # Wong and Reece's eta is 1, on rigs it is 1.3: their truth is held 1.25 times as far off as could be.
-    assert fit < (1.35 if "Wong" in truth else 1.1) * least
+    # Least squares follow the error that the law has of a wheel at all slips; to the fit it is no evidence,
+    # so that the share that rolls rests nearer to its prior: 0.5 % of the load, as above.
+    assert fit < max((1.35 if "Wong" in truth else 1.1) * least, least + 0.005)
 
 
 def rig(zero: float) -> object:

@@ -118,7 +118,7 @@ class Streams:
     def add_rows(self, rows: Arrivals, clock: Integers | None = None) -> None:
         """Keep the rows of many messages.
 
-        The result is that of `add` one by one, which only rows near one that is refused go through.
+        The result is that of calling `add` for each row, which is done only near refused rows.
 
         Parameters
         ----------

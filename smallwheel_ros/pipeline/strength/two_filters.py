@@ -81,15 +81,15 @@ class Strengths:
         self.excitation = Excitation()
 
     def take(self, steps: Steps, anew: Sequence[int] = ()) -> Integers:
-        """Use steps.
+        """Use steps for the strength.
 
         Parameters
         ----------
         steps
             The steps.
         anew
-            Stamps from which on nothing counts that was learnt before, nor the step that is open
-            then, ns.
+            Stamps (ns) at which the strength starts over: what was learnt before is dropped, and so is
+            the step then open.
 
         Returns
         -------

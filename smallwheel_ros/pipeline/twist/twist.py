@@ -50,7 +50,7 @@ class Twists(Columns):
     stamp
         ns, of the rims.
     vx, vx_var, vy_var
-        m/s, m^2/s^2: ahead, of one reading. vy is 0 and vy_var what that may be off by: an estimate of vy
+        m/s, m^2/s^2: ahead, of one reading. vy is 0 and vy_var the variance of its error: an estimate of vy
         dead-reckons worse than 0.
     yaw, yaw_var
         rad/s, rad^2/s^2: of the rims alone where both sides are there, so that a gyro may be fused as well.
