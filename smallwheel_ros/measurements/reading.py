@@ -464,9 +464,9 @@ def _settle(found: dict[int, Heading], columns: TableColumns) -> None:
             )
         for i in positions:
             if i != first:
-                own, text = found[i].text.partition("[")[0].strip(), found[i].text
-                taken = {heading.name for heading in found.values()}
-                own = text if own in taken else own
+                text, taken = found[i].text, {heading.name for heading in found.values()}
+                names = (text.partition("[")[0].strip(), text, f"{text} (column {i + 1})")
+                own = next(name for name in names if name not in taken)
                 found[i] = found[i]._replace(name=own, rank=UNKNOWN, factor=1.0)
 
 
