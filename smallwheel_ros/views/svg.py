@@ -27,6 +27,8 @@ _OF_A_FILE = re.compile(
     re.DOTALL,
 )
 _ROOT = re.compile(r"<svg [^>]*?(viewBox=\"[^\"]*\")[^>]*>")
+# Places within elements, which matplotlib writes to a millionth of a point; labels stand between them.
+_ELEMENT, _FINER = re.compile(r"<[^>]*>"), re.compile(r"(?<=\d\.\d\d)\d+")
 
 
 def svg(panel: Panel) -> str:
@@ -92,6 +94,7 @@ def _emptied(axes: Axes) -> Axes:
 
 
 def _in_colours_of_the_page(text: str) -> str:
-    """The element of an SVG file, as wide as the page makes it."""
+    """The element of an SVG file, as wide as the page makes it, with places to a hundredth of a point."""
     text = _ROOT.sub(r"<svg \1>", _OF_A_FILE.sub("", text).replace("xlink:", ""))
+    text = _ELEMENT.sub(lambda element: _FINER.sub("", element[0]), text)
     return _SHADE.sub(lambda found: _COLOURS[found[0]], text)

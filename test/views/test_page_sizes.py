@@ -13,6 +13,8 @@ from smallwheel_ros.measurements.columns import CHANNELS
 from smallwheel_ros.simulate import RigSettings, simulate_rig
 
 LARGEST = 400_000  # bytes
+# Of a table with twelve settings and four channels, each of which has a picture of its own with each.
+LARGEST_OF_ALL = 500_000
 
 
 def size(data: object, folder: Path) -> int:
@@ -40,4 +42,4 @@ def test_the_page_of_a_long_table_is_small(tmp_path: Path, runs: int) -> None:
     for name in CHANNELS:
         column = next(header for header in table.columns if header.startswith(name))
         table.loc[rng.random(rows) < 0.3, column] = np.nan
-    assert size(table, tmp_path) < LARGEST
+    assert size(table, tmp_path) < LARGEST_OF_ALL
