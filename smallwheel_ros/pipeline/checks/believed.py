@@ -21,9 +21,9 @@ from smallwheel_ros.pipeline.intake.layout import width_of
 from smallwheel_ros.pipeline.tables import Array, Flags, Integers
 
 from .doubts import NO_DOUBT, SHOWS_NO_SLIP, Doubted
+from .lateness import LATE
 from .rigid_motion import places_of, rigid_motion
 
-_LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 Rows = tuple[Integers, Array]  # stamps (ns), values (rows, width)
 NO_ROWS = Samples(np.empty(0, dtype=np.int64), np.empty((0, 11)))
 MOVES, FELT = "moves", "felt"  # speed over ground and imu as they are read, beside the raw streams
@@ -276,7 +276,7 @@ class BelievedRows:
         usual = np.where(np.isnan(variance), self.settings.noise.speed**2, variance)
         return Trust(
             usual,
-            np.where(np.isnan(lag), _LATE, lag),
+            np.where(np.isnan(lag), LATE, lag),
             of_wheels > 0.0,
             (may_be != 0.0) & (self.source == ODOMETRY),
             np.nan_to_num(since) + seconds,

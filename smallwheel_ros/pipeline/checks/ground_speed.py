@@ -25,6 +25,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +43,7 @@ from smallwheel_ros.pipeline.tables import Array, Flags, Integers, steps_of, unk
 
 from .believed import AGAINST, FELT, MOVES, NO_ROWS, SLIDES, BelievedRows, RawRows, mean_of_known
 from .doubts import Doubts
-from .lateness import LAGS, Against, Lag, OfWheels
+from .lateness import LAGS, LATE, Against, Lag, OfWheels
 from .sums import RunningDeviation
 
 SPEED, YAW_RATE, X, Y, COSINE, SINE, SPEED_VARIANCE, YAW_VARIANCE, PITCH, ROLL, ASIDE = range(11)
@@ -62,7 +63,6 @@ _SLOW = 1.0  # m/s, under which a speed's error hardly depends on it: robots dro
 _SMOOTH = (
     0.5  # and where places show theirs: gained in 2 s, it puts one 0.03 s off its neighbours' line
 )
-_LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 _NEAR = 6  # lags of 0.1 s that three messages in a row span, of an odometry of 4 Hz and more
 _GUESSED = 3  # readings that `_UNTRIED` and `_SCAN` count for
 _UNTRIED = (
@@ -74,19 +74,27 @@ _UNTRIED = (
 class Known:
     """What is known of odometry and imu, for those that report it.
 
-    of_wheels: whether the odometry is computed from the wheels. share: of the way by which it is no multiple
-    of them. twist: whether one has come. no_twist: m by the pose before. down: whether z of the imu looks
+    share: of the way by which an odometry that is computed from the wheels is no multiple of them; NaN: of
+    its own. no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks
     down. against: m that went against the rims, where nearly all did; else 0. slides: nearly all did, and the
     vehicle may slide down a slope.
     """
 
-    of_wheels: bool = False
     share: float = math.nan
-    twist: bool = False
     no_twist: float = 0.0
     down: bool = False
     against: float = 0.0
     slides: bool = False
+
+    @cached_property
+    def of_wheels(self) -> bool:
+        """Whether the odometry is computed from the wheels."""
+        return math.isfinite(self.share)
+
+    @cached_property
+    def twist(self) -> bool:
+        """Whether a twist has come."""
+        return math.isnan(self.no_twist)
 
 
 @dataclass
@@ -180,8 +188,7 @@ class GroundSpeed:
             return Known(down=down)
         of_wheels, no_twist, share, against, slides = values[0, [2, 7, 8, AGAINST, SLIDES]].tolist()
         against = against if self.source == ODOMETRY else 0.0
-        made = of_wheels > 0.0 and math.isfinite(share)
-        return Known(made, share, math.isnan(no_twist), no_twist, down, against, slides > 0.0)
+        return Known(share if of_wheels else math.nan, no_twist, down, against, slides > 0.0)
 
     # --- What came
 
@@ -326,7 +333,7 @@ class GroundSpeed:
         # By how much the speed comes later than gyro and rims, the larger one, or may come.
         turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
-        lag = np.where(np.isnan(lag), _LATE, lag)
+        lag = np.where(np.isnan(lag), LATE, lag)
         rise = self._rise(shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size])
         against, slides = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed, rise)
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels

@@ -17,6 +17,7 @@ from smallwheel_ros.pipeline.tables import Array, Flags
 
 from .sums import robust
 
+LATE = 0.5  # s that odometries of lidars, cameras and satellites come late by
 MOVES = 0.1  # m/s: under it odometries and counters are noise (GNSS 0.05 to 0.1)
 # Of the way, that goes against a joint whose sign is wrong: a delay of 0.5 s at 1 m/s and no more.
 SIGN_SHARE = 0.8
@@ -26,7 +27,6 @@ _START = 0.05  # m: what noise of a speed and its delay make of a start
 # holds 0.05 to 0.1 of its weight.
 _SLIDES = 0.09
 _LEAST_ALIKE = 0.75  # of the rims' way: what an odometry that looks back shows of it on soft ground
-_BEHIND = 0.5  # s, by which odometries come late: their way is behind that of the rims by so much
 _LONGEST = 5.0  # m, over which no vehicle slides as fast as its wheels drive
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
@@ -191,7 +191,7 @@ class Against:
         self._total = total[-1]
         way, against, turned = total.T
         nearly_all = (against > _START) & (against > SIGN_SHARE * way)
-        behind = _BEHIND * np.nan_to_num(np.abs(rims))
+        behind = LATE * np.nan_to_num(np.abs(rims))
         alike = (against + behind > _LEAST_ALIKE * turned) & (
             _LEAST_ALIKE * against < turned + behind
         )
