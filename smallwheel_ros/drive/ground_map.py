@@ -62,7 +62,7 @@ class GroundMapper:
         self._places: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((2, 0))
 
     def take(self, found: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Write rows of estimates into the map, and give the vehicle's rows the margin of their terrain class.
+        """Write estimates into the map, and give the vehicle's rows the margin of their terrain class.
 
         A row of the vehicle is changed only if its margin is no better known than any ground's: it then has
         the margin of the class under the vehicle just before its stamp, learnt from all wheels' rows up to

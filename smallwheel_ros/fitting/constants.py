@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every constant of the statistical model, with its value and the reason for it.
 
-A comment above each says what it is and, after the dash, why; docs/diagnosis.md prints this file as a table.
-Nothing here belongs to one effect or one verdict.
+The comment above each one says what it is and, after the dash, why; docs/diagnosis.md prints this file as a
+table. No constant here belongs to a single effect or verdict.
 """
 
 # --- Physical: how much soils, rigs and instruments differ. Medians of log-normal priors.

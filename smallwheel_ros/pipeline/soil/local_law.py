@@ -222,7 +222,7 @@ def law_of(version: Version) -> Law:
 
 
 class Reported:
-    """Makes reports of a soil at the reference sinkage and a diameter (m), including the prior's covariance."""
+    """Makes reports of a soil at the reference sinkage and a diameter (m), with the prior's covariance."""
 
     def __init__(self, prior: SoilPrior, diameter: float) -> None:
         self._at = REFERENCE_SINKAGE, diameter

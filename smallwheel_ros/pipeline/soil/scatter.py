@@ -76,7 +76,7 @@ class SoilScatter:
 
     @property
     def alike(self) -> float:
-        """Factor by which correlated errors raise the variance of a mean: (1 + r)/(1 - r), r of neighbours."""
+        """Factor by which correlation r of neighbours raises the variance of a mean: (1 + r)/(1 - r)."""
         alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
         return float((1.0 + alike) / (1.0 - alike))
 

@@ -53,7 +53,7 @@ class Rolling:
         return self.along[:, None]
 
     def factor(self, times: int) -> Callable[[Array], Array] | None:
-        """Factor of the effects on the pressure by depth, for `times` copies of the rows; None without any."""
+        """Factor of the effects on pressure by depth, for `times` copies of the rows; None without any."""
         if not self.layers:
             return None
         rows = np.tile(np.arange(self.order.size), times)
