@@ -5,9 +5,8 @@ The evidence is used in this order, and the first that is decisive settles the v
 
 1. the probabilities of the models (`posterior`): names, rivals, or nothing missing;
 2. runs not used in the choice (`held_out`): a name that helps on none of them is a rival;
-3. what the best explanation leaves (`misfit`): with lack of fit, a saturated sensor, runs of
-several soils or
-   wild scatter no law here describes the data, and names are its closest description;
+3. what the best explanation leaves (`misfit`): with lack of fit, a saturated sensor, runs of several soils
+   or wild scatter no law here describes the data, and names are its closest description;
 4. a fault that pull and torque reveal (`faults`) is named in any case, since they alone judge it.
 """
 

@@ -3,8 +3,8 @@
 
 One set of laws with a side: a driven wheel slips (over 0), a braked one skids (under 0). They have
 separate parameters, as there is no evidence that the same values hold for both signs. Linear and
-square growth, Lyasko's and Reece's lie within what the quadratic can do, and whether what was dug
-cost compaction work is its share c.
+square growth, and Lyasko's and Reece's laws, are special cases of the quadratic one; its c is the
+share of the dug depth that costs compaction work.
 """
 
 from __future__ import annotations

@@ -278,15 +278,14 @@ def cross_validate(
     points
         All points.
     chooser
-        Gives up to `steps` models, simplest first; where it gives fewer, its last one stands for
-        the rest.
+        Gives up to `steps` models, simplest first; if it gives fewer, its last one is used for the rest.
     steps
         Number of models.
     fold
         Of each value, shape (values,); `folds_of` the runs if not given.
     known
-        Soils known beforehand; any other that a fold never met is taken as the middle of those it
-        met. None: all are known.
+        Soils known beforehand; another soil without training rows in a fold gets the middle of those
+        with training rows. None: all are known.
 
     Returns
     -------

@@ -100,7 +100,7 @@ PLACES = (
 
 
 def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
-    """The places that these channels can tell from each other."""
+    """The places whose actions can be distinguished by measurements of these channels."""
     if "resistance" not in channels:
         return tuple(p for p in PLACES if p.stage in ("k", "z", "n", "D"))
     if "sinkage" not in channels:

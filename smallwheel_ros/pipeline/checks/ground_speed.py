@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ground speed and imu samples of real robots, and how far each is to be believed.
 
-    speed     the twist's. While every twist is exactly 0: the speed of the pose along the heading
-    over 0.5 s,
-              or over two periods, at the middle of that time
+    speed     the twist's. While every twist is exactly 0: the speed of the pose along the heading over
+              0.5 s, or over two periods, at the middle of that time
     spread    of the speed while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and the
               same over three consecutive messages, relative to sqrt(v^2 + 1), since errors of stamps matter
               more the faster a vehicle drives. The larger of the two, at the size that 0.8 of them keep to.

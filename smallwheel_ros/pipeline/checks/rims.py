@@ -198,7 +198,7 @@ class AnotherUnit:
         self.ordinary = False
 
     def take(self, window: Window) -> list[Said]:
-        """Joint speeds that come without positions have nothing else to be compared with."""
+        """Judges joints whose speeds come without positions; nothing else is there to compare these with."""
         m, known = window.motion, window.memory.known
         if m is None or self.ordinary or known.of_wheels or ODOMETRY in window.memory.doubted:
             return []

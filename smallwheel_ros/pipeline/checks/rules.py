@@ -8,8 +8,8 @@
 1. A difference of slips is no fault: stuck vehicles spin diagonally. No wheel is judged by others' slips.
 2. Exact before statistical: bit-for-bit repeats over way, signs, impossible sizes, sums.
 3. Rows are chosen: signs and radii on straight rows, signs of turning on rows that turn.
-4. A source already reported is no evidence: odometry that repeats, or is computed from the wheels,
-is not used. 5. Faults that look the same are reported as "A or B", or not at all.
+4. A source already reported is no evidence, such as odometry that repeats or is computed from the wheels.
+5. Faults that look the same are reported as "A or B", or not at all.
 
 Rules are judged at fixed stamps, once in each `SPAN`, from sums of bounded size, so that a report
 does not depend on where blocks are cut. A missing value is never replaced by one of another sensor.

@@ -227,6 +227,6 @@ class Medians:
 
 
 def robust(values: Array) -> tuple[float, float]:
-    """Median and standard deviation by the median distance from it."""
+    """Median, and the standard deviation estimated from the median distance to it."""
     middle = float(np.median(values))
     return middle, 1.4826 * float(np.median(np.abs(values - middle)))

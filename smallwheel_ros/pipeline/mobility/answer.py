@@ -2,11 +2,9 @@
 """What is reported of each row that is due: numbers, conditions, margin and risk, whatever is missing.
 
 margin   of any ground (`margin`), or the strength filter's, where the soil's law is measured and
-something has
-         shown its strength: the one of smaller deviation, never a mean of both
-risk     probability that a place ahead does not give the pull still needed, at any slip: the cost
-of a cell of
-         the map that requires as much; at least 0.5 above the first level of the warning
+         something has shown its strength: the one of smaller deviation, never a mean of both
+risk     probability that a place ahead does not give the pull still needed, at any slip: the cost of a
+         cell of the map that requires as much; at least 0.5 above the first level of the warning
 """
 
 from __future__ import annotations

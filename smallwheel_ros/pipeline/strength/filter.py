@@ -3,11 +3,11 @@
 
 State x, with the standard deviations of its prior:
 
-    c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; and by
-    which forms of the shear curve differ, for ln K     0.3
-                      and by which any ground differs, of phi for the margin 0.25
-                      and c for the margin is any ground's        500 Pa, 500 Pa or more
-    rho               motion resistance not in the law, over load  0.02
+    c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured
+                      in addition, of ln K, by which shear curves differ       0.3
+                      in addition, for the margin, of phi on any ground        0.25
+                      c for the margin is any ground's                         500 Pa, 500 Pa or more
+    rho               motion resistance that is not in the law, over load      0.02
     d                 error of the measured slips, common to all wheels        0.025 in each step
     eta, mu           share of rolling in the shear, rim's friction over the soil's  as configured
     f                 friction of the drives at the rim, over load             0.01, about 0.005

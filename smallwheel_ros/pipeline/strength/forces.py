@@ -95,7 +95,7 @@ class Believed:
 
     @classmethod
     def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:
-        """The states for rows.
+        """The states that rows refer to, stacked.
 
         Parameters
         ----------

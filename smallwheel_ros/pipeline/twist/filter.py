@@ -8,10 +8,10 @@
     0       = vy + sy                        no motion sideways (Dissanayake et al. 2001), as soft as
                                              the rims are
     ds/dt   = -s / 2 s + noise               deviation of s: slip |rim|
-    slip^2  = mean of s^2 / rim^2 over a minute, each weighted by how well the sensors showed it,
-    and an initial value rim     is taken less a steady share of it, which only a speed over ground
-    teaches: where that comes and
-            goes, what it taught is used in its gaps. By pull as well it was no better (docs/odometry.md)
+    slip^2  = mean of s^2 / rim^2 over a minute, each weighted by how well the sensors showed it, and an
+                                             initial value
+    rim     is reduced by a steady share of it, which only a speed over ground shows; in gaps of that speed
+            the last share is used. Using the pull as well was no better (docs/odometry.md)
     var vx  = P + (slip vx)^2 + (delay a)^2  slip that does not change is seen by no imu: taken as large
                                              as the slip that does; delays that are not known
 
