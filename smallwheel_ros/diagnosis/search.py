@@ -3,7 +3,8 @@
 
     P(S) proportional to Z(S) * product over S of (prior odds)
 
-Models are found by linearised evidence, refitted, and extended while they lie within `WINDOW` of the best.
+Each law is refitted alone. Larger models are found by linearised evidence, refitted, and extended while
+they lie within `WINDOW` of the best.
 
 At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (change of
 the predictions by its prior's deviation) has
@@ -510,7 +511,13 @@ def _extend(found: Search, size: int) -> bool:
             key = column.competitor.key
             if key not in promising and sum(family == key[0] for family, _ in promising) < forms:
                 promising[key] = column
-        for column in list(promising.values())[:most]:
+        ordered = list(promising.values())
+        tried, rest = ordered[:most], ordered[most:] if size == 1 else []
+        for column in rest:  # each law once: a base that is far off imitates what it would need
+            known = {other.competitor.family for other in tried}
+            if column.competitor.kind != "unknown" and column.competitor.family not in known:
+                tried.append(column)
+        for column in tried:
             made = found.made(parent, column.competitor, column.start)
             reached = reached if made is None else max(reached, made.weight)
     return bool(reached > best - _REST)

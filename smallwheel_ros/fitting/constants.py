@@ -114,7 +114,7 @@ MOST_POINTS = 400
 WINDOW = 7.0
 # models that are extended at each size - search budget
 PARENTS = 3
-# single effects that are refitted - search budget
+# single effects that are refitted, besides each law once - search budget
 FIRST_REFITS = 8
 # extensions of each model that are refitted - search budget
 REFITS = 6
