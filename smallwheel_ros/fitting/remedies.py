@@ -95,4 +95,4 @@ def _span(points: Points, column: str) -> float:
 
 def _limit(scatter: Scatter) -> str:
     apart = percent(scatter.deviations["tau"])
-    return f"runs differ by {apart} of k: more runs at both ends, or repeats, would tell more"
+    return f"runs differ by {apart} of k: more runs at both ends, or repeats, would show more"

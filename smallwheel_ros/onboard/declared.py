@@ -45,7 +45,7 @@ class VehicleParameters:
         None,
         "kg",
         (0.01, 1e5),
-        "Mass. The balance of forces on slopes and while gaining speed then tells the soil's strength;"
+        "Mass. The balance of forces on slopes and while gaining speed then shows the soil's strength;"
         " loads are checked against it, or are its share with load.source static.",
     )
     gravity_height: float | None = parameter(
@@ -107,7 +107,7 @@ class SoilParameters:
         f" {', '.join(SOILS)}.",
     )
     file: str = path(
-        "File that ~/save_soil writes and that the estimate goes on from. Empty: none."
+        "File that ~/save_soil writes and that the estimate continues from. Empty: none."
     )
     autosave_period: float = parameter(
         30.0, "s", (0.0, 86400.0),
@@ -355,7 +355,7 @@ class Parameters(DriveParameters):
         " measure: radar, optical flow. Empty: odom's.",
     )
     imu_topic: str = topic(
-        "", "Topic (sensor_msgs/Imu) that tells the slope. Empty: odom's orientation does."
+        "", "Topic (sensor_msgs/Imu) that gives the slope. Empty: from odom's orientation."
     )
     imu_yaw: float = parameter(
         0.0,

@@ -26,11 +26,11 @@ def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
         return ""
     expected = f"expected {gravity:.3g} m/s^2"
     if strength == 0.0:
-        return "its accelerations are all 0: they tell no slope"
+        return "its accelerations are all 0: they show no slope"
     units = [u for u, f in _UNITS.items() if _WEAKEST < strength * f / gravity < _STRONGEST]
     if units:
         return f"it feels {strength:.4g} on average, gravity in {' or '.join(units)}? {expected}"
     if strength < gravity:
-        what = "gravity has been taken out, they tell no slope"
+        what = "gravity has been taken out, they show no slope"
         return f"its accelerations are {strength:.2g} m/s^2 on average: {what}"
     return f"it feels {strength:.4g} m/s^2 on average, {expected}"

@@ -500,7 +500,7 @@ def _not_ahead(base: str, wheels: list[Joint]) -> str:
         )
     return (
         f"wheels turn about the x axis of {base}, which is then not ahead (REP 103), and their names do not"
-        " tell what is: places and signs of wheels are left to you"
+        " show what is: places and signs of wheels are left to you"
     )
 
 

@@ -273,7 +273,7 @@ def _in_words(
         if not getattr(identifiable, name)
     ]
     if not identifiable.k:
-        words.append("k not determined: it needs n and m; go by effective modulus or pressure")
+        words.append("k not determined: it needs n and m; use effective modulus or pressure")
     if not identifiable.effective_modulus:
-        words.append("effective modulus not determined: it needs n; go by the reference pressure")
+        words.append("effective modulus not determined: it needs n; use the reference pressure")
     return tuple(words)

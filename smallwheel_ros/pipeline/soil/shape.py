@@ -81,6 +81,6 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
         return ""
     what, depth = "harder" if share < 0.0 else "softer", 1e3 * edges[best]
     return (
-        f"this ground is {what} below {depth:.0f} mm than any power of depth has it; go by the sinkages that"
-        " are predicted, not by k, n and m"
+        f"below {depth:.0f} mm this ground is {what} than any power of depth describes: rely on predicted"
+        " sinkages, not on k, n and m"
     )
