@@ -36,6 +36,7 @@ myst_enable_extensions = ["dollarmath", "deflist"]
 suppress_warnings = ["misc.highlighting_failure", "ref.python"]
 
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # as with `autodoc_typehints`
 toc_object_entries = (
     False  # a page of the library lists its modules; with their members it takes twice the time
 )

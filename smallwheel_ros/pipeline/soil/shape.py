@@ -81,6 +81,6 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
         return ""
     what, depth = "harder" if share < 0.0 else "softer", 1e3 * edges[best]
     return (
-        f"below {depth:.0f} mm this ground is {what} than any power of depth describes: rely on predicted"
+        f"this ground is {what} below {depth:.0f} mm than any power of depth describes: rely on predicted"
         " sinkages, not on k, n and m"
     )
