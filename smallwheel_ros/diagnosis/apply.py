@@ -72,7 +72,7 @@ class Added(Result, shown="views.added"):
         return f"{words(self.effect)} ({self.form}), held-out error {errors}"
 
     def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel add --json` writes it."""
+        """The result as `smallwheel add --json` writes it."""
         document = {
             "schema": 1,
             "effect": self.effect,

@@ -187,7 +187,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
         return verdict_sentences(self.document)[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """As `smallwheel diagnose --json` writes it."""
+        """The document as `smallwheel diagnose --json` writes it."""
         return dict(written.plain(self.document))
 
     def rows(self) -> list[dict[str, Any]]:

@@ -136,7 +136,7 @@ class Screen:
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
     def testability(self) -> list[float]:
-        """Of each column, in squared deviations, how far its prior's scale moves the predictions."""
+        """How far each column's prior scale moves the predictions, in squared deviations."""
         size = np.sum(self._white**2, axis=0)
         return [float(size[place].max()) for place in self._places]
 

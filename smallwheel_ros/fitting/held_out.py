@@ -94,7 +94,7 @@ class CvErrors:
         return CvErrors({name: known / size[name] for name, known in self.error.items()}, self.run)
 
     def rmse(self) -> dict[str, float]:
-        """By channel, m or N."""
+        """Root mean square of the errors, by channel, m or N."""
         return {name: score.rmse for name, score in self.scores().items()}
 
     def rmse_std(self) -> dict[str, float | None]:
@@ -189,7 +189,7 @@ def folds_of(points: Points) -> Index:
 
 
 def sizes_of(points: Points) -> dict[str, Array]:
-    """By channel, the size of each row's value (`levels_of`), shape (rows of the table,), else NaN."""
+    """Size of each row's value, by channel (`levels_of`), shape (rows of the table,), else NaN."""
     level, found = levels_of(points), dict[str, Array]()
     for name in points.channels:
         found[name] = np.full(len(points.measurements), np.nan)
@@ -210,7 +210,7 @@ def leave_out(group: Index) -> Iterator[Mask]:
 
 
 def rows_of(points: Points) -> dict[str, Index]:
-    """By channel, the rows of the table that are in its points and thus are scored."""
+    """Numbers of the table's rows that are in its points and thus are scored, by channel."""
     found = {}
     for name in points.channels:
         mine = np.flatnonzero(points.of_channel(name))

@@ -67,12 +67,12 @@ class FittedParameter:
         return f"<{self.full_name}: {self}>"
 
     def row(self, of: str) -> dict[str, Any]:
-        """As a row of a table. of: what the parameter belongs to."""
+        """The parameter as a row of a table. of: what the parameter belongs to."""
         known = {n: getattr(self, n) for n in ("value", "std", "unit", "status")}
         return {"of": of, "parameter": self.name, **known}
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values, SI."""
+        """The parameter as plain values, SI."""
         return {n: getattr(self, n) for n in ("value", "std", "unit", "status", "remedy")}
 
 

@@ -197,7 +197,7 @@ class RowNoise:
     freedom: int
 
     def variance(self, level: Array) -> Array:
-        """Of one row at these levels."""
+        """Variance of one row at these levels."""
         return np.asarray(self.absolute**2 + (self.relative * level) ** 2)
 
 

@@ -147,7 +147,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return [p.row(p.owner) for p in (*self.parameters, *self.derived)]
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values in SI units."""
+        """The fit as plain values in SI units."""
         matrix = [[float(f"{v:.6g}") for v in row] for row in self.correlation]
         return {
             "schema": 1,

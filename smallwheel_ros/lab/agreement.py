@@ -101,7 +101,7 @@ class Agreement:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values, SI."""
+        """The comparison as plain values, SI."""
         found = asdict(self)
         interval = [found.pop("low"), found.pop("high")]
         return found | {"interval": interval, "agrees": self.agrees}

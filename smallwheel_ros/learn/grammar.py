@@ -112,7 +112,7 @@ GROWTH = Shape("growth", "np.expm1(u / c)", "(exp({u}/{c}) - 1)", constant="free
 
 
 def step(width: float) -> Shape:
-    """From 0 to 1 at c, over a width in u's unit: a step that a fit of c can follow."""
+    """A step from 0 to 1 at c, over a width in u's unit, which a fit of c can follow."""
     code = f"0.5 + 0.5 * np.tanh((u - c) / {width!r})"
     return Shape("step", code, f"step({{u}} - {{c}}, width {width:.2g})", constant="free")
 

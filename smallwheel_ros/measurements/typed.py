@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers as people type them for a setting: `60`, `20:140:10`, `0.1,0.2`, `17 cm`, `30%`.
 
-Each is read as a cell of a table is, its unit as that of a header.
+Each is read like a cell of a table, and its unit like that of a header.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ class Measured:
     unexplained: bool = False
 
     def plain(self) -> dict[str, Any]:
-        """As a model file keeps it."""
+        """The ranges and scatter as plain values, as a model file keeps them."""
         return {
             "ranges": {n: [float(a), float(b)] for n, (a, b) in self.ranges.items()},
             "wheels": [list(map(float, one)) for one in self.wheels],

@@ -207,7 +207,7 @@ class Stream(Sampled):
         self.extend(np.array([stamp]), np.array([values]))
 
     def extend(self, stamps: Integers, values: Array) -> None:
-        """Keep rows.
+        """Add rows.
 
         Parameters
         ----------
@@ -226,12 +226,12 @@ class Stream(Sampled):
         self.newest = int(stamps[-1])
 
     def end(self, stamps: Integers) -> None:
-        """Hold no value beyond messages that were refused.
+        """Mark refused messages, past which no earlier value is held.
 
         Parameters
         ----------
         stamps
-            Theirs, shape (messages,), ns.
+            Stamps of the messages, shape (messages,), ns.
         """
         ends = np.union1d(self.ends, stamps)
         # The first after each row.

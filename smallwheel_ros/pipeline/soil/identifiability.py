@@ -124,7 +124,7 @@ class SoilEstimate:
 
     @cached_property
     def covariance(self) -> Array:
-        """Of (k, n, m), shape (3, 3), linearised at the estimate."""
+        """Covariance of (k, n, m), shape (3, 3), linearised at the estimate."""
         slopes = np.eye(3)
         slopes[0] = self.k * self._log_modulus_row(1.0)
         return seen_as(slopes, self.log_covariance)
