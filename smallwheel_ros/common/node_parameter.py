@@ -223,7 +223,7 @@ def parameter(
     unit
         Of a number.
     span
-        Ends of its range, both allowed.
+        Ends of its range, in its unit, both allowed.
     text
         What it means.
     form, required, at_start

@@ -93,7 +93,7 @@ def left_out(points: Points, outliers: Index) -> Reasons:
     points
         The points of the fit.
     outliers
-        Numbers of rows that were left out as outliers.
+        Numbers of the rows left out as outliers, shape (outliers,).
     """
     data = points.measurements
     free = np.ones(len(data), dtype=bool)

@@ -85,11 +85,11 @@ class CostRules:
         Parameters
         ----------
         margin
-            The most that the ground gives over the load, minus the slope.
+            The most that the ground gives over the load, minus the slope, 1.
         deviation
             Its standard deviation.
         shown
-            The least that it has shown to give, minus the slope; minus infinity if it has shown nothing.
+            The least that it has shown to give, minus the slope; 1; minus infinity if it has shown nothing.
 
         Returns
         -------

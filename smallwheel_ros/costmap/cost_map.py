@@ -148,9 +148,9 @@ class CostMap:
         beyond
             Gain from the reference slip to the slip at which the vehicle makes no way, 1.
         risk
-            Probability of getting stuck, by the warning; 0 without a warning.
+            Probability of getting stuck, 0 to 1, by the warning; 0 without a warning.
         slope
-            Tangent of the steepest slope of the ground there.
+            Tangent of the steepest slope of the ground there, 1.
         demand
             Pull over load that is required there in the direction of travel; NaN if unknown.
         shown

@@ -22,7 +22,7 @@ def spread(costs: Cells, reach: float) -> Cells:
     costs
         Shape (rows, columns).
     reach
-        Cells.
+        Distance, cells.
 
     Returns
     -------

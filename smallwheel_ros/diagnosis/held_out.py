@@ -320,7 +320,7 @@ def errors_alone(
     held
         Errors of the steps; a family that is the first step has that step's error.
     probabilities
-        By family.
+        By family, 0 to 1.
     """
     known = {step.added: step.errors for step in held.steps[1:2] if step.added is not None}
     families = sorted(found.field.kinds, key=lambda f: -probabilities.get(f, 0.0))

@@ -350,7 +350,7 @@ def setting_of(points: Points, values: Index) -> str:
     points
         The points.
     values
-        Numbers of the values.
+        Numbers of the values, shape (chosen,).
     """
     named = {n: float(np.median(c[values])) for n, c in points.varied.items()}
     return ", ".join(f"{words(n)} {setting_words(n, v)}" for n, v in named.items())

@@ -104,9 +104,9 @@ def parameter(
     Parameters
     ----------
     start
-        Value where a fit starts.
+        Value where a fit starts, in the unit.
     bounds
-        What a fit may reach, both ends allowed.
+        Range that a fit may reach, in the unit, both ends allowed.
     description
         What it is, in a few words.
     unit
@@ -129,9 +129,9 @@ def constant(
     Parameters
     ----------
     value
-        Value if none is given.
+        Value if none is given, in the unit.
     bounds
-        Range, both ends allowed.
+        Range, in the unit, both ends allowed.
     description
         What it is, in a few words.
     unit

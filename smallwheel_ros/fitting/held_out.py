@@ -231,7 +231,7 @@ def row_errors(
     model
         The model.
     rows
-        Numbers of the rows to predict, by channel.
+        Numbers of the rows to predict, by channel, shape (rows to predict,) each.
 
     Returns
     -------

@@ -158,7 +158,7 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
     measurements
         The table.
     outliers
-        Numbers of the rows that are left out.
+        Numbers of the rows that are left out, shape (outliers,).
 
     Raises
     ------

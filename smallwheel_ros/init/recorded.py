@@ -247,7 +247,7 @@ def unit_by_way(times: float, radius: float) -> str:
     Parameters
     ----------
     times
-        Path of the rims over that of the vehicle.
+        Ratio of the rims' path to the vehicle's, 1.
     radius
         Of the wheels, m.
     """

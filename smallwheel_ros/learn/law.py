@@ -234,7 +234,7 @@ def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]
     law
         The law to fit.
     numbers
-        Starting values by name.
+        Starting values by name, SI units.
     size
         Usual size of a strength, one for each term.
     """

@@ -431,7 +431,7 @@ def judge(
     Parameters
     ----------
     p
-        p value of the permutations.
+        p value of the permutations, 0 to 1.
     errors, laws
         Of the base and of the folds' laws.
     fitter

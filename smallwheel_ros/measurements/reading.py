@@ -149,7 +149,7 @@ class TableColumns:
         name
             Of the column.
         default
-            Stands throughout where there is no such column.
+            Value of all rows if there is no such column, SI unit.
         """
         return self.numbers.get(name, np.full(self.lines.size, default))
 

@@ -104,7 +104,7 @@ class PlateLaw(NamedTuple):
         log_pressure
             ln of the pressure p_ref (Pa) at the reference sinkage z_ref.
         n
-            Exponent of sinkage.
+            Exponent of sinkage, 1.
         """
         return float(np.exp(log_pressure - n * np.log(REFERENCE_SINKAGE)))
 
@@ -122,7 +122,7 @@ class PlateLaw(NamedTuple):
         log_pressure
             ln of the pressure (Pa) at the reference sinkage under the reference size.
         n
-            Exponent of sinkage.
+            Exponent of sinkage, 1.
         s
             The law's constant of size.
         """
@@ -146,7 +146,7 @@ class PlateLaw(NamedTuple):
         log_pressure
             ln of the pressure (Pa) at the reference sinkage under the reference size.
         n
-            Exponent of sinkage.
+            Exponent of sinkage, 1.
         s
             The law's constant of size.
         """

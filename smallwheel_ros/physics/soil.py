@@ -118,7 +118,7 @@ def k_from_reference(log_reference_pressure: ArrayLike, n: ArrayLike, m: ArrayLi
     log_reference_pressure
         ln of that pressure, Pa.
     n, m
-        Exponents of sinkage and diameter.
+        Exponents of sinkage and diameter, 1.
     """
     return np.asarray(
         np.exp(

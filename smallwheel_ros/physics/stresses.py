@@ -88,7 +88,7 @@ def rim_friction(bare: ArrayLike, lug_height: ArrayLike) -> Array:
     Parameters
     ----------
     bare
-        mu of a rim without lugs.
+        mu of a rim without lugs, 1.
     lug_height
         m; with lugs mu is 1.
     """
@@ -352,9 +352,9 @@ def closed_form_forces(
     shear_displacement
         K, m.
     rolling_share
-        Share of the rolling displacement that shears the soil.
+        Share of the rolling displacement that shears the soil, 1.
     rim_friction
-        mu of a rim without lugs.
+        mu of a rim without lugs, 1.
     lug_height
         m.
 

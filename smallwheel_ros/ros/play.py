@@ -297,7 +297,7 @@ def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
     bag
         The bag.
     rate
-        Factor on the recorded speed.
+        Factor on the recorded speed, 1.
     wait
         Time after which it is published even without subscribers, s.
 

@@ -178,7 +178,7 @@ def draw_effects(
     rng
         Where the draws come from.
     strength
-        Factor on the typical amplitudes.
+        Factor on the typical amplitudes, 1.
 
     Returns
     -------

@@ -268,7 +268,7 @@ def soil_of_pressure(name: str, pressure: float, n: float, m: float, **rest: flo
     pressure
         Pa.
     n, m
-        Exponents of sinkage and of diameter.
+        Exponents of sinkage and of diameter, 1.
     **rest
         Further fields of `TruthSoil`, SI units.
 

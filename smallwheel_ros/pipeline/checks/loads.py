@@ -206,7 +206,7 @@ def impossible_soil(k: float, n: float, m: float, width: float) -> str:
     k
         Pa m^-(n + m).
     n, m
-        Exponents.
+        Exponents of sinkage and size, 1.
     width
         Of the wheel, m.
 

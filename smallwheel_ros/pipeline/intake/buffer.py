@@ -202,7 +202,7 @@ class Stream(Sampled):
         stamp
             ns, over that of the newest row.
         values
-            Of length width.
+            Of length width, SI units.
         """
         self.extend(np.array([stamp]), np.array([values]))
 

@@ -260,9 +260,9 @@ class LawModel:
         law
             Share of the law's deviations from the prior that is kept.
         side
-            Share kept of a, the difference of the sides.
+            Share kept of a, the difference of the sides, 0 to 1.
         border
-            Variance that u gains at a border.
+            Variance that u gains at a border, 1.
 
         Returns
         -------

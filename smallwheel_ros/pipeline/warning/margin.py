@@ -191,7 +191,7 @@ class GroundMargin:
         slip, deviation
             Mean slip and its deviation, 1.
         pull
-            Specific force along the direction of travel, divided by g.
+            Specific force along the direction of travel, divided by g, 1.
         way
             Direction of travel: 1 forward, -1 backward.
         """
