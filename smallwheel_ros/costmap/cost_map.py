@@ -152,9 +152,9 @@ class CostMap:
         slope
             Tangent of the steepest slope of the ground there, 1.
         demand
-            Pull over load that is required there in the direction of travel; NaN if unknown.
+            Pull over load that is required there in the direction of travel, 1; NaN if unknown.
         shown
-            Margin that the ground there has shown to have: what it gave when it was crossed.
+            Margin that the ground there has shown to have, 1: what it gave when it was crossed.
         course
             rad, by which the vehicle goes to the left of its heading.
         measured
