@@ -4,12 +4,14 @@
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
               Q = (1 - F^2) P0. For a metre after a border Q of u also has the size of the change.
-    update    z = h(x) + v of all stretches that are ready together, linearised at the newest x, until u
-              moves by less than 0.01, at most 4 times (Bell and Cathey 1993). R is that of a stretch among
-              its neighbours, increased by Huber's weight beyond 2.5 deviations.
+    update    z = h(x) + v of all stretches that are ready together, linearised at the newest x,
+    until u moves
+              by less than 0.01, at most 4 times (Bell and Cathey 1993). R is that of a stretch among its
+              neighbours, increased by Huber's weight beyond 2.5 deviations.
     again     At the 40th, 120th and 360th stretch of a soil all are used once more from its start,
-              linearised about the newest x, since the first ones were linearised at the prior. Where the
-              law moves by over half a deviation, once more; where it still moves, it is not settled.
+    linearised
+              about the newest x, since the first ones were linearised at the prior. Where the law moves by
+              over half a deviation, once more; where it still moves, it is not settled.
 
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
 
