@@ -294,7 +294,8 @@ PAIRS: dict[str, tuple[Callable[[], str], str, Callable[[], str], str]] = {
         lambda: fitted("still"), "as if its gauge were stuck", lambda: fitted("zero"), "off the best model",
     ),
     "loads along a curve, settings in the order of the runs": (
-        lambda: curves("twice"), "", lambda: table(**{"load [N]": np.linspace(20.0, 80.0, 12)}), "load follows the order of",
+        lambda: curves("twice"), "",
+        lambda: table(**{"load [N]": np.linspace(20.0, 80.0, 12)}), "load follows the order of",
     ),
     "a load cell without a signal, one of the other sign": (
         lambda: curves(**{"load [N]": 0.0}), "load is 0 throughout",
