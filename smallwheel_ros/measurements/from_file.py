@@ -327,12 +327,13 @@ def _several(columns: TableColumns) -> str:
         headings = columns.headings.values()
         own = [h for h in headings if name in tokens_of(f"{h.text} {h.name}".lower())]
         if len(own) > 1:
-            # Volts beside newton metres, or counts, are one gauge twice.
-            alike = len({h.unit for h in own}) == 1
+            # Volts or counts beside newton metres are one gauge twice.
+            texts = [h.text for h in own]
+            twice = any(a != b and b.startswith(a) for a in texts for b in texts)
+            alike = len({h.unit for h in own}) == 1 and not twice
             mean = f"their mean is one {name}, or say" if alike else "say"
             return (
-                f". {listed([h.text for h in own])}: {mean} which is it with"
-                f" --map '{name}={clipped(own[0].text)}'"
+                f". {listed(texts)}: {mean} which is it with --map '{name}={clipped(own[0].text)}'"
             )
     return ""
 

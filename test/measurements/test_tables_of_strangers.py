@@ -158,7 +158,13 @@ def test_a_curve_that_never_presses_says_which_sensor_and_why(
 
 def test_volts_beside_newton_metres_have_no_mean(tmp_path) -> None:
     head = "load [N],diameter [mm],width [mm],grouser torque [{}],rubber torque [{}]\n"
-    for units, mean in ((("V", "N m"), False), (("mV", "mV"), True)):
+    counts = head.replace(" [{}]", "").replace("rubber torque", "grouser torque_V")
+    for heads, mean in (
+        (head.format("V", "N m"), False),
+        (head.format("mV", "mV"), True),
+        (counts, False),
+    ):
         with pytest.raises(MeasurementsError, match="nothing was measured") as error:
-            read(tmp_path, f"{head.format(*units)}20,150,75,5.6,1.1\n")
+            read(tmp_path, f"{heads}20,150,75,5.6,1.1\n")
+        assert "which is it with --map" in str(error.value)
         assert ("their mean" in str(error.value)) == mean
