@@ -23,7 +23,7 @@ LEVEL = 0.05  # of g: downhill wheels that brake do skid
 UNIT_PIECE, UNIT_PIECES, UNIT_FAR = 0.5, 6, 4.0
 UNIT_SCATTER = 0.1  # a slip that grows by 0.01 at 0.9 is more
 # A vehicle that has come 10 m while its rims turned so evenly does not dig in; before that, wheels that spin
-# at a steady 0.9 look like rpm, and their slip stays known: a warning must not end by a guess.
+# at a steady 0.9 look like rpm, and a warning must not end by a guess.
 UNIT_SURE = 20
 _UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
@@ -223,16 +223,15 @@ class AnotherUnit:
         # Wheels that spin on the spot are over it, too; that driven ones skid so is not known.
         if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
             return []
+        if middle > 1.0 and len(ratio) < UNIT_SURE:
+            return []
         perhaps = " or ".join(near) or "another unit"
         text = (
             f"the rims travel {middle:.3g} times the distance by the odometry, evenly from the start: are"
             f" velocities (or positions) of the joints in {perhaps}? expected rad/s and rad"
         )
         every = tuple(f"{name}/wheel_speed" for name in self.vehicle.names)
-        sure = middle < 1.0 or len(ratio) >= UNIT_SURE
-        if not sure:
-            text += f"; or do all wheels slip by {1.0 - 1.0 / middle:.2g}?"
-        return [Said("joints", middle, text, every if sure else ())]
+        return [Said("joints", middle, text, every)]
 
 
 class RollingAll:

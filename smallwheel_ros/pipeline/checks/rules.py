@@ -228,7 +228,7 @@ RULES: tuple[Rule, ...] = (
         f"all so far, in pieces of {UNIT_PIECE:g} m",
         "the rims' way over that of the odometry",
         f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more ({UNIT_SURE}"
-        f" before a larger one ends slip and warnings); scatter under {UNIT_SCATTER:g} of it",
+        f" of a larger one); scatter under {UNIT_SCATTER:g} of it",
         "units never change, slip does",
         "unit of velocities or positions",
         AnotherUnit,
