@@ -325,11 +325,15 @@ def _several(columns: TableColumns) -> str:
     """What to do where several columns may be one channel: gauges at the left and the right of a wheel."""
     for name in CHANNELS:
         headings = columns.headings.values()
-        own = [h.text for h in headings if name in tokens_of(f"{h.text} {h.name}".lower())]
+        own = [h for h in headings if name in tokens_of(f"{h.text} {h.name}".lower())]
         if len(own) > 1:
+            # Volts or counts beside newton metres are one gauge twice.
+            texts = [h.text for h in own]
+            twice = any(a != b and b.startswith(a) for a in texts for b in texts)
+            alike = len({h.unit for h in own}) == 1 and not twice
+            mean = f"their mean is one {name}, or say" if alike else "say"
             return (
-                f". {listed(own)}: their mean is one {name}, or say which is it with"
-                f" --map '{name}={clipped(own[0])}'"
+                f". {listed(texts)}: {mean} which is it with --map '{name}={clipped(own[0].text)}'"
             )
     return ""
 

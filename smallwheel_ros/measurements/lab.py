@@ -207,12 +207,23 @@ def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
         what = "rows of curves are left out: the load was taken off or put on again there"
         columns.understood.append(columns.count(off, what))
     if (early | off).all():
-        signs = {"load": load, "sinkage": sinkage}
-        under = " and ".join(n for n, v in signs.items() if not (v > 0.0).any() and (v < 0.0).any())
-        hint = f": {under} is under 0 throughout, is its sign the other one?" if under else ""
-        columns.add(f"no row of load and sinkage over 0 is left{hint}")
+        named = {"load": load, "sinkage": sinkage}
+        hints = "; ".join(f"{name} {why}" for name, v in named.items() if (why := _never_over_0(v)))
+        columns.add(f"no row of load and sinkage over 0 is left{': ' if hints else ''}{hints}")
         columns.raise_any()
     columns.keep(~(early | off))
+
+
+def _never_over_0(values: Array) -> str:
+    """Why no reading of a load cell or a gauge is over 0; empty where one is."""
+    if (values > 0.0).any():
+        return ""
+    if not (values < 0.0).any():
+        return "is 0 throughout, was its sensor connected?"
+    span = float(np.nanmax(values) - np.nanmin(values))
+    if span < float(np.nanmedian(np.abs(values))):
+        return "is under 0 throughout and hardly changes, has its zero been subtracted?"
+    return "is under 0 throughout, is its sign the other one?"
 
 
 def _free_travel(load: Array, sinkage: Array) -> int:

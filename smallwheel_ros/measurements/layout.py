@@ -11,6 +11,7 @@ its author knows which readings belong together.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -54,6 +55,7 @@ from smallwheel_ros.measurements.headers import (
 
 _LONGEST_HEADER = 80
 _COMMENTS = ("#", "%", "//")
+_EXPONENT = re.compile(r"(?<=[\d.,])[eE](?=[-+]?\d)")
 _MOSTLY = 0.8  # a column of the user's own with at least this share of numbers is a numeric one
 _MOST_SAID = 5  # rows that are reported in a line of their own
 _NAMES = ("run", "soil", "wheel")  # that may be typed once, with blanks below
@@ -144,8 +146,11 @@ def known_cells(row: Sequence[Cell]) -> int:
 
 
 def _is_number(cell: Cell) -> bool:
-    text = str(cell)
-    return any(c.isdigit() for c in text) and not any(c.isalpha() for c in text)
+    """Whether a cell is a number, or a text of digits and marks; an exponent's e is no letter."""
+    if not isinstance(cell, str):
+        return not np.isnan(cell)
+    text = _EXPONENT.sub("", cell)
+    return any(map(str.isdigit, text)) and not any(map(str.isalpha, text))
 
 
 def find_layout(grid: CellGrid) -> Layout:
@@ -156,6 +161,11 @@ def find_layout(grid: CellGrid) -> Layout:
         if not rows:
             raise MeasurementsError("nothing but empty cells, expected a header and rows")
         at = _header(grid, rows)
+        if _nothing_but_numbers(grid.rows[rows[at]]):
+            raise MeasurementsError(
+                f"{grid.place} {grid.numbers[rows[at]]}: nothing but numbers, expected a header: write one"
+                " above, a name and unit for each column, as load [N]"
+            )
         said += [f"{at} rows above the header are left out"] if at else []
         header_line = grid.numbers[rows[at]]
         headers = [shown(cell).strip() for cell in grid.rows[rows[at]]]
@@ -195,6 +205,12 @@ def _header(grid: CellGrid, rows: list[int]) -> int:
         if sum(not is_blank(cell) for cell in row) > 1 and not str(row[0]).startswith(_COMMENTS)
     )
     return next(texts, 0)
+
+
+def _nothing_but_numbers(row: Sequence[Cell]) -> bool:
+    """Whether a row has several numbers and nothing else, be they between blanks."""
+    parts = [part for cell in row for part in (cell.split() if isinstance(cell, str) else [cell])]
+    return len(parts) > 1 and all(map(_is_number, parts))
 
 
 def _names(row: Sequence[Cell]) -> int:
@@ -610,8 +626,8 @@ def _lies(rows: Sequence[Sequence[Cell]]) -> bool:
 def _quantity_of(row: Sequence[Cell]) -> str:
     """The quantity that the first cell of a row names, its other cells being values of it."""
     name = quantity(row[0]) if row and len(str(row[0]).strip()) > _SHORT else ""
-    others = [cell for cell in row[1:] if not is_blank(cell)]
-    numbers = sum(not isinstance(c, str) or not any(map(str.isalpha, c)) for c in others)
+    others = [cell for cell in row[1:] if not is_blank(cell) and str(cell).strip("-– ")]
+    numbers = sum(map(_is_number, others))
     return name if others and (name in _OF_TEXTS or 2 * numbers > len(others)) else ""
 
 

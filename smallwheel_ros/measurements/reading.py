@@ -392,9 +392,14 @@ def _headings(
     found: dict[int, Heading] = {}
     for position, text in enumerate(layout.headers):
         if not text.strip() or text.startswith("Unnamed: "):
-            if not all(map(is_blank, layout.columns[position])):
-                hint = " (a pandas index? write with index=False)" if position == 0 else ""
-                columns.add(f"column {position + 1} has no name{hint}")
+            if all(map(is_blank, layout.columns[position])):
+                continue
+            if position == 0:
+                columns.understood.append(
+                    "column 1 has no name, an index? It is left out; if it names the runs, call it run"
+                )
+            else:  # a cell too many in each row: which one is not known
+                columns.add(f"column {position + 1} has no name")
             continue
         try:
             ours = wanted.get(position)

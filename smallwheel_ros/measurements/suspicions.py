@@ -10,6 +10,7 @@ import numpy as np
 from smallwheel_ros.measurements.columns import COLUMNS, Mask
 from smallwheel_ros.measurements.measurements import Measurements, codes_of
 from smallwheel_ros.measurements.settings import (
+    Index,
     ends_of_runs,
     one_row_a_wheel,
     order_columns,
@@ -124,6 +125,12 @@ def _kilonewtons(data: Measurements) -> str:
     )
 
 
+def _swept(values: Array, run: Index) -> bool:
+    """Whether most runs sweep a setting, as the load of a curve: what stands first in each is no setting."""
+    low, high = ends_of_runs(values, run, int(run.max()) + 1)
+    return bool(np.mean(high - low > (_STEADY_LOAD - 1.0) * np.abs(low)) > 0.5)
+
+
 def order_followed(data: Measurements) -> str:
     """Settings that rise or fall with the order of runs, so that a drift looks like them; empty if none."""
     times = order_columns(data)
@@ -139,7 +146,7 @@ def order_followed(data: Measurements) -> str:
     found = [
         name
         for name, values in varied_settings(data).items()
-        if abs(_together(before, values[first])) > _FOLLOWS
+        if not _swept(values, run) and abs(_together(before, values[first])) > _FOLLOWS
     ]
     if not found:
         return ""

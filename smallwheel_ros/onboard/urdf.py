@@ -132,6 +132,33 @@ class Urdf:
         """Return the link at the top of the chain that a link is in."""
         return ([link] + [joint.parent for joint in self.chain(link)])[-1]
 
+    def off_axis(self, joint: Joint) -> float:
+        """How far the middle of what a joint turns is from the joint's axis, m; 0 where nothing tells it.
+
+        The centre of mass of its child link, else the middle of its boxes, cylinders and spheres, those of
+        the collision first; the origin of a mesh is no middle.
+
+        Parameters
+        ----------
+        joint
+            One that turns.
+        """
+        element, where = self.links.get(joint.child), f"link {joint.child!r}"
+        if element is None:
+            return 0.0
+        mass = [body for body in element.findall("inertial") if body.find("origin") is not None]
+        shaped = [
+            body
+            for part in ("collision", "visual")
+            for body in element.findall(part)
+            if body.find("geometry/mesh") is None and body.find("geometry") is not None
+        ]
+        bodies = mass or [body for body in shaped if body.tag == shaped[0].tag]
+        if not bodies:
+            return 0.0
+        middle = np.mean([_origin(body, where)[:3, 3] for body in bodies], axis=0)
+        return float(np.linalg.norm(middle - (middle @ joint.axis) * joint.axis))
+
     def cylinder(self, link: str) -> tuple[float, float, Array]:
         """Return radius, length (m) and pose of the largest cylinder of a link; its axis is its z."""
         element, where = self.links.get(link), f"link {link!r}"

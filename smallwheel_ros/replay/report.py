@@ -54,6 +54,8 @@ _OF_SOIL = (
     "The estimated soil, p = k z^n D^m. The reference pressure is what the drive determines first; "
     "k is the pressure at one metre of sinkage, far beyond small wheels."
 )
+# Of the estimates: what fewer of them show is not of the drive, as an odometry that is refused after 1 s.
+_SUMMED_UP = 0.05
 _BAND = 1.96  # standard deviations: 95 %
 _STEPS = 400  # of the way
 _MOST_POINTS = 500  # of a curve: a plot is no wider on a screen
@@ -247,7 +249,9 @@ def _mobility(summary: dict[str, Any], sunk: bool) -> list[str]:
     told, strength = summary["mobility"], summary["strength"]
     slip, margin, risk = told["slip"], told["margin"], told["risk"]
     lines = ["Slip: not known."]
-    if slip["median"] is not None:
+    if slip["median"] is not None and slip["known"] < _SUMMED_UP:
+        lines = [f"Slip: known in {slip['known']:.1%} of the estimates, too few to sum up."]
+    elif slip["median"] is not None:
         lines = [
             f"Slip: known in {slip['known']:.0%} of the estimates, half under {number(slip['median'], 2)},"
             f" 95 % under {number(slip['quantile_95'], 2)}."

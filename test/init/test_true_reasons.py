@@ -10,6 +10,7 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "onboard"))
 import robots
 
+import smallwheel_ros as sw
 from smallwheel_ros.common.errors import SmallwheelError
 from smallwheel_ros.init.rover import wheel_joints
 from smallwheel_ros.measurements.from_file import read_measurements
@@ -50,11 +52,64 @@ def table(**columns: object) -> str:
     return "; ".join((*found.understood, *found.notes, *found.warnings))
 
 
+def plates(change: str = "", **columns: object) -> pd.DataFrame:
+    """Three plates, pressed three times each, with a change, or columns in place of their own."""
+    depth, rng = np.linspace(0.5, 20.0, 40), np.random.default_rng(1)  # mm
+    made = []
+    for i, (size, most) in enumerate(
+        [(100.0, 100.0), (150.0, 200.0), (200.0, 400.0)] * (2 if change == "twice" else 3)
+    ):
+        load = most * (depth / 20.0) ** 0.9 * np.exp(rng.normal(0.0, 0.01, 40))
+        read = depth + rng.normal(0.0, 0.05, 40)
+        if i == 1 and change == "unloaded":
+            load = np.concatenate([load, load[35:20:-1] * 0.3])
+            read = np.concatenate([read, read[35:20:-1]])
+        if i == 1 and change == "travel":
+            load = np.concatenate([rng.uniform(0.01, 0.03, 20), load])
+            read = np.concatenate([np.linspace(1.0, 30.0, 20), 30.0 + read])
+        if i == 1 and change == "spikes":
+            read[[5, 14, 31]] *= 5.0
+        if i == 1 and change == "zero":
+            read += 30.0
+        if i == 1 and change == "still":
+            read[:] = 7.0
+        made.append(pd.DataFrame({
+            "run": f"c{i}", "contact": "plate", "load [N]": load, "diameter [mm]": size, "sinkage [mm]": read,
+        }))  # fmt: skip
+    frame = pd.concat(made, ignore_index=True).assign(**columns)
+    return frame.drop(columns=[name for name, column in columns.items() if column is None])
+
+
+def curves(change: str = "", **columns: object) -> str:
+    """What is said of these curves as they are read."""
+    try:
+        found = read_measurements(plates(change, **columns))
+    except SmallwheelError as error:
+        return str(error)
+    return "; ".join((*found.understood, *found.notes, *found.warnings))
+
+
+def fitted(change: str) -> str:
+    """What is said of these curves by a fit."""
+    return "; ".join(sw.fit(plates(change)).notes)
+
+
 def description(text: str) -> str:
     try:
         return "; ".join(wheel_joints(text)[1])
     except SmallwheelError as error:
         return str(error)
+
+
+def logged(text: str) -> str:
+    """What is said of a text file."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "log.csv"
+        path.write_text(text)
+        try:
+            return "; ".join(read_measurements(path).understood)
+        except SmallwheelError as error:
+            return str(error)
 
 
 def two_arms() -> str:
@@ -227,6 +282,45 @@ PAIRS: dict[str, tuple[Callable[[], str], str, Callable[[], str], str]] = {
     "wheels that do not turn, wheels": (
         lambda: description(robots.mobile_manipulator("fixed")), "right_wheel_joint (fixed)",
         lambda: description(robots.mobile_manipulator()), "joints that turn and are no wheels",
+    ),
+    "travel before the plate touches, a load taken off": (
+        lambda: curves("travel"), "curves begin before the body touches",
+        lambda: curves("unloaded"), "the load was taken off",
+    ),
+    "a curve of a bad zero, spikes": (
+        lambda: fitted("zero"), "off the best model", lambda: fitted("spikes"), "",
+    ),
+    "a gauge that stood still, one of a bad zero": (
+        lambda: fitted("still"), "as if its gauge were stuck", lambda: fitted("zero"), "off the best model",
+    ),
+    "loads along a curve, settings in the order of the runs": (
+        lambda: curves("twice"), "",
+        lambda: table(**{"load [N]": np.linspace(20.0, 80.0, 12)}), "load follows the order of",
+    ),
+    "a load cell without a signal, one of the other sign": (
+        lambda: curves(**{"load [N]": 0.0}), "load is 0 throughout",
+        lambda: curves(**{"load [N]": -np.tile(np.arange(1.0, 41.0), 9)}), "is its sign the other one?",
+    ),
+    "a gauge of the other sign, one whose zero stands in it": (
+        lambda: curves(**{"sinkage [mm]": -np.tile(np.arange(1.0, 41.0), 9)}), "is its sign the other one?",
+        lambda: curves(**{"sinkage [mm]": -np.tile(np.linspace(127.0, 121.0, 40), 9)}),
+        "has its zero been subtracted?",
+    ),
+    "curves without runs, curves with names": (
+        lambda: curves(run=None), "no column 'run'", curves, "",
+    ),
+    "a plate's pressure, a plate without a size": (
+        lambda: curves(**{"load [N]": None, "pressure [kPa]": np.tile(np.arange(1.0, 41.0), 9)}),
+        "load = pressure x area of the plate",
+        lambda: curves(**{"diameter [mm]": None}), "no column 'diameter'",
+    ),
+    "a log without a header, one without a load": (
+        lambda: logged("774.35,0,0,41.38\n774.35,0,0,41.36\n"), "nothing but numbers, expected a header",
+        lambda: logged("x,a,b,c\n774.35,0,0,41.36\n"), "no column 'load'",
+    ),
+    "a knee, a wheel on a rocker": (
+        lambda: description(robots.legged("<inertial><origin xyz='0 0 -0.08'/></inertial>")), "a leg)",
+        lambda: description(robots.legged("")), "",
     ),
     "no load at all, a load that is blank": (
         lambda: table(**{"load [N]": None}), "no column 'load'",

@@ -316,7 +316,7 @@ def test_damaged_parquet(tmp_path: Path) -> None:
         (HEADER, '60,0.2,0.1,8,"0.1', "not CSV"),
         (HEADER + ",Sinkage", ROW + ",.008", "two columns are named 'sinkage' ('sinkage [mm]' and 'Sink"),
         (HEADER + ",", ROW + ",8", "column 6 has no name"),
-        ("," + HEADER, "0," + ROW, "column 1 has no name (a pandas index? write with index=False)"),
+        ("60,0.2,0.1,8", ROW, "line 1: nothing but numbers, expected a header"),
         (HEADER + ",q [m", ROW + ",8", "header 'q [m': expected a name and one unit"),
         ("diameter,width,sinkage", "1,1,0.1", "no column 'load' (normal load on the wheel). There is: diam"),
         ("load,diameter,width,sinkge_mm", "1,1,1,0.1", "'sinkge_mm' is no known word, but nearly"),

@@ -104,3 +104,67 @@ def test_two_columns_of_one_name_are_not_told_apart_by_an_option(tmp_path) -> No
     assert str(refused.value).endswith("remove or rename the other")
     with pytest.raises(MeasurementsError, match="or say which with --map sinkage='sinkage"):
         read(tmp_path, head.format("Sinkage [cm]") + rows)
+
+
+@pytest.mark.parametrize("index", ["0\n", "7\n", "BDG_1\n"])
+def test_an_index_without_a_name_is_left_out_and_reported(tmp_path, index: str) -> None:
+    """As pandas and R write them, when nobody asks them not to."""
+    names = [index.strip(), "12", "x"]
+    rows = "".join(f"{n},{','.join(map(str, row))}\n" for n, row in zip(names, ROWS, strict=True))
+    data = read(tmp_path, f",load [N],diameter [mm],width [mm],slip,sinkage [mm]\n{rows}")
+    np.testing.assert_allclose(data.channels["sinkage"], DEPTHS)
+    assert "column 1 has no name, an index? It is left out" in "; ".join(data.understood)
+
+
+def test_a_cell_too_many_in_each_row_is_refused_the_columns_may_have_shifted(tmp_path) -> None:
+    rows = "20,5,150,75,5.62\n40,5,200,100,6.25\n"  # 20,5 N with a decimal comma between commas
+    with pytest.raises(MeasurementsError, match="column 5 has no name"):
+        read(tmp_path, f"load [N],diameter [mm],width [mm],sinkage [mm],\n{rows}")
+
+
+@pytest.mark.parametrize("by", [",", ";", "\t", " "])
+@pytest.mark.parametrize("first", ["774.35", "0", "-1.5e-3", "1e-05"])
+def test_a_log_without_a_header_is_called_so(tmp_path, by: str, first: str) -> None:
+    """As single-wheel rigs log them; two zeros in the first row are no two columns of one name."""
+    rows = "".join(by.join([first, "0", "0", "41.38", str(70507 + i)]) + "\n" for i in range(9))
+    with pytest.raises(MeasurementsError, match="line 1: nothing but numbers, expected a header"):
+        read(tmp_path, rows)
+
+
+def test_a_header_that_has_numbers_is_one(tmp_path) -> None:
+    with pytest.raises(MeasurementsError, match="no column 'load'"):
+        read(tmp_path, "plot,2019,2020\nA,3.1,2.9\nB,2.7,2.2\n")
+
+
+@pytest.mark.parametrize(
+    ("load", "depth", "words", "not_words"),
+    [
+        ("0", "-{}", "load is 0 throughout, was its sensor connected?", "load is under 0"),
+        ("-{}", "{}", "load is under 0 throughout, is its sign the other one?", "sinkage is"),
+        ("{}", "-12{}.5", "sinkage is under 0 throughout and hardly changes", "sign"),
+        ("{}", "-{}", "sinkage is under 0 throughout, is its sign the other one?", "load is"),
+        ("0", "0", "sinkage is 0 throughout, was its sensor connected?", "under 0 throughout"),
+    ],
+)
+def test_a_curve_that_never_presses_says_which_sensor_and_why(
+    tmp_path, load: str, depth: str, words: str, not_words: str
+) -> None:
+    rows = "".join(f"plate,{load.format(i)},100,{depth.format(i)}\n" for i in range(1, 9))
+    with pytest.raises(MeasurementsError, match="no row of load and sinkage over 0") as error:
+        read(tmp_path, f"contact,load [N],diameter [mm],sinkage [mm]\n{rows}")
+    assert words in str(error.value)
+    assert not_words not in str(error.value)
+
+
+def test_volts_beside_newton_metres_have_no_mean(tmp_path) -> None:
+    head = "load [N],diameter [mm],width [mm],grouser torque [{}],rubber torque [{}]\n"
+    counts = head.replace(" [{}]", "").replace("rubber torque", "grouser torque_V")
+    for heads, mean in (
+        (head.format("V", "N m"), False),
+        (head.format("mV", "mV"), True),
+        (counts, False),
+    ):
+        with pytest.raises(MeasurementsError, match="nothing was measured") as error:
+            read(tmp_path, f"{heads}20,150,75,5.6,1.1\n")
+        assert "which is it with --map" in str(error.value)
+        assert ("their mean" in str(error.value)) == mean

@@ -238,6 +238,19 @@ def one_caster(wheels: str = "fixed") -> str:
     return robot(*parts)
 
 
+def legged(shank: str, knee: str = "knee") -> str:
+    """Four legs of a hip and a knee, which both turn without end; what the shank's link has is given."""
+    parts = []
+    for name, (x, y) in CORNERS.items():
+        parts += [
+            joint(f"hip_{name}", "base_link", f"thigh_{name}", f"{0.3 * x} {0.2 * y} 0"),
+            joint(f"{knee}_{name}", f"thigh_{name}", f"shank_{name}", "0 0 -0.2").replace(
+                f"<link name='shank_{name}'></link>", f"<link name='shank_{name}'>{shank}</link>"
+            ),
+        ]
+    return robot(*parts)
+
+
 def articulated() -> str:
     """A body that bends in its middle."""
     ahead = joint("bend", "base_link", "front_body", "0 0 0", "0 0 1", "revolute")

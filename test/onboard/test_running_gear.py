@@ -6,6 +6,8 @@ Tests `urdf.py`.
 
 from __future__ import annotations
 
+import re
+
 import pytest
 import robots
 from robots import CORNERS, SIX, joint, robot, wheel
@@ -93,6 +95,43 @@ def test_what_turns_but_is_no_wheel_is_refused_with_the_reason(text: str, words:
     with pytest.raises(RobotDescriptionError, match="no joint turns like a wheel") as refused:
         running_gear(Urdf(text))
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "shank",
+    [
+        "<inertial><origin xyz='0 0 -0.08'/><mass value='1'/></inertial>",
+        "<inertial><mass value='1'/></inertial>"
+        "<collision><origin xyz='0.1 0 0'/><geometry><box size='.2 .01 .01'/></geometry></collision>",
+    ],
+)
+def test_knees_are_no_wheels_what_they_turn_hangs_to_one_side(shank: str) -> None:
+    """Quadrupeds' knees turn without end in their descriptions, about a horizontal axis, lowest of all."""
+    words = "knee_rear_right (its link is not balanced about the axis, a leg)"
+    with pytest.raises(RobotDescriptionError, match=re.escape(words)):
+        running_gear(Urdf(robots.legged(shank)))
+    assert len(running_gear(Urdf(robots.legged(shank, "wheel"))).wheels) == 4
+
+
+@pytest.mark.parametrize(
+    "hub",
+    [
+        "<inertial><origin xyz='0 0.09 0.001'/><mass value='1'/></inertial>",
+        "<visual><origin xyz='0 0 -0.1'/><geometry><mesh filename='package://a/b.dae'/></geometry></visual>",
+        "",
+    ],
+)
+def test_wheels_at_the_end_of_a_rocker_are_balanced_or_tell_nothing(hub: str) -> None:
+    assert len(running_gear(Urdf(robots.legged(hub))).wheels) == 4
+
+
+def test_wheels_on_the_base_are_wheels_whatever_their_centre_of_mass_is_said_to_be() -> None:
+    text = robots.four(names="drive_{}", body="").replace(
+        "_link'></link>",
+        "_link'><inertial><origin xyz='0.1 0.2 0.1'/><mass value='1'/></inertial></link>",
+    )
+    assert "inertial" in text
+    assert len(running_gear(Urdf(text)).wheels) == 4
 
 
 def test_wheels_at_the_end_of_a_leg_are_wheels() -> None:

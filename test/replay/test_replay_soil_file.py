@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 import smallwheel_ros as sw
 from smallwheel_ros.bags import BagReader, BagWriter
 from smallwheel_ros.cli import main
+from smallwheel_ros.replay.report import _in_short
 from smallwheel_ros.simulate import DriveSettings, simulate_drive, write_drive_bag
 
 
@@ -93,6 +94,11 @@ def test_slip_and_margin_are_said_and_of_the_law_one_line(
     assert (
         0.0 < found["mobility"]["slip"]["median"] < found["mobility"]["slip"]["quantile_95"] <= 1.0
     )
+    # Of an odometry that is refused after .7 s, because it looks back, no quantile is the drive's.
+    found["mobility"]["slip"] |= {"known": 0.012, "median": 1.0, "quantile_95": 1.0}
+    few = str(_in_short(found))
+    assert "Slip: known in 1.2% of the estimates, too few to sum up." in few
+    assert "half under" not in few
 
 
 def test_nothing_estimated_is_exit_code_2(drive: Path, config: Path, tmp_path: Path) -> None:

@@ -22,6 +22,9 @@ LEVEL = 0.05  # of g: downhill wheels that brake do skid
 # m, how many, and a factor that no wheel that rolls reaches (slip 0.75): units differ by 6 and more.
 UNIT_PIECE, UNIT_PIECES, UNIT_FAR = 0.5, 6, 4.0
 UNIT_SCATTER = 0.1  # a slip that grows by 0.01 at 0.9 is more
+# A vehicle that has come 10 m while its rims turned so evenly does not dig in; before that, wheels that spin
+# at a steady 0.9 look like rpm, and a warning must not end by a guess.
+UNIT_SURE = 20
 _UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
 
@@ -219,6 +222,8 @@ class AnotherUnit:
         near = [u for u, f in units.items() if least < middle / f < most]
         # Wheels that spin on the spot are over it, too; that driven ones skid so is not known.
         if scatter > UNIT_SCATTER * middle or (middle > 1.0 and not near):
+            return []
+        if middle > 1.0 and len(ratio) < UNIT_SURE:
             return []
         perhaps = " or ".join(near) or "another unit"
         text = (

@@ -79,6 +79,7 @@ from .rims import (
     UNIT_PIECE,
     UNIT_PIECES,
     UNIT_SCATTER,
+    UNIT_SURE,
     AnotherUnit,
     Dead,
     Held,
@@ -226,8 +227,8 @@ RULES: tuple[Rule, ...] = (
         "unit",
         f"all so far, in pieces of {UNIT_PIECE:g} m",
         "the rims' way over that of the odometry",
-        f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more; scatter"
-        f" under {UNIT_SCATTER:g} of it",
+        f"over {UNIT_FAR:g} and a unit's, or under {1.0 / UNIT_FAR:g}, on {UNIT_PIECES} and more ({UNIT_SURE}"
+        f" of a larger one); scatter under {UNIT_SCATTER:g} of it",
         "units never change, slip does",
         "unit of velocities or positions",
         AnotherUnit,

@@ -372,6 +372,28 @@ def test_wheels_that_spin_are_in_no_other_unit(good: Rows, slip: float) -> None:
     ]
 
 
+@pytest.mark.parametrize(("seconds", "ends"), [(15.0, False), (60.0, True)])
+def test_rims_that_may_slip_evenly_keep_their_slip_until_the_vehicle_has_driven_on(
+    good: Rows, seconds: float, ends: bool
+) -> None:
+    """Slip of a steady 0.9 looks like rpm: over the first 10 m it stays known, and a warning may go on."""
+    until = START + round(seconds * 1e9)
+    rows = {
+        n: (stamps[stamps < until], values[stamps < until]) for n, (stamps, values) in good.items()
+    }
+    for name in NAMES:
+        rows[f"{name}/wheel_speed"] = (
+            rows[f"{name}/wheel_speed"][0], 9.0 * rows[f"{name}/wheel_speed"][1]
+        )  # fmt: skip
+    listening = Listening()
+    found = [*listening.take(rows, until), *listening.flush()]
+    text = "; ".join(finding.text for finding in found if finding.rule == "unit")
+    assert ("in rpm" in text) == ends
+    doubted = frozenset().union(*listening.checks.doubts.now.streams)
+    assert (doubted >= {f"{name}/wheel_speed" for name in NAMES}) == ends
+    assert bool(doubted & {f"{name}/wheel_speed" for name in NAMES}) == ends
+
+
 def test_numbers_that_no_soil_has_are_a_fault_of_the_sensor() -> None:
     assert impossible_soil(1.5e6, 1.0, 0.0, 0.1) == ""
     assert impossible_soil(5e3, 0.5, 0.0, 0.1) == ""
