@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil's law from stretches: a bank of iterated Kalman filters (filterpy) over the state of `law`.
+"""The soil's law from stretches: a bank of Kalman filters (filterpy) over the state of `law`.
 
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
