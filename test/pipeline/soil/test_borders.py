@@ -107,6 +107,21 @@ def test_nothing_is_determined_before_the_law_was_taken_again() -> None:
     assert not any(flags_of(one, settings.prior).any() for one in versions[:first])
 
 
+def test_nothing_is_believed_that_the_same_readings_taken_together_do_not_show() -> None:
+    """Readings near zero: stretches, each about its own state, had shown n to 0.12, 4.4 deviations off.
+
+    Taken together they show it to 0.2, so that its deviation grew at once by 1.6.
+    """
+    drive = drive_of("right x1.5", "straight")
+    rows = replace(drive.rows, sinkage=drive.rows.sinkage - 0.008)  # the zero is 2.7 deviations off
+    _, versions, _ = driven(rows, settings_of(drive))
+    laws = [law_of(one) for one in versions if one.settled]
+    n, deviation = np.array([(mean[1], math.sqrt(spread[1, 1])) for mean, spread in laws]).T
+    assert n.size > 50
+    assert (np.abs(n - drive.drive.ground.soil.n) < 3.0 * deviation).all()
+    assert (deviation[1:] < 1.3 * deviation[:-1]).all()
+
+
 @pytest.mark.parametrize("world", ["soil x2", "outliers 5 %"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_results_do_not_depend_on_where_blocks_are_cut(world: str, seed: int) -> None:
