@@ -23,11 +23,26 @@ from smallwheel_ros.physics.soil import SOILS
 class Kind:
     """A kind of argument, as it is typed on the command line.
 
-    type: of each value. within: its lowest and highest, None: none. several: it may be given several times.
-    unnamed: it stands without a name where it is the first of its function. names: of the option, where they
-    are not the parameter's. say: a text after that of the docstring. read: turns what was typed into what the
-    function takes. of_table: levels of settings of the table that is read. or_folder: of a table, it may be
-    a folder, which the function reads itself.
+    Attributes
+    ----------
+    type
+        Of each value.
+    within
+        Lowest and highest value; None for no limit.
+    several
+        Whether the argument may be given several times.
+    unnamed
+        Whether it is typed without a name if it is the first argument of its function.
+    names
+        Of the option, where they differ from the parameter's.
+    say
+        A text that follows that of the docstring.
+    read
+        Turns the typed text into the function's argument.
+    of_table
+        Whether it is levels of settings of the table that is read.
+    or_folder
+        For a table: whether it may be a folder, which the function reads itself.
     """
 
     metavar: str | None = None

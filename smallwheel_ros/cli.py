@@ -67,7 +67,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """As click does, but an unknown name is answered with the nearest one."""
+        """As click does, but an unknown name is answered with the nearest known ones."""
         known = self.list_commands(ctx)
         if args and not args[0].startswith("-") and args[0] not in known:
             from smallwheel_ros.common.errors import nearest
@@ -81,7 +81,7 @@ class LazyGroup(click.Group):
             formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; report an error of the library about its input as one message."""
+        """Run a command; print an error of the library about its input as one message."""
         try:
             return super().invoke(ctx)
         except SmallwheelError as error:

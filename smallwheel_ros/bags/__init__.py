@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Read and write bags: rosbag2 (mcap, sqlite3) and ROS 1.
 
-No ROS installation is needed. A bag brings its own message definitions; where it does not, those of
-ROS 2 Jazzy and of this package are used.
+No ROS installation is needed. The message definitions of the bag are used; if it has none, those of
+ROS 2 Jazzy and of this package.
 """
 
 from __future__ import annotations

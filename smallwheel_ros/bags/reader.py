@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read bags: rosbag2 (mcap, sqlite3) and ROS 1, and of an mcap that was cut off what it holds.
+"""Read bags: rosbag2 (mcap, sqlite3) and ROS 1, including what is left of a truncated mcap.
 
-rosbags reads what is whole. An mcap that it refuses (no end, since the power failed; topics that are not
-of ROS beside ours) is read by the package mcap, record by record, to where it breaks.
+rosbags reads bags that are whole. An mcap that it refuses (without an end, as the power failed; or
+with topics that are not of ROS beside others) is read by the package mcap, record by record, up to
+where it breaks.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ _MEND = {
 class BagError(SmallwheelError):
     """A bag cannot be read or written; the message names the file and what to do.
 
-    path: the bag. messages_read: how many messages came out before the error.
+    path: the bag. messages_read: number of messages read before the error.
     """
 
     def __init__(self, path: Path, text: str, *, messages_read: int = 0) -> None:
@@ -67,7 +68,7 @@ class BagError(SmallwheelError):
 
 
 class RawMessage(NamedTuple):
-    """One message still serialised, CDR in rosbag2, ROS 1 format in a ``.bag``."""
+    """One message, still serialised: CDR in rosbag2, ROS 1 format in a ``.bag``."""
 
     topic: str
     type: str
@@ -108,12 +109,12 @@ class BagReader:
     start_time, end_time
         Log times of the first and the last message (ns), None when the bag is empty.
     storage
-        In which a bag is to be written that is read like this one.
+        Storage format for a new bag that the same programs can read.
     hole
-        How a hole of years in the times of recording was bridged, in words; empty where there is none. All
-        log times are those after that.
+        How a gap of years in the times of recording was bridged, in words; empty if there is none. All
+        log times are given after bridging.
     damage
-        What is wrong with the bag as far as it has been read, in words; empty where nothing is.
+        Damage in the part of the bag read so far, in words; empty if none.
 
     Raises
     ------
@@ -231,7 +232,7 @@ class BagReader:
 
     @property
     def damage(self) -> str:
-        """What is wrong with the bag as far as it has been read, empty where nothing is."""
+        """Damage in the part of the bag read so far, in words; empty if none."""
         return "; ".join(self._problems)
 
     def decoder(self, topic: str, kind: str) -> Callable[[bytes], Any]:
@@ -256,7 +257,7 @@ class BagReader:
             raise
 
     def channel(self, topic: str, kind: str) -> CopiedTopic | None:
-        """How to store a topic in a bag of ROS 2; None where its type is not known.
+        """How a bag of ROS 2 stores a topic; None if the topic's type is unknown.
 
         Parameters
         ----------
@@ -272,10 +273,10 @@ class BagReader:
         return CopiedTopic(topic, name, store, tuple(qos), convert)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Give messages in the order of their log times; arrays in them are read-only.
+        """Messages in the order of their log times; arrays in them are read-only.
 
-        topics: only these; None means all whose definition is known. Raises BagError if a wanted topic's
-        definition is unknown, or, after the readable messages, where the bag is damaged.
+        topics: names of topics to read; None means all whose definition is known. Raises BagError if the
+        definition of a requested topic is unknown, or, after the readable messages, if the bag is damaged.
         """
         decoders: dict[Key, Callable[[bytes], Any]] = {}
         for key, connection in self._wanted(topics).items():
@@ -293,7 +294,7 @@ class BagReader:
             yield BagMessage(topic, kind, time, message)
 
     def raw_messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Give messages without deserialising them; otherwise like `messages`."""
+        """Messages without deserialising them; otherwise like `messages`."""
         return self._stream(self._wanted(topics))
 
     def _wanted(self, topics: Collection[str] | None) -> dict[Key, Connection]:

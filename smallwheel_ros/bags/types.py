@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Message types: those that this package knows, and those that a bag defines.
+"""Message types: this package's, those of ROS 2 Jazzy, and those that a bag defines.
 
 There is one copy of the package's own ``.msg`` files in the source, in ``msg/``, from which rosidl
 generates the message classes. Every kind of installation puts them into ``smallwheel_ros/definitions``
@@ -96,7 +96,7 @@ def plain_fields(name: str) -> dict[str, str]:
 
 
 class DefinitionError(SmallwheelError):
-    """A bag's definition of a message type cannot be used, or is another one than here."""
+    """A bag's definition of a message type is unusable, or differs from the known one."""
 
 
 class Definitions:

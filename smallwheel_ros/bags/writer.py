@@ -139,7 +139,7 @@ class BagWriter:
         Parameters
         ----------
         topic
-            What `BagReader.channel` gave.
+            As returned by `BagReader.channel`.
         log_time
             Of recording, ns since the epoch.
         data
@@ -157,7 +157,7 @@ class BagWriter:
         topic, kind
             See `write`; a type that `message_type` knows.
         keeps_last
-            Whether a player of the bag gives its last message to those that listen later.
+            Whether later subscribers get the last message when the bag is played.
         """
         if kind not in typestore().fielddefs:
             raise BagError(self.path, f"topic {topic}: the definition of {kind} is not known here")

@@ -244,7 +244,7 @@ def taken(function: Function, options: Given) -> Given:
 
 
 def with_table(function: Function, given: Given) -> Given:
-    """Read the table, or the tables of a lab, and put it in place of the file's name.
+    """Read the table, or the tables of a lab, and replace the file's name by it.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands of the bench write, where they may, and how far they are."""
+"""Outputs of the commands of the bench: checks before the work, progress, and files."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def finish(
     result
         The result.
     asked
-        Options html, plots, output, json_file; model_file is where the result's model goes.
+        Options html, plots, output, json_file; model_file is the file for the result's model.
     text
         What is printed; the result's own text if not given.
     written

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What somebody typed, for a result to name the command that goes on from it."""
+"""The words of the running command, so that a result can name the command that continues from it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _TYPED = f"{__name__}.words"
 
 
 class RememberedCommand(click.Command):
-    """A command that remembers its words, as they were typed."""
+    """A command that remembers its words as they were typed."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Keep the words, then do as click does.
@@ -31,8 +31,8 @@ class RememberedCommand(click.Command):
 def typed_again(names: Collection[str], *more: str) -> str:
     """The words of the running command that belong to parameters of these names, quoted for a shell.
 
-    Unnamed ones come first, then options in the order of `--help`; unnamed ones come last where one begins
-    as an option does.
+    Unnamed arguments come first, then options in the order of `--help`; unnamed ones come last if one
+    of them looks like an option.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a command shows a result: its text, and its JSON where it was asked for."""
+"""How a command shows a result: its text, and its JSON if requested."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def show(
     Parameters
     ----------
     result
-        What came of a command.
+        The result of a command.
     json_file
-        Where to; - is standard output, None nowhere.
+        File for the JSON; - is standard output, None means none.
     written
-        Files that are there already, and are to be listed.
+        Files already written, to be listed.
     text
-        What is left to print where some of it was printed on the way; the result's own without it.
+        Text still to be printed, if part of it was printed before; the result's own text if not given.
     """
     tell(result.to_dict(), str(result) if text is None else text, json_file, written)
 

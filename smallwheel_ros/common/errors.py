@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The base of every error that this package raises on purpose, and how one says what there is instead."""
+"""The base of every error that this package raises on purpose, and phrases for their messages."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ class ArgumentError(SmallwheelError):
 
 
 def reason(error: Exception) -> str:
-    """Text of another library's error on one line, or its kind where it has none."""
+    """Text of another library's error on one line, or its type's name if it has no text."""
     text = " ".join(str(getattr(error, "strerror", None) or error).split())
     return text.rstrip(".") or type(error).__name__
 
 
 def nearest(name: str, known: list[str]) -> str:
-    """A clause that lists what exists, the nearest match first: for error messages.
+    """A clause for error messages that lists what exists, the nearest match first.
 
     Parameters
     ----------
     name
-        What was asked for.
+        The unknown name.
     known
-        What there is.
+        The names that exist.
     """
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean '{close[0]}'? " if close else ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write results, whole or not at all; read small texts, of files and never of a device or a pipe."""
+"""Write results whole or not at all; read small text files, never a device or a pipe."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ LARGEST = 1_000_000  # bytes; a model file with the covariance of 200 parameters
 
 
 class OutputError(SmallwheelError):
-    """A result cannot be written to the place asked for."""
+    """A result cannot be written to the requested place."""
 
 
 def check_target(path: str | Path) -> Path:
-    """Give the path if a file can be made there; ask before a long computation, not after it.
+    """Return the path if a file can be made there; to be called before a long computation.
 
     Raises OutputError where the folder is missing or the path is a folder.
     """
@@ -97,22 +97,22 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
-    """Let `write` make a file beside `path`, then put it there in one step, as `write_bytes` does.
+    """Let `write` make a file beside `path`, then move it there in one step, as `write_bytes` does.
 
-    A link stays, and what it points to is replaced. A device or a pipe (/dev/null, /dev/stdout) is
-    written to as it is: put another file in its place, and every program would lose it.
+    A link is kept, and its target replaced. A device or a pipe (/dev/null, /dev/stdout) is written to
+    directly: replacing it by a file would take it from every other program.
 
     Parameters
     ----------
     path
-        Where to.
+        Where to write.
     write
         Called with the path of the draft.
 
     Raises
     ------
     OutputError
-        Where that is not possible.
+        If that is impossible.
     """
     path = check_target(path)
     if path.exists() and not path.is_file():
@@ -123,10 +123,10 @@ def write_whole(path: str | Path, write: Callable[[Path], object]) -> None:
 
 
 def write_together(files: Mapping[Path, bytes]) -> None:
-    """Write files that belong together, in order; none takes its name before all are on the disk.
+    """Write files that belong together, in order; none gets its name before all are on the disk.
 
-    A process that is killed leaves all of them old or all of them new, but for the moment in which they get
-    their names: who reads them looks whether they belong together.
+    A process that is killed leaves all of them old or all of them new, except in the moment in which
+    they get their names: a reader must check that they belong together.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def write_together(files: Mapping[Path, bytes]) -> None:
     Raises
     ------
     OutputError
-        If one cannot be written; then none is there.
+        If one cannot be written; then none is changed.
     """
     _put([(check_target(path), partial(_write, content)) for path, content in files.items()])
 
@@ -181,7 +181,7 @@ def _put(files: Sequence[tuple[Path, Callable[[Path], object]]]) -> None:
 def sweep_drafts(path: Path) -> None:
     """Delete drafts that killed processes left of a file, or of files whose names begin with its name.
 
-    Only drafts that nobody has written to for an hour; what cannot be taken away stays.
+    Only drafts not written to for an hour are deleted; those that cannot be deleted stay.
     """
     target = Path(os.path.realpath(path))
     for draft in target.parent.glob(f".{glob.escape(target.name)}*{_DRAFT}*"):
@@ -191,7 +191,7 @@ def sweep_drafts(path: Path) -> None:
 
 
 def json_text(document: Mapping[str, Any]) -> str:
-    """Give the document as JSON text; a number that is not finite is a defect: ValueError."""
+    """The document as JSON text. Raises ValueError for a number that is not finite, which is a defect."""
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parameter of the node: how one is declared, what it may be, and what is wrong with a value.
+"""A parameter of the node: its declaration, its allowed values, and what is wrong with a value.
 
-A parameter is a field of a dataclass, declared once: its kind is the field's type, its name the field's,
-after those of the groups that it stands in.
+A parameter is a field of a dataclass, declared once: the field's type is its type, and its name is
+the field's, after the names of the groups that contain it.
 
     @dataclass(frozen=True, kw_only=True)
     class Timing:
@@ -62,20 +62,20 @@ class NodeParameter:
     name
         Full name; `<wheel>` in it stands for each wheel's name.
     kind
-        Of its value; an integer where a double is meant is taken for one.
+        Type of its value; an integer is accepted for a double.
     default
-        None: there is none. It must then be given, or is optional (see the description).
+        None if there is none: it must then be given, or is optional (see the description).
     description
         What it means.
     low, high
-        Ends of the range, both allowed; None: no end.
+        Ends of the range, both allowed; None for no limit.
     choices
-        What a text or an integer may be; empty: anything.
+        Allowed texts or integers; empty: any.
     form
-        What a text must be besides a text: the name of a topic, of a topic or empty (no_topic), or of a
+        Further condition on a text: the name of a topic, of a topic or empty (no_topic), or of a
         file or empty.
     at_start
-        Whether it counts only in the file or command line that the node is started with.
+        Whether it is only read at the start of the node, from the file or command line.
     """
 
     name: str
@@ -107,7 +107,7 @@ class NodeParameter:
 
     @property
     def allowed(self) -> str:
-        """Its choices or its range, in words; empty: anything of its kind."""
+        """Its choices or its range, in words; empty if any value of its type is allowed."""
         if self.choices:
             return " or ".join(map(str, self.choices))
         if self.low is None or self.high is None:
@@ -116,7 +116,7 @@ class NodeParameter:
 
     @property
     def expected(self) -> str:
-        """What a value must be, in words."""
+        """What values it may have, in words."""
         if self.choices:
             return " or ".join(repr(choice) for choice in self.choices)
         article = "an" if self.kind == "integer" else "a"
@@ -125,9 +125,9 @@ class NodeParameter:
         return words + (f" {self.unit}" if self.unit not in ("", "1") else "")
 
     def problem(self, value: object) -> str | None:
-        """Say what is wrong with a value, naming the parameter and the mend; None: nothing.
+        """What is wrong with a value, naming the parameter and the remedy; None if nothing is.
 
-        A value of None is one that is not given.
+        A value of None stands for a parameter that is not given.
         """
         if value is None:
             missing = f"parameter {self.name} is missing, expected {self.expected}"
@@ -214,12 +214,12 @@ def parameter(
 ) -> Any:  # a dataclass field stands for a value of its annotated type
     """Declare a parameter of the node as a field of a dataclass.
 
-    A field whose type is a Literal may be what that lists.
+    A field whose type is a Literal has the values listed there as choices.
 
     Parameters
     ----------
     default
-        None where there is none, and then the field's type allows None or it is required.
+        None if there is none; then the field's type allows None, or the parameter is required.
     unit
         Of a number.
     span
@@ -243,11 +243,11 @@ def topic(default: str, text: str, *, at_start: bool = False) -> Any:
     Parameters
     ----------
     default
-        Its name where none is given.
+        Its name if none is given.
     text
-        What comes by it.
+        What its messages are.
     at_start
-        Whether it is read once, as the node starts.
+        Whether it is only read at the start of the node.
     """
     return parameter(default, text=text, form="no_topic", at_start=at_start)
 
@@ -258,9 +258,9 @@ def path(text: str, *, at_start: bool = False) -> Any:
     Parameters
     ----------
     text
-        What the file has.
+        What the file contains.
     at_start
-        Whether it is read once, as the node starts.
+        Whether it is only read at the start of the node.
     """
     return parameter("", text=text, form="path", at_start=at_start)
 
@@ -306,9 +306,9 @@ def _row(name: str, hint: Any, default: Any, what: Mapping[str, Any]) -> NodePar
 
 
 def filled(declared: type[Declared], values: Mapping[str, Any], before: str = "") -> Declared:
-    """Make a declared group of values; wheels are those of `wheels`.
+    """A declared group filled with values; the parameter `wheels` names the wheels.
 
-    Fields of the class that are no parameters keep their defaults.
+    Fields of the class that are not parameters keep their defaults.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def filled(declared: type[Declared], values: Mapping[str, Any], before: str = ""
     values
         Of all its parameters, by full name.
     before
-        What the group's names begin with, as `cost.`.
+        Prefix of the group's parameter names, such as `cost.`.
     """
     found: dict[str, Any] = {}
     for one in fields(declared):  # type: ignore[arg-type]

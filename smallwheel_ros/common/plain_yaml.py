@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one way in which YAML is read and written: text means to this package what a person reads.
+"""Reading and writing of YAML, in the subset whose meaning is what a person reads.
 
-YAML 1.1 takes 010 for 8, 1:30 for 90 and 1_000 for 1000; tags make objects, aliases let 500 bytes
-become gigabytes. None of that is needed in a file of parameters or a model: it is refused, with its
-line. What is left are mappings, lists, texts, `true` and `false`, `null`, and decimal numbers.
+YAML 1.1 takes 010 for 8, 1:30 for 90 and 1_000 for 1000; tags create objects, and aliases let 500
+bytes become gigabytes. A file of parameters or a model needs none of that: it is refused, with its
+line. Allowed are mappings, lists, texts, `true` and `false`, `null`, and decimal numbers.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _OTHER_NUMBER = re.compile(
 
 
 class PlainYamlError(Exception):
-    """Text that is not the YAML described above: where, and what is wrong with it."""
+    """Text that is not YAML as described above: where, and what is wrong."""
 
 
 def read_yaml(path: Path | str) -> Any:
@@ -70,7 +70,7 @@ def write_yaml(document: Any) -> str:
 
 
 def plain_value(text: str) -> str | int | float | bool | None:
-    """Return what a text without quotes means. Raises ValueError for a number in disguise."""
+    """Return the value of a text without quotes. Raises ValueError for a number in disguise."""
     if text in _NULLS:
         return None
     if text in _BOOLEANS:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all results have in common: words for people, plain values and tables for programs, files.
+"""The common base of all results: text for people, plain values and tables for programs, files.
 
-A result is what a function of `smallwheel_ros` returns and what the command of that name prints:
-`print(result)` is the command's text, `to_dict()` its JSON. How it looks is defined in the module that
-it names (`shown`), which has some of these functions:
+A result is what a function of `smallwheel_ros` returns and what the command of the same name prints:
+`print(result)` is the command's text, `to_dict()` its JSON. The module named by `shown` defines how
+a result looks, with some of these functions:
 
     page(result, pictures=True) -> Page    text, HTML and pictures
-    document(result) -> dict               its JSON, where it has not got it at hand
+    document(result) -> dict               its JSON, if the result does not hold it
     rows(result) -> list of mappings       its table, likewise
     draw(axes, result, ...)                one plot of it
     writers(result) -> dict                further kinds of files, by suffix
@@ -117,11 +117,11 @@ class Result:
         return frame
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the result into a file, whole or not at all; its suffix says as what.
+        """Write the result into a file, whole or not at all; the suffix selects the kind of file.
 
-        .json is `to_dict`, .csv the table; where the result has them .yaml is the model, .html the
-        report, .png, .svg and .pdf the picture. Raises ResultError for another suffix, OutputError
-        where it cannot be written.
+        .json is `to_dict`, .csv the table; some results also have .yaml, the model; .html, the report; and
+        .png, .svg and .pdf, the picture. Raises ResultError for another suffix, OutputError where it cannot
+        be written.
         """
         target = check_target(Path(path))
         known = {
@@ -186,7 +186,7 @@ def _cell(value: Any) -> str:
 
 
 def pandas() -> Any:
-    """The module pandas, imported now. Raises ImportError that says what to do without it."""
+    """The module pandas, imported now. Raises ImportError that says how to do without it."""
     try:
         import pandas as module
     except ImportError as error:

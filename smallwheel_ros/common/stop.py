@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM as a wish to stop, which whoever works looks at between two messages."""
+"""Ctrl-C and SIGTERM as a request to stop, which the worker checks between two messages."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from contextlib import contextmanager
 
 
 class Stop:
-    """Whether somebody asked to stop, by Ctrl-C or SIGTERM; asked twice it stops at once."""
+    """Whether the user asked to stop, by Ctrl-C or SIGTERM; the second request stops at once."""
 
     def __init__(self) -> None:
         self.asked = ""
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Take signals meanwhile; only the main thread can."""
+        """Handle the signals inside the `with` block; only possible in the main thread."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return

@@ -52,14 +52,14 @@ def _is_number(cell: str) -> bool:
 
 
 def each(value: Any, single: Callable[[Any], Any]) -> Any:
-    """Mappings, lists and arrays as JSON has them, with `single` applied to every other value.
+    """Mappings, lists and arrays in JSON's form, with `single` applied to every other value.
 
     Parameters
     ----------
     value
         Any plain value.
     single
-        Gives what stands for a single value.
+        Converts a single value.
     """
     if isinstance(value, Mapping):
         return {str(key): each(item, single) for key, item in value.items()}
@@ -87,7 +87,7 @@ def write_json(target: str, document: Mapping[str, Any]) -> None:
     target
         The file's name.
     document
-        Plain values; arrays and numbers of numpy are made so.
+        Plain values; arrays and numbers of numpy are converted.
 
     Raises
     ------

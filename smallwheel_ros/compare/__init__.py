@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws side by side, on one table or on a folder of data that anybody may have, parts left out in turn.
+"""Comparison of laws, on one table or on a folder of data sets, with parts left out in turn.
 
-A law of one's own is a class of about ten lines: `from smallwheel_ros.compare import Law, parameter`.
+A law of your own is a class of about ten lines: `from smallwheel_ros.compare import Law, parameter`.
 """
 
 from smallwheel_ros.compare.own_law import Law, parameter

@@ -67,9 +67,14 @@ _REPEAT = "how well a row repeats is not known: repeat a few runs, or state {}_s
 class Floor:
     """The expected error of a true model on held-out runs, by channel, m or N.
 
-    value, source: from a diagnosis of the same data; None where there is none. reason: how it was
-    found, or why it was not.
-    repeatability: what rows of one run differ by, None where nothing was repeated.
+    Attributes
+    ----------
+    value, source
+        From a diagnosis of the same data; None without one.
+    reason
+        How the value was found, or why there is none.
+    repeatability
+        By how much rows of one run differ; None where nothing was repeated.
     """
 
     value: float | None
@@ -82,11 +87,20 @@ class Floor:
 class ModelResult:
     """One model of a comparison.
 
-    model: with the parameters of a fit to all rows, None for a constant. in_sample: errors of that model.
-    held_out: of each run by a fit without it, None for a model that stands as it is and where there is one
-    run. unseen: errors on runs that the model was not fitted to, None where that is not known.
-    not_predicted: rows that it has no prediction for, with the reason. why: by channel, what may make it
-    worse than no law (`reasons`).
+    Attributes
+    ----------
+    model
+        With the parameters of a fit to all rows; None for a constant.
+    in_sample
+        Errors of that model.
+    held_out
+        Errors on each run by a fit without it; None for a model that is not fitted, or if there is one run.
+    unseen
+        Errors on runs that the model was not fitted to; None if these are unknown.
+    not_predicted
+        Rows that it cannot predict, with the reason.
+    why
+        By channel, what may make it worse than no law (`reasons`).
     """
 
     contender: Contender
@@ -101,10 +115,17 @@ class ModelResult:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Result, shown="views.comparison"):
-    """Models against the same measurements.
+    """Models compared with the same measurements.
 
-    noise: by channel. folds: how many parts the runs were dealt into for the held-out error, 0 where
-    nothing could be held out. left_out: lines of rows that are in no error, with the reason.
+    Attributes
+    ----------
+    noise
+        By channel.
+    folds
+        Number of parts into which the runs were dealt for the held-out error; 0 if nothing could be
+        held out.
+    left_out
+        Lines of rows that are in no error, with the reason.
     """
 
     measurements: Measurements
@@ -135,7 +156,7 @@ class Comparison(Result, shown="views.comparison"):
         channel
             sinkage, resistance, drawbar_pull or torque.
         held_out
-            Whether each row is predicted by a fit that did not have its run; else by the fit to all.
+            Whether each row is predicted by a fit without its run; else by the fit to all rows.
         """
         errors = result.held_out if held_out else result.in_sample
         blank = np.full(len(self.measurements), np.nan)
@@ -170,16 +191,17 @@ class Comparison(Result, shown="views.comparison"):
         return self.score(result, channel, held_out=True) or self.score(result, channel)
 
     def best(self, channel: str, laws: bool = False) -> ModelResult | None:
-        """The model of the least error on runs that it was not fitted to.
+        """The model with the smallest error on runs that it was not fitted to.
 
-        Where no model has such runs, of the least error in sample. None where none predicts the channel.
+        If no model has such runs, the one with the smallest error in sample; None if none predicts the
+        channel.
 
         Parameters
         ----------
         channel
             sinkage, resistance, drawbar_pull or torque.
         laws
-            Whether it is to be a law; a constant is none.
+            Whether only laws are considered, which excludes the constant.
         """
         scores = [
             (m, e.score(channel)) for m, e in self._compared() if not (laws and m.model is None)
@@ -188,7 +210,7 @@ class Comparison(Result, shown="views.comparison"):
         return scores[min(known)[1]][0] if known else None
 
     def differences(self, channel: str) -> dict[str, Change]:
-        """How the models compare with the best one, by name, of those that can be compared."""
+        """The change from the best model's error to that of each other model, by name, where comparable."""
         best = self.best(channel)
         errors = {m.contender.name: e for m, e in self._compared()}
         if best is None:
@@ -198,7 +220,7 @@ class Comparison(Result, shown="views.comparison"):
         return {name: change for name, change in found.items() if channel in change.reduction}
 
     def useless(self, channel: str) -> str:
-        """Say so where a model without physics has less error than every law; "" otherwise."""
+        """Say that a model without physics has a smaller error than every law; empty if it has not."""
         best, law = self.best(channel), self.best(channel, laws=True)
         if best is None or law is None or best is law:
             return ""

@@ -28,12 +28,15 @@ REGRESSION = "log_log_regression"
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare: a `Base` is fitted to the data, a `Model` stands as it is.
+    """A model to compare: a `Base` is fitted to the data, a `Model` is used as it is.
 
-    model: None for no law at all: a constant, the mean of the channel over the rows that a fit may see, or a
-    regression on the settings (`fitting.noise`), which has no pull and torque.
-    file, fitted_to: where a standing model came from, and the SHA-256 of the data that it was fitted
-    to, "" if unknown.
+    Attributes
+    ----------
+    model
+        None for a model without physics: a constant, which is the mean of the channel over the training
+        rows, or a regression on the settings (`fitting.noise`), which has no pull and torque.
+    file, fitted_to
+        File of a model used as it is, and the SHA-256 of the data that it was fitted to; empty if unknown.
     """
 
     name: str
@@ -51,7 +54,7 @@ class Contender:
 def standard_contenders(points: Points) -> list[Contender]:
     """A constant, a regression, Bekker's law, that of Meirion-Griffith & Spenko and the contact integral.
 
-    Where pull or torque was measured at known slip that of Wong and Reece, too. The closed forms have the
+    With pull or torque measured at known slip, that of Wong and Reece too. The closed forms have the
     thrust that is published with them, the contact integral the balance of stresses.
     """
     wheels = points.conditions.contact != PLATE  # plates have no width
@@ -109,14 +112,14 @@ def contenders_of(models: Models, known: Registry) -> list[Contender]:
     Parameters
     ----------
     models
-        One or several of what `model_of` takes, or a mapping of them by the names that they are to have.
+        One or several arguments of `model_of`, or a mapping from names to them.
     known
         Effects that model files may name.
 
     Raises
     ------
     ArgumentError, ModelFileError
-        Where one is no model, or its file cannot be used.
+        If one is not a model, or its file cannot be used.
     """
     if isinstance(models, Mapping):
         named = [(str(name), model) for name, model in models.items()]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All data sets of a folder under all laws, and what that finds.
+"""All data sets of a folder under all laws.
 
-A data set is a folder with a licence file (LICENSE, LICENCE or COPYING) and tables beside it: without a
-licence the figures cannot be repeated by others.
+A data set is a folder with a licence file (LICENSE, LICENCE or COPYING) and tables beside it:
+without a licence others could not repeat the figures.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Benchmark(Result, shown="views.law_table"):
     left_out: dict[str, str]
 
     def judged(self, verdict: Verdict) -> list[tuple[LawTable, Errors]]:
-        """The other laws against which ours has that verdict, with their tables."""
+        """The other laws for which our law has this verdict, with their tables."""
         return [(t, law) for t in self.tasks for law in t.others if law.verdict == verdict]
 
     def headline(self) -> str:
-        """How often our law has less error than others, more, or a difference within chance."""
+        """How often our law has a smaller error than others, a larger one, or one within chance."""
         wins, losses, ties = (len(self.judged(word)) for word in ("wins", "loses", "cannot tell"))
         return (
             f"{self.folder}: {wins + losses + ties} comparisons of ours with other laws on {len(self.tasks)} "
@@ -59,7 +59,7 @@ def held_against(
     Parameters
     ----------
     folder
-        Has a folder for each data set, with tables and a licence.
+        Contains a folder for each data set, with tables and a licence.
     law
         A Python file with laws of your own, which is run; None: none.
     done

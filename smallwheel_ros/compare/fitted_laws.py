@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The laws of the table, each fitted to what a fold may see, and what it predicts of the rest.
+"""The laws of the table: fits to the training rows of a fold, and predictions of the rest.
 
-Laws of size are fitted to sinkage by the closed form (Meirion-Griffith and Spenko 2011, eq. 7), under its
-noise. Resistance, pull and torque it predicts by compaction (Bekker 1956) and the thrust of Janosi and
-Hanamoto (1961), fitted to all channels. A law of one's own is fitted to all that it predicts.
+Laws of size are fitted to sinkage by the closed form (Meirion-Griffith and Spenko 2011, eq. 7),
+with its noise model. With them resistance, pull and torque are predicted from compaction (Bekker
+1956) and the thrust of Janosi and Hanamoto (1961), fitted to all channels. A law of your own is
+fitted to all that it predicts.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _TRIED = 3  # starts that are followed to their end: a law may have more than on
 class LawPrediction:
     """A law's predictions at all points, shape (values,); NaN where it has none.
 
-    at_bound: names of parameters that its fit left at a bound. effects: that it named.
+    at_bound: names of parameters that its fit left at a bound. effects: those that it named.
     """
 
     law: str
@@ -58,9 +59,10 @@ class LawPrediction:
 
 @dataclass(frozen=True)
 class Fold:
-    """What a law may see. points: of the whole table; seen: of these, shape (values,).
+    """The training data of a law.
 
-    others: the rows of the table that are seen.
+    points: of the whole table. seen: which of these the law is fitted to, shape (values,). others: the
+    training rows of the table.
     """
 
     points: Points
@@ -69,12 +71,12 @@ class Fold:
 
     @cached_property
     def whole(self) -> Problem:
-        """The closed form on all that is seen; its noise is that of a law of one's own."""
+        """The closed form on all training points; its noise model is also used for laws of your own."""
         return Problem(self.points.take(self.seen), _CLOSED_FORM)
 
     @cached_property
     def depths(self) -> Problem:
-        """The closed form on the sinkage alone; its noise is that of the laws of size."""
+        """The closed form on the training points of sinkage; its noise model is that of the laws of size."""
         return Problem(self.points.take(self.seen).only(("sinkage",)), _CLOSED_FORM)
 
 

@@ -2,8 +2,8 @@
 """The errors of all laws on one set of rows, and whether ours is better or worse than each.
 
 All laws are judged on the same points: those that each of them predicts. The unit is the part that was left
-out: ours is better where the mean over parts of another law's error less ours is over 0 by more than
-its standard error allows (Student's t, paired, two-sided).
+out: ours is better if the mean over parts of another law's error minus ours exceeds 0 by more than its
+standard error allows (Student's t, paired, two-sided).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FEWEST = 3  # parts: of two, the spread is one number
 
 @dataclass(frozen=True)
 class Difference:
-    """Error of a law less that of ours, mean over parts, SI. std: its standard error, None of one part."""
+    """Error of a law minus that of ours, mean over parts, SI. std: its standard error, None for one part."""
 
     mean: float
     std: float | None
@@ -41,10 +41,22 @@ class Difference:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one law on one channel, rms, SI. by_part: of each part by its name, None where it has none.
+    """Errors of one law on one channel, rms, SI.
 
-    rmse: of all parts. refused: points that it does not predict. effects: by part, what the diagnosis of the
-    others named. at_bound: by parameter, in how many fits it was at its bound. against: ours.
+    Attributes
+    ----------
+    by_part
+        Of each part by its name; None where it has none.
+    rmse
+        Of all parts.
+    refused
+        Number of points that it does not predict.
+    effects
+        By part, what the diagnosis of the other parts named.
+    at_bound
+        By parameter, in how many fits it was at its bound.
+    against
+        Difference from our law.
     """
 
     law: str
@@ -58,7 +70,7 @@ class Errors:
 
     @property
     def verdict(self) -> Verdict | None:
-        """How our law fares against this one; None where they are not compared."""
+        """Whether our law is better or worse than this one; None if they are not compared."""
         d = self.against
         if d is None:
             return None
@@ -71,9 +83,16 @@ class Errors:
 
 @dataclass(frozen=True)
 class LawTable:
-    """Errors of the laws for one contact in one soil, under one way of leaving rows out. file: the table.
+    """Errors of the laws for one contact in one soil, under one way of leaving rows out.
 
-    judged: by channel, how many points all laws predict. fits: of each law.
+    Attributes
+    ----------
+    file
+        The table.
+    judged
+        By channel, how many points all laws predict.
+    fits
+        Number of fits of each law.
     """
 
     file: Path
@@ -85,7 +104,7 @@ class LawTable:
 
     @property
     def others(self) -> list[Errors]:
-        """The laws of others, on every channel: not ours, and not ours without effects."""
+        """The laws of other authors, on every channel."""
         return [law for law in self.laws if law.law not in (INTEGRAL, OURS) and law.against]
 
     def of(self, channel: str) -> list[Errors]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is left out in turn: a size of plate, a level of slip, a wheel, a run, or a soil."""
+"""The ways of leaving rows out: a size of plate, a level of slip, a wheel, a run, or a soil in turn."""
 
 from __future__ import annotations
 
@@ -30,8 +30,14 @@ _FEWEST: dict[What, int] = {"size": 3, "slip": 3, "wheel": 2, "run": 3, "soil": 
 class Task:
     """One kind of contact in one soil (or all), and how its rows are left out.
 
-    what: of which the parts are. names: of the parts; part: code of each row, shape (rows,). fold: rows of
-    one code are left out together, shape (rows,).
+    Attributes
+    ----------
+    what
+        What the parts are: sizes, runs, ...
+    names, part
+        Of the parts; code of each row's part, shape (rows,).
+    fold
+        Code of the rows that are left out together, shape (rows,).
     """
 
     contact: str
@@ -43,9 +49,10 @@ class Task:
     fold: Index
 
     def folds(self) -> Iterator[tuple[NDArray[np.bool_], Index]]:
-        """The rows of each fold as a mask, and the rows that a law may see.
+        """The rows of each fold as a mask, and the training rows.
 
-        Of a run that has a row in the fold it sees none: its other rows know too much.
+        The training rows exclude the other rows of runs that have a row in the fold, as they would reveal
+        too much.
         """
         run = runs_of(self.measurements)[1]
         for out in leave_out(self.fold):
@@ -53,7 +60,7 @@ class Task:
 
 
 def tasks_of(measurements: Measurements) -> Iterator[Task]:
-    """Each contact in each soil of a table, left out in every way that leaves something to fit to."""
+    """Each contact in each soil of a table, with every way of leaving rows out that still allows a fit."""
     names = list(dict.fromkeys(measurements.soil.tolist()))
     for soil in [*names, *([None] if len(names) > 1 else [])]:
         in_soil = np.full(len(measurements), True) if soil is None else measurements.soil == soil

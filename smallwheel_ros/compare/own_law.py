@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law of one's own: its parameters, how a file of it is read, and what it predicts."""
+"""A law of your own: its parameters, how its file is read, and its predictions."""
 
 from __future__ import annotations
 
@@ -25,17 +25,22 @@ _STARTS = 64  # for each parameter: of six decades some are within a factor of t
 
 
 class LawError(SmallwheelError):
-    """A law of one's own that cannot be used, or fails on data."""
+    """A law of your own that cannot be used, or that fails on data."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """Base of a law of one's own. Its fields, made by `parameter`, are fitted within their bounds.
+    """Base of a law of your own. Its fields, made by `parameter`, are fitted within their bounds.
 
     It has at least one method with the name of a channel, `sinkage(conditions)` (m), `resistance` (N),
-    `drawbar_pull` (N) or `torque` (N m), which gives an array of shape (rows,); NaN: no prediction. name:
-    in the table, that of the class if not given. needs: columns besides load, diameter and width; the law is
-    not held against a table without them.
+    `drawbar_pull` (N) or `torque` (N m), which returns an array of shape (rows,); NaN: no prediction.
+
+    Attributes
+    ----------
+    name
+        In the table; that of the class if not given.
+    needs
+        Columns besides load, diameter and width; the law is left out for a table without them.
     """
 
     name: ClassVar[str] = ""
@@ -43,9 +48,9 @@ class Law:
 
 
 class OwnLaw:
-    """A law of a file, as a function of shares: where each parameter is within its bounds, 0 to 1.
+    """A law of a file, as a function of shares: the position of each parameter between its bounds, 0 to 1.
 
-    The share of a parameter whose bounds are over 0 is that of its logarithm.
+    For a parameter whose bounds are positive, the share is that of its logarithm.
     """
 
     def __init__(self, kind: type[Law], path: Path) -> None:
@@ -69,7 +74,7 @@ class OwnLaw:
         return LawError(f"{self.path}{line}: law '{self.name}': {said}")
 
     def starts(self) -> Array:
-        """Shares where a fit may start: a sample of all ranges, shape (starts, parameters)."""
+        """Shares at which a fit may start: a sample over all ranges, shape (starts, parameters)."""
         count = len(self.parameters)
         return np.random.default_rng(0).random((max(1, _STARTS * count), count))
 
@@ -121,7 +126,7 @@ def load_laws(path: Path, taken: Sequence[str] = ()) -> tuple[OwnLaw, ...]:
     Raises
     ------
     EffectError
-        Where the file does not run or has no law.
+        If the file does not run or has no law.
     LawError
         Where a law cannot be used, or has the name of another.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a law has more error than no law at all, by what its own fit found, and which rows have no error."""
+"""Why a law has a larger error than no law at all, from its own fit; and which rows are in no error."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ SAME_FREEDOM = (
 
 
 def why_of(fitter: Fitter, fit: Fit, base: Base) -> dict[str, str]:
-    """By channel, why a law of bodies that do not roll is worse than a line, in words; of wheels `MISSING`.
+    """By channel, why a law of bodies that do not roll is worse than a line, in words; for wheels `MISSING`.
 
-    What its fit had to lay to scatter that soils and rigs hardly have, and whether it stopped at the largest
-    n; else that both have the same settings to go by.
+    The reasons are scatter that is larger than soils and rigs usually have, and an exponent at the
+    largest n; else that law and line both use the same settings.
 
     Parameters
     ----------
     fitter, fit
-        The law's fit, and what it was fitted by.
+        The law's fit, and its fitter.
     base
-        The model that it began with.
+        The model that it started from.
     """
     points, said = fitter.points, {}
     large = unusual(fitter, fitter.true_scatter(fit))
@@ -91,9 +91,9 @@ def left_out(points: Points, outliers: Index) -> Reasons:
     Parameters
     ----------
     points
-        What was fitted to.
+        The points of the fit.
     outliers
-        Numbers of rows that were thrown out.
+        Numbers of rows that were left out as outliers.
     """
     data = points.measurements
     free = np.ones(len(data), dtype=bool)
@@ -113,14 +113,14 @@ def left_out(points: Points, outliers: Index) -> Reasons:
 
 
 def notes_of(points: Points, folds: int) -> tuple[str, ...]:
-    """What is to be known of all errors of a table.
+    """Remarks that apply to all errors of a table.
 
     Parameters
     ----------
     points
-        What was fitted to.
+        The points of the fit.
     folds
-        How many times rows were held out; 0 where nothing could be.
+        How many times rows were held out; 0 if nothing could be.
     """
     notes = [note for note in points.notes if _SUNK not in note]
     if not folds:

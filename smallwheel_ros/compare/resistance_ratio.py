@@ -21,7 +21,8 @@ _POINTS = 60
 class ResistanceRatio:
     """Compaction alone puts every point on the line of its n, whatever k and m are.
 
-    rows: of the table; x, y: of each of them, soil: its name. line_x and lines, by n: compaction.
+    rows: of the table; x, y: their coordinates; soil: its name. line_x, lines: the lines of compaction,
+    by n.
     """
 
     rows: NDArray[np.intp]
@@ -33,7 +34,7 @@ class ResistanceRatio:
 
 
 def resistance_ratio(measurements: Measurements) -> ResistanceRatio | None:
-    """Give the check; None where sinkage and resistance were not measured together."""
+    """The check; None where sinkage and resistance were not measured together."""
     if not {"sinkage", "resistance"} <= set(measurements.channels):
         return None
     conditions = measurements.conditions

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is expected of ground that no wheel has been on: by its terrain class, and by its slope.
+"""What is expected of ground that no wheel has been on, from its terrain class and its slope.
 
-Of a class: what was met on it, or its prior. Of a cell whose slope is known as well, that less the slope;
-where nothing tells the class, what ground like that the vehicle is on gives at most.
+For a class, it is the margin met on it, or its prior. If the slope of a cell is known as well, the slope is
+subtracted; where the class is unknown, the margin is the most that ground like the present one gives.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from smallwheel_ros.physics.wheel import Quantity
 
 
 class GroundAhead:
-    """Predictions of ground ahead; none of them is over 99.
+    """Predicted costs of the ground ahead; none of them is over 99.
 
     Parameters
     ----------
     prior
-        What any ground gives at most, as believed before driving; None: not known.
+        The most that any ground gives, as believed before driving; None if unknown.
     names, reference_slip
-        Of terrain classes by number, and the slip at which margins are worked out: those in `PRIORS` have a
-        margin before any wheel is on them.
+        Names of terrain classes by number, and the slip at which margins are defined. Classes in
+        `PRIORS` have a margin before any wheel is on them.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class GroundAhead:
     class_grid, elevation
         The newest grid of terrain classes, and the newest slopes.
     most
-        What ground like that the vehicle is on gives at most; `prior` before it has driven.
+        The most that ground like the present one gives; `prior` before the vehicle has driven.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class GroundAhead:
         return UNKNOWN if grid is None or cell is None else int(grid.cells[cell])
 
     def stuck_at(self, frame: str, places: Iterable[tuple[float, float]]) -> None:
-        """Set the places where the vehicle has been stuck and has not got through since.
+        """Set the places where the vehicle got stuck and has not got through since.
 
         Parameters
         ----------

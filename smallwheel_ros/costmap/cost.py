@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the mobility margin and its uncertainty to a cost of 0 .. 100: the risk of getting stuck, in per cent.
 
-The margin is drawbar pull over load at the reference slip: the tangent of the slope that is held. A vehicle
-that slips by more is not stuck yet: until the slip with which it makes no way, at which the map has 100, the
-ground gives more by what is gained beyond the reference slip.
+The margin is drawbar pull over load at the reference slip, the tangent of the slope that the ground
+holds. A vehicle that slips more is not stuck yet: up to the slip at which it makes no way, where
+the map has 100, the ground gives more, by what is gained beyond the reference slip.
 
     cost = 100 P(margin + beyond - slope < required margin), rounded; both sides normally distributed
 
-So a cost of 30 is ground of which three in ten places stop the vehicle. It falls with the margin and rises
-with what is not known of it, up to 50 for ground that is expected to be passable.
+A cost of 30 thus is ground of which three in ten places stop the vehicle. It falls with the margin
+and rises with its uncertainty, up to 50 for ground that is expected to be passable.
 
-Ground that the vehicle got over has shown that it gives at least what was asked for there. Of what was
-believed only that part is left, so that a metre that was crossed lowers its own cost:
+Ground that the vehicle crossed has shown that it gives at least what it required there. The
+distribution of the margin is cut off below that, so that crossing a metre lowers its own cost:
 
     cost = 100 P(margin + beyond - slope < required margin | that is more than what was asked for)
 
-100, which planners take for lethal, is for places where the vehicle was seen to make no way. Whatever is
-expected, of ground ahead or of ground that was crossed, costs 99 at most.
+100, which planners take for lethal, is used only where the vehicle was seen to make no way.
+Expectations, of ground ahead or of ground crossed, cost 99 at most.
 """
 
 from __future__ import annotations
@@ -44,19 +44,20 @@ _EXACT = 1e-9  # standard deviation of a margin that is given as exact
 def falls_short(
     margin: Numbers | float, deviation: Numbers | float, required: float | Numbers
 ) -> Numbers:
-    """Probability that ground does not give what is required at any slip.
+    """Probability that ground does not give what is required at any slip; NaN where NaN.
 
     Parameters
     ----------
     margin, deviation
-        What it gives at most over load (1), and the standard deviation of that; of any one shape, in single
-        precision where they are.
+        The most that it gives over load (1), and its standard deviation; of any one shape. Single
+        precision is kept.
     required
         Pull over load, 1.
 
     Returns
     -------
-    0 to 1, NaN of NaN.
+    ndarray or float
+        0 to 1.
     """
     return np.asarray(ndtr((required - np.asarray(margin)) / np.maximum(deviation, _EXACT)))
 
@@ -66,7 +67,7 @@ class CostRules:
     """How a margin becomes a cost.
 
     required_margin: tangent of the slopes that the vehicle has to climb beyond those it has met. Raises
-    CostMapError where that is no such tangent.
+    CostMapError for a value that is not such a tangent.
     """
 
     required_margin: float = 0.0
@@ -84,11 +85,11 @@ class CostRules:
         Parameters
         ----------
         margin
-            What the ground gives at most over the load, less the slope.
+            The most that the ground gives over the load, minus the slope.
         deviation
             Its standard deviation.
         shown
-            What it has shown to give, less the slope; minus infinity if it has shown nothing.
+            The least that it has shown to give, minus the slope; minus infinity if it has shown nothing.
 
         Returns
         -------
@@ -127,7 +128,7 @@ class CostRules:
 
 @dataclass(frozen=True, kw_only=True)
 class CostSettings:
-    """cost.*: what the cost map is to be. Raises CostMapError where there can be no such window."""
+    """cost.*: the cost map's window and rules. Raises CostMapError for an impossible window."""
 
     resolution: float = parameter(
         0.1, "m", (0.01, 10.0), "Side of a cell of ~/cost and ~/cost_bare."
@@ -164,7 +165,7 @@ class CostSettings:
 
     @property
     def rules(self) -> CostRules:
-        """How a margin becomes a cost."""
+        """The rules by which a margin becomes a cost."""
         return CostRules(self.required_margin)
 
     def __post_init__(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cost map: what wheels have found on the ground, and what is expected of the ground ahead.
+"""The cost map: ground that the wheels have crossed, and expectations about the ground ahead.
 
     map = CostMap(CostSettings(), wheels)
     map.add(wheel, "odom", Pose(3.1, 0.2, 0.0), 17.4, Quantity(0.12, 0.02))
@@ -7,8 +7,9 @@
     grids.bare      # each cell its own cost: for readers that lay the vehicle's footprint over it
     grids.spread    # each cell the highest around it: for readers that check the cell under base_link alone
 
-Its layers, from the lowest to the uppermost: what is expected of terrain classes; of ground whose slope is
-known ahead; what earlier drives found; what this one has found. The lower two are predictions, 99 at most.
+Its layers, from the lowest to the uppermost: expectations by terrain class; expectations where the
+slope ahead is known; ground crossed on earlier drives; ground crossed on this one. The lower two
+are predictions, 99 at most.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ COST_TOPICS = ("cost_bare", "cost")  # below the node's name, of each grid of `C
 
 
 class CostGrids(NamedTuple):
-    """The costs of one moment, on the same cells: each its own, and the highest around each."""
+    """The costs at one moment, on the same cells: each cell's own, and the highest around each."""
 
     bare: Grid
     spread: Grid
@@ -49,25 +50,25 @@ class CostMap:
     Parameters
     ----------
     prior
-        What any ground gives at most, as it was believed before driving, None where not known
-        (`drive.ground_map.cost_map_of`).
+        The most that any ground gives, as believed before driving (`drive.ground_map.cost_map_of`);
+        None if unknown.
     names, reference_slip
         As of `GroundAhead`.
 
     Attributes
     ----------
     spread
-        How far costs are spread, m.
+        Distance over which costs are spread, m.
     changed
         Whether there is something to publish: a cell has changed, or the vehicle has moved.
     frame
-        Of positions; empty as long as it is not known.
+        Of positions; empty while unknown.
     reference_slip
-        At which margins are worked out, 1.
+        Slip at which margins are defined, 1.
     ahead
-        What is expected of ground that no wheel has been on.
+        Expectations about ground that no wheel has been on.
     remembered
-        What was found on earlier drives.
+        Ground crossed on earlier drives.
     """
 
     def __init__(
@@ -140,25 +141,25 @@ class CostMap:
         travel
             m.
         margin
-            Of the vehicle there, without the slope; None where nothing is known.
+            Of the vehicle there, without the slope; None if unknown.
         stuck
-            Whether it was seen to make no way there, whatever the margin is. All else is expected, and
-            costs 99 at most: it drives there.
+            Whether it was seen to make no way there, whatever the margin is. Anything else is an
+            expectation and costs 99 at most, since it drives there.
         beyond
-            What is gained beyond the reference slip until the vehicle makes no way, 1.
+            Gain from the reference slip to the slip at which the vehicle makes no way, 1.
         risk
-            That it gets stuck, by the warning; 0: none.
+            Probability of getting stuck, by the warning; 0 without a warning.
         slope
             Tangent of the steepest slope of the ground there.
         demand
-            Pull over load that is asked for there on the way that it goes; NaN where it is not known.
+            Pull over load that is required there in the direction of travel; NaN if unknown.
         shown
-            Margin that the ground there has shown it has: what was asked for where it got over.
+            Margin that the ground there has shown to have: what it gave when it was crossed.
         course
             rad, by which the vehicle goes to the left of its heading.
         measured
-            Whether the margin is of that ground, not that of any ground: of the latter a terrain class that
-            has a prior of its own learns nothing.
+            Whether the margin was measured on that ground; from any ground's margin a terrain class with a
+            prior of its own learns nothing.
         """
         self._enter(frame)
         moved = self._ground.follow(pose.x, pose.y)
@@ -232,7 +233,7 @@ class CostMap:
         self._frames = {above: pose}
 
     def whole(self) -> Grid | None:
-        """Return what was crossed, now and before, in the frame above that of positions if there is one.
+        """What was crossed, on this and earlier drives, in the frame above that of positions if there is one.
 
         None where nothing was crossed.
         """
@@ -245,7 +246,7 @@ class CostMap:
         return union(ground.frame, [(old, HERE), (ground, HERE)])
 
     def spread_whole(self) -> Grid | None:
-        """Return `whole` as planners that know base_link alone need it."""
+        """`whole` with costs spread, for planners that only check the cell under base_link."""
         ground = self.whole()
         if ground is None:
             return None

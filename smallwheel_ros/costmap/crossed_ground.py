@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground that a vehicle covers, and what it has crossed: a window of cells that goes along with it.
+"""The ground that a vehicle covers and has crossed: a window of cells that moves along with it.
 
-At each axle it covers a strip over its whole width. Of the wheels that pass a cell in one crossing the
-worst counts, of several crossings the newest.
+At each axle it covers a strip over its whole width. If several wheels pass a cell in one crossing,
+the worst cost counts; of several crossings, the newest.
 
-Marks lie over that: `HIGHEST` where it was stuck, less where a warning held. As soon as the axle is a
-vehicle's length further on, it has got through: its marks are taken back, over the whole width. Else they
-stay until a wheel itself has rolled over the cell: what is between wheels tells nothing against it.
+Marks lie on top: `HIGHEST` where the vehicle was stuck, less where a warning held. Once the axle is
+a vehicle's length further on, it has got through, and its marks are removed over the whole width.
+Otherwise they stay until a wheel itself has rolled over the cell, since ground between the wheels
+has not been tested.
 """
 
 from __future__ import annotations
@@ -35,11 +36,19 @@ LONGEST_STEP = 2.0  # m between two places of a wheel; over more the way is not 
 class Outline:
     """The rectangle that the wheels stand on: from one axle to the other, over their outer edges.
 
-    front, rear, left, right: its ends, m from base_link, ahead and left positive. radius: m, by which a
-    wheel may stick out of it in front and at the rear. half_width: from base_link to the outermost edge, m.
-    around: from base_link to the outermost corner, m: a planner that knows base_link alone keeps so far off,
-    since in a turn the wheels in front and behind swing out. length: from the front of the first wheels to
-    the back of the last, m.
+    Attributes
+    ----------
+    front, rear, left, right
+        Its ends from base_link, m; ahead and left positive.
+    radius
+        By how much a wheel may protrude from it at the front and at the rear, m.
+    half_width
+        From base_link to the outermost edge, m.
+    around
+        From base_link to the outermost corner, m: the distance that a planner that only knows base_link
+        keeps, as wheels swing out in a turn.
+    length
+        From the front of the first wheels to the back of the last, m.
     """
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
@@ -120,7 +129,7 @@ def side_of(size: float, resolution: float) -> int:
     Raises
     ------
     CostMapError
-        If there can be no such window.
+        If such a window is impossible.
     """
     if not 0 < resolution <= size < math.inf:
         raise CostMapError(
@@ -224,8 +233,8 @@ class CrossedGround:
     ) -> bool:
         """Record the cost at a wheel's present place.
 
-        `follow` must have placed the window. As long as the wheel is there its newest cost counts,
-        and the highest of its marks.
+        `follow` must have placed the window. While the wheel is there, its newest cost counts, and the
+        highest of its marks.
 
         Parameters
         ----------
@@ -287,7 +296,7 @@ class CrossedGround:
                 self._open.setdefault(wheel, []).append(last)
 
     def stuck_places(self) -> list[tuple[float, float]]:
-        """Middles (m) of the cells where an axle was stuck and has not got through since, each once."""
+        """Middles (m) of the cells where an axle got stuck and has not got through since, each once."""
         strips = [*self._strips.values(), *(one for each in self._open.values() for one in each)]
         cells = {
             tuple(math.floor(value / self.resolution) for value in strip.middle)

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ground ahead, from a map of elevations (grid_map_msgs/GridMap): its slopes, and classes where layers tell.
+"""Ground ahead, from a map of elevations (grid_map_msgs/GridMap): slopes, and classes given by layers.
 
     ahead = elevation_from(message, "elevation", length=0.9)
-    ahead.slope        # tangent of the steepest way, shape (rows along y, columns along x), NaN unknown
+    ahead.slope        # tangent of the steepest direction, (rows along y, columns along x), NaN unknown
 
-A layer's data has its columns one after the other (`column_index`, along y, then `row_index`, along x), and
-index (0, 0) is at the largest x and y. The map is a ring: cell (0, 0) is stored at outer_start_index (of
-rows), inner_start_index (of columns) (grid_map_ros, GridMapRosConverter).
+A layer's data is stored column by column (`column_index`, along y, then `row_index`, along x), with
+index (0, 0) at the largest x and y. The map is a ring buffer: cell (0, 0) is stored at
+outer_start_index (of rows), inner_start_index (of columns) (grid_map_ros, GridMapRosConverter).
 
-Slope: of a plane by least squares over a square of the vehicle's length, where 70 % of that is known. Its
-deviation: that of the plane's residuals over the length,
+The slope is that of a least-squares plane over a square of the vehicle's length, where at least 70 % of the
+square is known. Its deviation is that of the plane's residuals over the length,
 
     rms residual sqrt(12) / length,
 
-as if all of a residual were bumps that a vehicle of that length climbs: a plane of independent errors would
-be better known by the root of their number.
+as if all residuals were bumps that a vehicle of that length climbs: with independent errors the
+plane would be better known, by the root of their number.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class Elevation:
     frame, resolution, origin
         As of a `Grid`.
     slope, deviation
-        Tangent of the steepest way and its standard deviation; shape (rows along y, columns along x), NaN
-        where they are not known.
+        Tangent of the steepest direction, and its standard deviation; shape (rows along y, columns
+        along x), NaN where they are not known.
     classes
-        Probability of each terrain class of those whose names are layers, of that shape.
+        Probability of each terrain class that has a layer of its name; same shape.
     """
 
     frame: str
@@ -159,14 +159,14 @@ def layer_of(message: Any, name: str) -> Array:
 
 
 def slopes(heights: Array, resolution: float, length: float) -> tuple[Array, Array]:
-    """Tangent of the steepest way of each cell's ground and its standard deviation, of that shape.
+    """Tangent of the steepest direction at each cell, and its standard deviation; same shape.
 
     Parameters
     ----------
     heights
         m, NaN unknown; shape (rows along y, columns along x).
     resolution, length
-        Side of a cell and of the square that the plane lies in, m.
+        Side of a cell, and of the square that the plane is fitted to, m.
     """
     cells = max(2 * round(0.5 * (length / resolution - 1.0)) + 1, 3)
     known = np.isfinite(heights)

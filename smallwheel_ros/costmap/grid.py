@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A grid of square cells on the ground, as nav_msgs/OccupancyGrid has it: laid over others, in files.
+"""A grid of square cells on the ground, as in nav_msgs/OccupancyGrid: layering, and files.
 
-Files are those of Nav2's map_server: NAME.yaml and NAME.pgm, mode raw: 0 to 100, 255 unknown. `frame`
-in the yaml is ours (map_server takes its frame from a parameter): positions there are in it.
+Files are those of Nav2's map_server: NAME.yaml and NAME.pgm, mode raw: 0 to 100, 255 unknown.
+`frame` in the yaml is our addition (map_server takes its frame from a parameter) and is the frame
+of positions.
 """
 
 from __future__ import annotations
@@ -156,9 +157,9 @@ class Grid:
 
 
 def grid_from(message: Any) -> Grid:
-    """Take a nav_msgs/OccupancyGrid, of rclpy or of a bag, for a grid.
+    """The grid in a nav_msgs/OccupancyGrid, of rclpy or of a bag.
 
-    Raises CostMapError naming what is wrong with it, what was found and what was expected.
+    Raises CostMapError that names what is wrong, what was found and what was expected.
     """
     info, data = message.info, np.array(message.data, dtype=np.int8)
     place = info.origin.position
@@ -199,7 +200,7 @@ def check_straight(turn: Any, what: str) -> None:
 
 
 def lay_over(costs: Grid, above: Grid, pose: Pose = HERE) -> None:
-    """Write the known cells of a grid into another one; where several fall into one cell, the dearest counts.
+    """Write the known cells of a grid into another one; if several fall into one cell, the highest counts.
 
     Parameters
     ----------

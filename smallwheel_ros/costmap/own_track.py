@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cells that base_link was in: it can drive back there."""
+"""The cells that base_link was in, over which the vehicle can drive back."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _PARTS = np.array([(a, b) for a in (0.25, 0.75) for b in (0.25, 0.75)])
 
 
 class OwnTrack:
-    """Where base_link has been, and what it costs to drive back there.
+    """Where base_link has been, and the cost of driving back there.
 
-    All the wheels were on ground that was crossed then, whatever lies beside it.
+    All the wheels were on crossed ground there, whatever lies beside it.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class OwnTrack:
         self._homes: Cells = np.empty(64, dtype=np.int8)
 
     def follow(self, last: Pose, pose: Pose, home: int) -> None:
-        """Note the cells from the vehicle's last place to this one, and what they cost on the way back.
+        """Record the cells from the vehicle's last place to this one, and their cost on the way back.
 
         Parameters
         ----------

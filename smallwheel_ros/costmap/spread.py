@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Costs spread over their surroundings, for planners that look at the cell of base_link alone."""
+"""Costs spread over their surroundings, for planners that only check the cell under base_link."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _AT_ONCE = 250_000
 
 
 def spread(costs: Cells, reach: float) -> Cells:
-    """Give each cell the dearest cost within a reach, middle to middle; unknown cells cost nothing.
+    """Give each cell the highest cost within a reach, measured between middles; unknown cells are ignored.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _dearest(costs: Cells, reach: float) -> Cells:
 
 
 def wide(grid: Grid, reach: float) -> Grid:
-    """A grid whose costs are spread, with as much more ground around it.
+    """A grid with costs spread, and enlarged on all sides by the reach.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ def wide(grid: Grid, reach: float) -> Grid:
 
 
 class Spreader:
-    """Spreads the costs of one map again and again: anew only around cells that have changed since.
+    """Spreads the costs of one map repeatedly, recomputing only around cells that have changed.
 
     Parameters
     ----------
     reach
-        m, as far as a cost is spread.
+        Distance over which a cost is spread, m.
     """
 
     def __init__(self, reach: float) -> None:
@@ -99,7 +99,7 @@ class Spreader:
         self._last: tuple[Grid, Cells] | None = None  # before and after it was spread
 
     def spread(self, grid: Grid) -> Grid:
-        """Return the grid with each cell as dear as the dearest so far around it."""
+        """The grid with each cell at the highest cost within the reach."""
         reach, last = self.reach / grid.resolution, self._last
         if last is None or last[0].geometry != grid.geometry:
             cells = spread(grid.cells, reach)

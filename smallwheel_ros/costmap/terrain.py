@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the wheels have met on each terrain class, and what is believed of a class that has a name.
+"""The margins that wheels have met on each terrain class, and what is believed of a named class.
 
-A new place of a class is taken for one more draw from the places of it that have been crossed. Of a class
-without a name, mean of their margins, and variance
+A new place of a class is treated as one more draw from the places of it that have been crossed. For a class
+without a name, the mean is that of their margins, and the variance
 
-    of the soil's estimate, mean over the places           (all of them share that error)
+    of the soil's estimate, mean over the places           (an error that all of them share)
   + scatter^2 (1 + 1/N)                                    N: places crossed
+
     scatter^2 = (2 CLASS_SCATTER^2 + sum of squared deviations from the mean) / (N + 1)
 
-the posterior of a normal spread whose prior is worth two places. So a class touched once costs more
-than one that has been crossed at length.
+the posterior of a normal spread whose prior is worth two places. A class touched once therefore
+costs more than one that has been crossed at length.
 
-Of a class with a name in `PRIORS` that prior is worth two places, too, with its margin m0 and deviation s0:
+For a class with a name in `PRIORS` the prior, with its margin m0 and deviation s0, is worth two places too:
 
     mean      (2 m0 + sum of the margins) / (2 + N)
     variance  of the estimate N / (2 + N) + (2 s0^2 + sum of squared deviations of all 2 + N) / (2 + N)
 
-What is gained beyond the reference slip is the mean over the same places. A place where the vehicle is stuck,
-and has not got through since, counts as one that does not even carry its own load. All of this is expected:
-it costs 99 at most.
+The gain beyond the reference slip is the mean over the same places. A place where the vehicle got
+stuck, and has not got through since, counts as one that does not even carry its own load. All of
+this is expectation: it costs 99 at most.
 """
 
 from __future__ import annotations
@@ -54,14 +55,14 @@ SPINS = 0.7
 
 
 class Met(NamedTuple):
-    """Margin at the reference slip, and how much more the ground gives at larger slip."""
+    """Margin at the reference slip, and the gain of the ground at larger slip."""
 
     margin: Quantity
     beyond: float = 0.0
 
     @property
     def most(self) -> Quantity:
-        """Largest margin that such ground gives at any slip."""
+        """The largest margin that such ground gives at any slip."""
         return Quantity(self.margin.value + self.beyond, self.margin.standard_deviation)
 
 
@@ -83,7 +84,7 @@ class ClassPrior:
         return Quantity(pull - self.resistance, self.deviation)
 
     def met(self, reference_slip: float) -> Met:
-        """The margin at that slip, and how much more is gained at larger slip."""
+        """The margin at that slip, and the gain at larger slip."""
         margin = self.margin(reference_slip)
         return Met(margin, self.margin(max(SPINS, reference_slip)).value - margin.value)
 
@@ -193,7 +194,7 @@ class TerrainClasses:
         self._stuck: dict[int, int] = {}
 
     def has_prior(self, terrain: int) -> bool:
-        """Whether something is known of a class before any wheel was on it."""
+        """Whether the class has a prior of its own."""
         return terrain in self._priors
 
     def learn(
@@ -206,18 +207,18 @@ class TerrainClasses:
         wheel
             Name of the wheel.
         x, y
-            Where the wheel is, m.
+            Place of the wheel, m.
         terrain
             Number of the class; nothing is learnt below 0.
         margin
             Net traction over the load, at the reference slip.
         beyond
-            What is gained beyond the reference slip, over the load.
+            Gain beyond the reference slip, over the load.
 
         Returns
         -------
         bool
-            Whether it counted: not so close to the last place in the class.
+            Whether it was used; it is not where it is too close to the last place in the class.
         """
         if terrain < 0:
             return False
@@ -234,14 +235,14 @@ class TerrainClasses:
         return True
 
     def stuck_at(self, terrains: Iterable[int]) -> None:
-        """Take the class at each place where the vehicle has been stuck and has not got through since."""
+        """Set the class at each place where the vehicle got stuck and has not got through since."""
         self._stuck = {}
         for terrain in terrains:
             if terrain >= 0:
                 self._stuck[terrain] = self._stuck.get(terrain, 0) + 1
 
     def contradictions(self) -> list[str]:
-        """Report each class on which the vehicle was stuck, but at under half of the places."""
+        """Report each class on which the vehicle got stuck, though at fewer than half of its places."""
         places = self.places()
         return [
             f"terrain class {terrain} is both: stuck at {stuck} of {places[terrain]} places: the"
@@ -251,11 +252,11 @@ class TerrainClasses:
         ]
 
     def margins(self) -> dict[int, Quantity]:
-        """Margin to expect at a new place of each class that a wheel has been on, or that has a prior."""
+        """Margin to expect at a new place of each class that a wheel has crossed or that has a prior."""
         return {terrain: met.margin for terrain, met in self._expected().items()}
 
     def most(self) -> dict[int, Quantity]:
-        """What such a place gives at most."""
+        """The most that such a place gives."""
         return {terrain: met.most for terrain, met in self._expected().items()}
 
     def _expected(self) -> dict[int, Met]:
@@ -265,7 +266,7 @@ class TerrainClasses:
         }
 
     def places(self) -> dict[int, int]:
-        """How many places of each class have been crossed, or are those where it is stuck."""
+        """How many places of each class have been crossed, or are those where it got stuck."""
         met = {*self._classes, *self._stuck}
         return {terrain: self._with_stuck(terrain).places for terrain in sorted(met)}
 
@@ -274,9 +275,9 @@ class TerrainClasses:
         return known.add(_NOTHING_HELD, 0.0, stuck) if stuck else known
 
     def table(self, other: Quantity | None = None) -> Cells:
-        """Cost of each class number, shape (256,), by the byte that an int8 is.
+        """Cost of each class number, shape (256,), indexed by the int8's byte.
 
-        other: what classes give at most that nothing is known of; None: they have no cost.
+        other: the most that classes of which nothing is known give; None: they have no cost.
         """
         table: Cells = np.full(256, UNKNOWN, dtype=np.int8)
         if other is not None:
@@ -295,7 +296,7 @@ class TerrainClasses:
         classes
             Class numbers.
         other
-            Margin of classes of which nothing is known; they stay unknown without it.
+            The most that unknown classes give; None: they stay unknown.
         """
         # By the bytes: numpy would make a number of eight bytes of each first.
         found = classes.cells.tobytes().translate(self.table(other).tobytes())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demo: a simulated drive played over DDS into the node; its answers as tables, pictures, words.
+"""The demo: a simulated drive played over DDS into the node; its answers as tables, pictures and text.
 
 `smallwheel demo` or `make demo`.
 """
@@ -63,7 +63,7 @@ def run_demo(
     distance
         m before the slope that ends the drive.
     rate
-        Times as fast as real time, at most.
+        Largest factor on real time.
 
     Returns
     -------
@@ -156,13 +156,13 @@ def recorded(
     bag
         The bag.
     parameters
-        The node's parameter files; later ones win.
+        The node's parameter files; later ones take precedence.
     folder
         For the node's log.
     rate
-        Times as fast as real time, at most.
+        Largest factor on real time.
     overrides
-        Further parameters by name; they win over the files.
+        Further parameters by name; they take precedence over the files.
 
     Raises
     ------

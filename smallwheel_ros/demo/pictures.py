@@ -33,7 +33,8 @@ _UNITS = {"k": " [Pa/mⁿ⁺ᵐ]", "n": "", "m": ""}
 class Clip(NamedTuple):
     """The node's answers to a bag played into it.
 
-    mobility: one row per estimate, what is not known is blank; soil: one per message. epoch: ns at time 0.
+    mobility: one row for each estimate, blank if unknown. soil: one row for each message. epoch: stamp
+    of time 0, ns.
     """
 
     mobility: pd.DataFrame

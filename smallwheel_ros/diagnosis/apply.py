@@ -36,10 +36,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Added(Result, shown="views.added"):
-    """An effect that was added to a model. before, after: held-out errors; change: between them.
+    """An effect added to a model, and what that changes.
 
-    recommended: the diagnosis of the same data names the effect, and no channel is predicted worse.
-    reason: why not, or what else it could be.
+    Attributes
+    ----------
+    before, after, change
+        Held-out errors, and their comparison.
+    recommended
+        Whether the diagnosis of the same data names the effect, and no channel is predicted worse.
+    reason
+        Why it is not recommended, or what else it could be.
     """
 
     effect: str
@@ -204,9 +210,9 @@ def _forms_of(effect: str, problem: Problem, registry: Registry) -> list[Competi
 
 @dataclass(frozen=True)
 class Grown:
-    """A base model of the judged channels with effects, each in the form of the most evidence.
+    """A base model of the judged channels with effects, each in the form of largest evidence.
 
-    model: fitted to all runs. choose: fitted to the training runs of a fold alone, a list of one.
+    model: fitted to all runs. choose: fits it to the training runs of a fold alone; returns a list of one.
     """
 
     model: Candidate
@@ -214,14 +220,14 @@ class Grown:
 
     @classmethod
     def of(cls, problem: Problem) -> Grown:
-        """The base itself."""
+        """The base without any added effect."""
         return cls(
             Candidate.of(problem.fit),
             kept(lambda training: [Candidate.of(problem.fold(training)[1])]),
         )
 
     def with_effect(self, problem: Problem, forms: Sequence[Competitor]) -> Grown:
-        """The same with one more effect; each fold chooses among the forms within `WINDOW` of the best.
+        """The model with one more effect; each fold chooses among the forms within `WINDOW` of the best.
 
         Parameters
         ----------

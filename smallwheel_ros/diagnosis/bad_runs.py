@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that do not belong to the others: a digit too many, two rows swapped, a sensor that stuck.
+"""Runs that do not belong to the others: a digit too many, two swapped rows, a sensor that got stuck.
 
-A run is held against the other runs of its setting, and against what a model, fitted to all, predicts of it
-from the others: with S = V + J P^-1 J' and Q = S^-1, for the values G of a run,
+A run is compared with the other runs of its setting, and with the prediction by a model fitted to all runs,
+conditional on the others: with S = V + J P^-1 J' and Q = S^-1, for the values G of a run,
 
     e_G - E(e_G | all others) = Q_GG^-1 (Q e)_G,     covariance Q_GG^-1
 
-in units of the channel's own robust deviation of these; a curve counts once, by the root mean square of its
-values, since they are off together. A gauge that is stuck shows a sinkage that does not rise with the load.
+in units of the channel's own robust deviation of these. A curve counts once, by the root mean square of its
+values, since they share their error. A stuck gauge shows a sinkage that does not rise with the load.
 """
 
 from __future__ import annotations
@@ -48,7 +48,17 @@ _SHALLOWEST = 1e-6  # m
 
 @dataclass(frozen=True)
 class BadRun:
-    """A run that lies far off. rows: of the table. deviations: robust, of `channel`. against: of what."""
+    """A run that lies far off.
+
+    Attributes
+    ----------
+    rows
+        Of the table.
+    deviations
+        How far off it is, in robust deviations of `channel`.
+    against
+        What it was compared with, in words.
+    """
 
     name: str
     rows: Index
@@ -89,7 +99,7 @@ class _Rise(NamedTuple):
 
 
 def stuck(points: Points) -> str:
-    """Say that the table's sinkage does not rise with the load; "" where it does."""
+    """Say that the table's sinkage does not rise with the load; empty if it does."""
     if "sinkage" not in points.channels:
         return ""
     rises = [rise for _, rise in _rises(points)] or _rise_of_line(points)
@@ -152,7 +162,7 @@ def _stuck_runs(points: Points) -> list[BadRun]:
 
 
 def most_bad(runs: int) -> float:
-    """Largest number of bad runs: more are no clerical errors. Two that were swapped count as one."""
+    """Largest number of bad runs that may be clerical errors; two that were swapped count as one."""
     return max(2.0, MOST_OUTLIERS * runs)
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who competes: every effect of the library, errors of instruments, and curves without a name.
+"""The competitors: every effect of the library, errors of instruments, and curves without a name.
 
-Each has a prior for its strength, so that all are on an equal footing:
+Each has a prior for its strength, so that all compete on equal terms:
 
 - soil: Student's t on the published range (a value outside costs, it is not forbidden); where nothing
   is published, about the value at which the effect is absent, twice the starting strength wide;
@@ -58,10 +58,22 @@ _ONE_RANK = 0.01  # of a column's range
 class Competitor:
     """One law that could be missing.
 
-    family: the physical idea; its forms share it. effect: of the library, None for a curve.
-    geometry: the contact rule that it brings. replaces: the model has another law of the family. stage,
-    span: of a curve; stands_for: stages of effects of which it is the most general form. share: prior
-    odds against its absence.
+    Attributes
+    ----------
+    family
+        The physical idea; its forms share it.
+    effect
+        Of the library; None for a curve.
+    geometry
+        The contact rule that comes with it.
+    replaces
+        Whether the model has another law of the family, which it replaces.
+    stage, span
+        Of a curve.
+    stands_for
+        Stages of effects of which the curve is the most general form.
+    share
+        Prior odds against its absence.
     """
 
     family: str
@@ -101,7 +113,7 @@ class Competitor:
 
 
 def changed(vector: ParameterVector, put_in: Competitor) -> ParameterVector:
-    """A vector with a competitor in the place of what it replaces.
+    """A parameter vector with a competitor put in place of what it replaces.
 
     Parameters
     ----------
@@ -121,9 +133,9 @@ TAKEN_OUT = "taken out of the competition"  # why a family does not compete: the
 
 @dataclass(frozen=True)
 class Field:
-    """Candidates that compete, and those that this data cannot test, with the reason by family.
+    """The competitors, and the families that this data cannot test, with the reason for each.
 
-    kinds: of every family. columns: the settings that effects can follow (`independent`).
+    kinds: of every family. columns: settings that effects can follow (`independent`).
     """
 
     competitors: tuple[Competitor, ...]
@@ -132,7 +144,7 @@ class Field:
     columns: Mapping[str, Array]
 
     def learnt_from(self, measurements: Measurements) -> frozenset[str]:
-        """Families with a law learnt from this very table, which is therefore no evidence for them."""
+        """Families with a law learnt from this very table, which is no evidence for such a law."""
         return frozenset(
             c.family
             for c in self.competitors
@@ -172,7 +184,7 @@ def field_of(
     registry
         Of effects.
     without
-        Families that are taken out.
+        Families that do not take part.
     """
     found: list[Competitor] = []
     blocked: dict[str, str] = {}

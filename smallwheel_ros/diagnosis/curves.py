@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is missing and has no name: a smooth of one setting at one stage of the model.
+"""A missing law without a name: a smooth function of one setting, at one stage of the model.
 
     ln factor = sum over j of c_j P_j(x),  c_j ~ N(0, s_j^2)
 
-with Legendre polynomials of the setting, scaled to -1 .. 1. Slip, slip angle, pass number and the like
-have a value at which they do nothing: such a curve is one-sided and anchored there.
+with Legendre polynomials of the setting, scaled to -1 .. 1. Slip, slip angle, pass number and the
+like have a value at which they have no effect: their curves are one-sided, and 0 there.
 """
 
 from __future__ import annotations
@@ -44,7 +44,10 @@ _LEGENDRE: tuple[Callable[[Array], Array], ...] = (
 
 @dataclass(frozen=True)
 class CurveSpan:
-    """The setting that a curve follows. middle, half: its scale. side: 0, or the sign of an anchored one."""
+    """The setting that a curve follows, and its scale.
+
+    middle, half: of the range. side: 0, or the sign of a one-sided range.
+    """
 
     column: str
     middle: float
@@ -52,7 +55,7 @@ class CurveSpan:
     side: int = 0
 
     def scaled(self, values: Array) -> Array:
-        """The setting scaled to -1 .. 1; one-sided, 0 at the anchor to 1 at its largest."""
+        """The setting scaled to -1 .. 1; if one-sided, to 0 at the anchor and 1 at its largest value."""
         x = np.nan_to_num((values - self.middle) / self.half)
         return np.clip(self.side * x, 0.0, 1.2) if self.side else np.clip(x, -1.2, 1.2)
 
@@ -70,7 +73,10 @@ def _series(coefficients: Mapping[str, Any], span: CurveSpan, x: Array) -> Array
 
 @dataclass(frozen=True)
 class Curve(Effect):
-    """A smooth of one setting; its subclasses say at which stage. size: N or m, of one that is added."""
+    """A smooth function of one setting; its subclasses define the stage.
+
+    size: N or m, of a curve that is added.
+    """
 
     id: ClassVar[str] = "unknown"
     span: CurveSpan = field(default=CurveSpan("load", 0.0, 1.0))
@@ -115,9 +121,10 @@ def _depth(self: Curve, depth: Array, conditions: Conditions) -> Array:
 
 
 class Stage(NamedTuple):
-    """Where a curve acts: the method of an effect, and what it does there.
+    """Where a curve acts: the method of an effect, and how it changes the value there.
 
-    stands_for: stages of named effects that it is the most general form of. unit: of one that is added.
+    stands_for: stages of effects of which the curve is the most general form. unit: of a curve that is
+    added.
     """
 
     method: str
@@ -150,7 +157,7 @@ _KINDS = {name: type("Curve", (Curve,), {s.method: s.acts}) for name, s in STAGE
 def curve_part(
     name: str, stage: str, span: CurveSpan, first: int, terms: int, size: float = 1.0
 ) -> EffectPart:
-    """A curve as a part of a fit.
+    """A curve as an effect of a fit.
 
     Parameters
     ----------
@@ -200,7 +207,7 @@ def spans_of(column: str, values: Array) -> list[CurveSpan]:
 
 
 def distinct(values: Array, span: CurveSpan) -> int:
-    """Number of terms that a curve may have: settings in a span that differ by over a hundredth of it.
+    """Largest number of terms of a curve: settings in a span that differ by over a hundredth of it.
 
     Parameters
     ----------

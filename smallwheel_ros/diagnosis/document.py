@@ -105,7 +105,7 @@ def insufficient(problem: Problem, reason: str, field: Field | None = None) -> E
 
 
 def document_of(evidence: Evidence, verdict: Verdict, *, seed: int) -> Entry:
-    """The document, but for what to measure next.
+    """The document, without the proposals of what to measure next.
 
     Parameters
     ----------

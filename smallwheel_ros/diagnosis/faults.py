@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fault of the instrument that shows the sinkage, as pull and torque see it.
+"""A fault of the sinkage's instrument, as pull and torque show it.
 
-Their law needs the sinkage and not what made it: at the sinkage that is shown, less its fault, it has to
-hold. So a fault is judged without any law of sinkage, by the evidence of pull and torque with it over that
-without. A table of one load, whose sinkage a soil can always imitate, has no other witness.
+The law of pull and torque needs the sinkage, whatever its cause: it must hold at the shown sinkage
+minus the instrument's fault. A fault is therefore judged without any law of sinkage, by the
+evidence of pull and torque with the fault over that without. In a table with one load, whose
+sinkage some soil can always imitate, there is no other evidence of a fault.
 """
 
 from __future__ import annotations
@@ -37,11 +38,20 @@ _STARTS = (0.0, -1.0, 1.0)  # prior deviations
 
 @dataclass(frozen=True)
 class Witness:
-    """A fault of the shown sinkage that pull and torque ask for.
+    """A fault of the shown sinkage that pull and torque indicate.
 
-    part: the effect under its prior. told: the same, with what they know of its number as its prior, for
-    channels that do not include them. evidence: nats with it over without. probability: of it, before
-    anything else is looked at. base, errors: the model without it, and its held-out errors.
+    Attributes
+    ----------
+    part
+        The effect under its prior.
+    told
+        The same effect under the posterior by pull and torque, for fits that do not include these.
+    evidence
+        ln evidence with it minus that without it, nats.
+    probability
+        Of the fault, from pull and torque alone.
+    base, errors
+        The model without it, and its held-out errors.
     """
 
     part: EffectPart
@@ -80,7 +90,7 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
     registry
         Of effects.
     without
-        Effects that are taken out.
+        Ids of effects that do not take part.
 
     Returns
     -------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Held-out errors of a diagnosis: what is named is chosen again in each fold."""
+"""Held-out errors of a diagnosis: in each fold, what is named is chosen again."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LISTED = 5  # families whose held-out error is worked out for the ranking
 
 @dataclass(frozen=True)
 class Step:
-    """The base (added None) or an effect that was added, with the held-out errors after it."""
+    """The base (added: None) or an added effect, with the held-out errors of the model then."""
 
     added: str | None
     model: Fit
@@ -48,13 +48,26 @@ class Step:
 class HeldOut:
     """Held-out evidence for each name, from runs not used in choosing it.
 
-    steps: the base, and with each name that helps a channel; named: these. best: the model with laws of the
-    library for these; the most probable one without a name. useless: names that help none, a set of each
-    round, the last first. blind: laws named by evidence alone, since a left-out run could only be
-    extrapolated to. worse: channels whose error rises with what is named; forces: those of pull and torque,
-    which have no say.
-    rivals_help: whether with one of the rivals an error falls; so it is taken where there are none. besides:
-    effects of the soil that lower the error of a channel which no rival acts on.
+    Attributes
+    ----------
+    steps
+        The base, and the model after each name that helps a channel.
+    named
+        These names.
+    best
+        The model with laws of the library for them; the most probable model if there are none.
+    useless
+        Names that help no channel, a set for each round, the last first.
+    blind
+        Laws named by evidence alone, since a left-out run could only be extrapolated to.
+    worse
+        Channels whose error rises with what is named.
+    forces
+        Those of pull and torque, which do not decide.
+    rivals_help
+        Whether an error falls with one of the rivals; true if there are none.
+    besides
+        Effects of the soil that lower the error of a channel on which no rival acts.
     """
 
     steps: tuple[Step, ...]
@@ -70,9 +83,9 @@ class HeldOut:
 
 
 def held_out(problem: Problem, found: Search, posterior: Posterior) -> HeldOut:
-    """Held-out errors of the base and of it with each name that the probabilities give.
+    """Held-out errors of the base, and after each name that the probabilities give.
 
-    A name that helps no channel is taken out, and the errors of the others are found without it.
+    A name that helps no channel is removed, and the errors of the others are computed without it.
 
     Parameters
     ----------
@@ -181,7 +194,7 @@ def _staircase(found: Search, best: Candidate, names: Collection[str]) -> list[C
 def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
     """Held-out errors of a model after each step, the same numbers for every command.
 
-    Each judged model is fitted to all channels as a fit weighs them: as a command would write it.
+    Each judged model is fitted to all channels with the weights of a fit, as a command would write it.
 
     Parameters
     ----------
@@ -202,7 +215,7 @@ def errors_of(problem: Problem, choose: Choose, steps: int) -> list[CvErrors]:
 
 
 def kept(choose: Choose) -> Choose:
-    """The same, computed once for each set of runs."""
+    """The same function, computed once for each set of runs."""
     made: dict[bytes, Sequence[Fit]] = {}
 
     def known(training: Points) -> Sequence[Fit]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model leaves: misfit to its repeats, a sensor at its end, where it fails, and what is left over.
+"""What a model leaves unexplained: misfit beyond repeats, a saturated sensor, regions of failure, residuals.
 
 Errors are relative to the size of a value, and the run is the unit of evidence.
 """
@@ -53,10 +53,16 @@ _FAR_OFF = 3.0  # standard errors of a part's mean, from which it is reported
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """What a model leaves of a channel's settings against what runs of one setting differ by.
+    """Misfit of a channel's settings, compared with how runs of one setting differ.
 
-    ratio: root of F, the misfit in deviations of a setting's mean. misfit: root mean square relative
-    misfit of the settings. at: the setting that is furthest off, in words.
+    Attributes
+    ----------
+    ratio
+        Root of F: the misfit in deviations of a setting's mean.
+    misfit
+        Root mean square relative misfit of the settings.
+    at
+        The setting that is furthest off, in words.
     """
 
     ratio: float
@@ -69,8 +75,8 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     """The F test of lack of fit (Fisher 1922; Draper and Smith 1998, ch. 2) by channel.
 
     F = sum n m^2 / (settings - parameters) over sum (r - m)^2 / (runs - settings) + n u^2, r the
-    relative residual of a run, m the mean of a setting's n runs. No law is exact: u is what laws
-    are usually off by, at most.
+    relative residual of a run, m the mean of a setting's n runs. No law is exact: u is the largest
+    usual relative error of a law.
 
     Parameters
     ----------
@@ -113,7 +119,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
 
 @dataclass(frozen=True)
 class Plateau:
-    """The largest values of a channel, which lie closer together than scatter lets values do."""
+    """The largest values of a channel, if they lie closer together than scatter allows."""
 
     count: int
     value: float
@@ -122,11 +128,11 @@ class Plateau:
 
 
 def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
-    """By channel of positive values, how close its largest are: a sensor at its end shows one and the same.
+    """How close together the largest values of each positive channel are: a saturated sensor repeats one.
 
-    The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of them,
-    each standardised; its law comes from data drawn from the fit with its scatter, in steps of the data's
-    resolution.
+    The statistic is the largest of -ln(variance of ln y over the k largest values), k up to half of
+    them, each standardised; its distribution comes from data drawn from the fit with its scatter,
+    rounded to the data's resolution.
 
     Parameters
     ----------
@@ -172,9 +178,16 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What the best explanation leaves beyond chance. lack_of_fit, plateaus: by channel.
+    """What the best explanation leaves unexplained beyond chance.
 
-    scatter: deviation of each component. mixed: the components by which runs are not of one soil (`_mixed`).
+    Attributes
+    ----------
+    lack_of_fit, plateaus
+        By channel.
+    scatter
+        Deviation of each component.
+    mixed
+        Components of scatter that show runs of more than one soil (`_mixed`).
     """
 
     lack_of_fit: Mapping[str, LackOfFit]
@@ -231,8 +244,8 @@ def where_it_fails(
     """The worst cut of each channel by each setting, as far as it is more than chance.
 
     A cut splits the points by one setting; its statistic is the difference of the two sides' mean
-    error, relative to the level, over its standard error; the largest over all cuts. Its law comes
-    from turning round the sign of whole runs' errors.
+    error, relative to the level, over its standard error; the largest over all cuts. Its distribution
+    comes from reversing the sign of whole runs' errors at random.
 
     Parameters
     ----------
@@ -346,8 +359,8 @@ def setting_of(points: Points, values: Index) -> str:
 def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
     """Where most of a held-out error comes from, if that is one end of a setting.
 
-    Only ends with few runs that no other repeats: where one is left out, the others can hardly do
-    more than extrapolate.
+    Considered are ends with few runs that no other run repeats: if one is left out, the others can
+    hardly do more than extrapolate.
 
     Parameters
     ----------
@@ -389,7 +402,7 @@ def at_an_end(points: Points, errors: CvErrors, channel: str) -> str:
 
 
 def residuals_left(fitter: Fitter, fit: Fit) -> list[Entry]:
-    """Mean relative residual of a fit, by channel, in thirds of each setting and by group of rows.
+    """Mean relative residual of a fit, by channel, over thirds of each setting and over groups of rows.
 
     Parameters
     ----------
@@ -454,7 +467,7 @@ def worst_left(left: list[Entry], measurements: Measurements) -> str:
     Returns
     -------
     str
-        In words; empty where none stands out.
+        In words; empty if none differs clearly.
     """
     parts = [
         (abs(part["mean"]) / part["std"], entry, part)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to measure next: the runs at which two rival models, each fitted to all that there is, differ most.
+"""What to measure next: the runs at which two rival models, each fitted to all of the data, differ most.
 
 For a setting x the rivals predict f_A(x) and f_B(x). With r runs there, the difference is seen against
 
     V = V_runs(x) / r + J_B C_B J_B'      T = (f_A - f_B)' V^-1 (f_A - f_B)
 
-where the second term is what B could still give way: it is refitted with the new data (T-optimality,
+where the second term allows B to adapt, as it is refitted with the new data (T-optimality,
 Atkinson and Fedorov 1975). T is twice the gain in nats; a name needs ln 20 = 3 of them.
 """
 
@@ -43,7 +43,17 @@ _SAME = 0.1  # of a setting's range: nearer is the same setting
 
 @dataclass(frozen=True)
 class Proposal:
-    """Runs to make. settings: SI. separates: two names. expected_power: chance that these then are."""
+    """Runs to make.
+
+    Attributes
+    ----------
+    settings
+        SI.
+    separates
+        The two names that the runs separate.
+    expected_power
+        Probability that they then are separated.
+    """
 
     settings: dict[str, float]
     separates: tuple[str, str]
@@ -66,7 +76,10 @@ def _levels(column: Array, name: str, limits: Limits) -> list[float]:
 
 @dataclass(frozen=True)
 class Runs:
-    """A grid of what can be measured. settings: shown, by name. known: of which the table has enough runs."""
+    """A grid of possible runs.
+
+    settings: to be shown, by name. known: those of which the table has enough runs.
+    """
 
     conditions: Conditions
     settings: Mapping[str, Array]

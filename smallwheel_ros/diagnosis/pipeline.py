@@ -45,8 +45,16 @@ Progress = Callable[[str], object]
 class Start:
     """A table, the model to fit to it, and what may be missing.
 
-    registry: the effects that compete. without: ids of those that do not. limits: by setting (SI), the
-    levels that the user can set. seed: of the simulations, or of permutations and folds.
+    Attributes
+    ----------
+    registry
+        The effects that compete.
+    without
+        Ids of those that do not.
+    limits
+        By setting (SI), the levels that the user can set.
+    seed
+        Of the simulations, or of permutations and folds.
     """
 
     measurements: Measurements
@@ -76,7 +84,7 @@ def start_of(
     effects
         The user's own effects.
     without
-        Ids of effects that are taken out.
+        Ids of effects that do not take part.
     can
         By setting, levels that the user can set.
     seed
@@ -92,10 +100,16 @@ def start_of(
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result, shown="views.diagnosis"):
-    """A diagnosis. document: the content of the JSON. The rest is what the document is computed from.
+    """A diagnosis.
 
-    evidence, search and decision are None, and steps empty, where the data is insufficient. following:
-    commands that go on from it, as `diagnosis.text` has them; None where no command made it.
+    Attributes
+    ----------
+    document
+        The content of the JSON, computed from all the rest.
+    evidence, search, decision, steps
+        None, or empty for steps, if the data is insufficient.
+    following
+        Commands that continue from it, as `diagnosis.text` takes them; None if no command made it.
     """
 
     document: dict[str, Any]
@@ -132,7 +146,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @property
     def candidates(self) -> list[str]:
-        """Effects of which one is missing, and this data cannot tell which."""
+        """Effects of which one is missing, where this data cannot tell which."""
         return list(self.document["candidates"])
 
     @cached_property
@@ -142,7 +156,7 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
     @cached_property
     def model(self) -> CalibratedModel:
-        """The model with everything that the verdict names; where that is not all, with its rivals."""
+        """The model with everything that the verdict names, and with its rivals if it leaves any."""
         evidence, decision = self.evidence, self.decision
         if evidence is None or decision is None:
             return self.fit.model
@@ -199,9 +213,9 @@ class Diagnosis(Result, shown="views.diagnosis"):
 
 @dataclass(frozen=True)
 class Decided:
-    """The conclusion from the measurements alone. reason: why there is none, "" where there is one.
+    """The conclusion from the measurements alone.
 
-    evidence and verdict are None where there is none.
+    reason: why there is none; empty if there is one. evidence and verdict are None if there is none.
     """
 
     problem: Problem
@@ -278,7 +292,7 @@ def diagnosis_of(start: Start, progress: Progress = unheard) -> Diagnosis:
 
 @one_thread
 def chance_of_nothing(start: Start) -> float:
-    """Chance of such data if nothing were missing: the diagnosis' first step, and a hundredth of its time.
+    """Chance of such data if nothing were missing; the first step of a diagnosis, in a hundredth of its time.
 
     Raises FittingError where nothing usable was measured.
     """

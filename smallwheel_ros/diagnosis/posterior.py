@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the probabilities of the models say, before any other evidence is heard.
+"""What the probabilities of the models show, before any other evidence is used.
 
 - A family that is in the models of at least `NAMED` of the probability would be named.
-- Families that take each other's place and together have that much are rivals. Where none do, those that
-  are there may be missing, though nothing is more probable: the data does not confirm them.
-- Something is missing where p of `Search` is up to `ALARM`. Above it nothing is named.
-- A curve without a name counts for the named effect whose most general form it is, as long as a law
-  of that effect does better than none; otherwise something unknown follows that setting.
-- A name whose setting moved with another one is a tie.
+- Families that replace each other and together reach that probability are rivals. If none do, the families
+  found may be missing, but nothing missing is more probable: the data does not confirm them.
+- Something is missing if p of `Search` is at most `ALARM`. Above it nothing is named.
+- A curve without a name counts for the named effect whose most general form it is, as long as a law of that
+  effect does better than none; otherwise something unknown follows that setting.
+- A name whose setting was varied together with another one is a tie.
 """
 
 from __future__ import annotations
@@ -39,12 +39,26 @@ Word = Literal[
 class Posterior:
     """Probabilities of what is missing, and the models from which they are computed.
 
-    word: the verdict, were there no other evidence. named: families that are missing, the clearest first.
-    rivals: families of which one is missing; of an unknown effect, candidates that these data do not confirm.
-    unknown: curves without a name that no law stands for. closest: names that describe the data best and not
-    well enough. probabilities: of each family. best: with laws of
-    the library for what is named, else the most probable. ties: sentences on settings that were varied
-    together. doubtful: the rivals together are less probable than nothing.
+    Attributes
+    ----------
+    word
+        The verdict if there were no other evidence.
+    named
+        Families that are missing, the clearest first.
+    rivals
+        Families of which one is missing; for an unknown effect, candidates that this data does not confirm.
+    unknown
+        Curves without a name that no law stands for.
+    closest
+        Names that describe the data best, though not well enough.
+    probabilities
+        Of each family.
+    best
+        The model with laws of the library for what is named; else the most probable one.
+    ties
+        Sentences on settings that were varied together.
+    doubtful
+        Whether the rivals together are less probable than nothing missing.
     """
 
     word: Word
@@ -107,8 +121,8 @@ def posterior_of(search: Search) -> Posterior:
 def family_of(search: Search, competitor: Competitor) -> str:
     """The family that a competitor counts for; of a curve, the effect that it generalises.
 
-    Of several effects it is the one of the fewest drivers: a curve of slip is a law of slip before
-    it is one of slip and lugs.
+    Of several effects it is the one with the fewest drivers: a curve of slip counts for a law of slip
+    rather than for one of slip and lugs.
 
     Parameters
     ----------

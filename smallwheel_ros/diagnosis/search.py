@@ -3,15 +3,17 @@
 
     P(S) proportional to Z(S) * product over S of (prior odds)
 
-Models are found by linearised evidence, refitted, and extended while they lie within `WINDOW` of the best.
+Each law is refitted alone. Larger models are found by linearised evidence, refitted, and extended while
+they lie within `WINDOW` of the best.
 
-At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (what its prior's
-deviation does to the predictions) has
+At a fit with covariance S = V + J P^-1 J' of the errors e, a competitor with column C (change of
+the predictions by its prior's deviation) has
 
     ln Z1 - ln Z0 = 1/2 e' S^-1 C (I + C' S^-1 C)^-1 C' S^-1 e - 1/2 ln |I + C' S^-1 C|
 
-under no more scatter than is usual, since a missing effect inflates it. The same arithmetic on data drawn
-from the null model gives the law of the statistic "is anything missing" (`Screen`).
+with no more than the usual scatter, since a missing effect inflates it. The same computation on
+data drawn from the null model gives the distribution of the statistic "is anything missing"
+(`Screen`).
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ _REST = 4.0  # nats: a larger model that is so far behind the best is not extend
 class ScoreColumn:
     """Change of the predictions by a competitor at its prior's scale, shape (values, columns).
 
-    start: the strengths at which it was taken, to start a fit from.
+    start: the strengths at which it was computed, where a fit starts.
     """
 
     competitor: Competitor
@@ -117,9 +119,9 @@ def columns_of(fitter: Fitter, fit: Fit, competitor: Competitor) -> list[ScoreCo
 
 
 class Screen:
-    """Linearised evidence at one fit, under no more scatter than is usual.
+    """Linearised evidence at one fit, with no more than the usual scatter.
 
-    What a missing effect adds to the scatter must hide neither it nor another one.
+    Scatter that is inflated by a missing effect would hide that effect and others.
     """
 
     def __init__(self, fitter: Fitter, fit: Fit, columns: Sequence[ScoreColumn]) -> None:
@@ -134,12 +136,12 @@ class Screen:
         self._places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
 
     def testability(self) -> list[float]:
-        """Of each column, the squared deviations by which its prior's scale moves the predictions."""
+        """Of each column, in squared deviations, how far its prior's scale moves the predictions."""
         size = np.sum(self._white**2, axis=0)
         return [float(size[place].max()) for place in self._places]
 
     def cosines(self) -> tuple[list[str], Array]:
-        """Families with one column, and how alike they act after the base is refitted."""
+        """Families with one column, and the cosines between their actions after the base is refitted."""
         best: dict[str, tuple[float, int]] = {}
         for i, (column, size) in enumerate(zip(self.columns, self.testability(), strict=True)):
             family = column.competitor.family
@@ -226,7 +228,7 @@ def refit(
     out: Competitor | None = None,
     turns: int = 4,
 ) -> Candidate | None:
-    """Fit a model from where it was, with a competitor put in, taken out, or replaced.
+    """Fit a model from its present parameters, with a competitor added, removed, or replaced.
 
     Parameters
     ----------
@@ -273,9 +275,16 @@ def refit(
 class Search:
     """Every model that was refitted, and the test of whether anything is missing.
 
-    field: who competed; what the design cannot show was taken out. p_drawn: chance of so large a mass of
-    missing effects if none is, by simulation. p_values: by family, against the largest of all families.
-    screen: at the base.
+    Attributes
+    ----------
+    field
+        The competitors, without those that the design cannot show.
+    p_drawn
+        Probability of so much evidence for missing effects if none is missing, by simulation.
+    p_values
+        By family, compared with the largest of all families.
+    screen
+        At the base.
     """
 
     fitter: Fitter
@@ -309,9 +318,8 @@ class Search:
         rivals
             Effects as probable as those.
         tied
-            Settings that were varied together. An effect that follows one of them is taken to be as
-            probable beforehand as none: the data cannot say, and it matters wherever the settings
-            are apart.
+            Settings that were varied together. An effect that follows one of them has the same prior
+            probability as none: the data cannot decide, and predictions differ wherever these settings do.
         """
         even = {c.family for c in self.field.competitors
                 if c.kind == "soil" and {*tied} & {*c.drivers[:1]} - {"load"}}  # fmt: skip
@@ -343,7 +351,7 @@ class Search:
         family
             The family.
         within
-            Most distance from the best in ln evidence.
+            Largest distance from the best in ln evidence.
         """
         found = [m for m in self.ordered if m.families == {family} and len(m.competitors) == 1]
         return [m for m in found if m.weight > found[0].weight - within]
@@ -362,7 +370,7 @@ class Search:
         `p_drawn` holds for the scatter that the base model needs, however unusual. Where scatter is as
         soils and rigs have it (its prior), data with odds of something missing over none, posterior over
         prior, of B come up with probability 1 / B at most (Markov's inequality for the likelihood
-        ratio: Good 1950). What is left of the two is how much unusual scatter one believes.
+        ratio: Good 1950). The two differ in how much unusual scatter is believed.
         """
         none = self.probabilities[self.none.key]
         bound = _PRIOR_ODDS * none / max(1.0 - none, 1e-12)
@@ -375,7 +383,7 @@ class Search:
         start: Array | None = None,
         out: Competitor | None = None,
     ) -> Candidate | None:
-        """A model with some competitors changed: one fitted before if there is one, else a new one.
+        """A model with some competitors changed: the one fitted before if there is one, else a new fit.
 
         Parameters
         ----------
@@ -503,7 +511,13 @@ def _extend(found: Search, size: int) -> bool:
             key = column.competitor.key
             if key not in promising and sum(family == key[0] for family, _ in promising) < forms:
                 promising[key] = column
-        for column in list(promising.values())[:most]:
+        ordered = list(promising.values())
+        tried, rest = ordered[:most], ordered[most:] if size == 1 else []
+        for column in rest:  # each law once: a base that is far off imitates what it would need
+            known = {other.competitor.family for other in tried}
+            if column.competitor.kind != "unknown" and column.competitor.family not in known:
+                tried.append(column)
+        for column in tried:
             made = found.made(parent, column.competitor, column.start)
             reached = reached if made is None else max(reached, made.weight)
     return bool(reached > best - _REST)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict of a diagnosis in words, made from its document.
 
-What to do next may be a command: the one that was typed goes on with its own options, so a result that a
-command made carries the commands that follow (`apply` adds what is named, `learn` looks for a law). In Python
-what is named is saved from the result itself.
+What to do next may be a command. It repeats the options that were typed, so a result made by a
+command carries the commands that follow (`apply` adds what is named, `learn` looks for a law). In
+Python what is named is saved from the result itself.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ _NEXT = {
 def verdict_sentences(
     document: Mapping[str, Any], following: Mapping[str, str] | None = None
 ) -> list[str]:
-    """The verdict, what speaks for it, how sure it is, and what to do next.
+    """The verdict, the evidence for it, its certainty, and what to do next.
 
     Parameters
     ----------
     document
         The document of the diagnosis.
     following
-        Commands that go on from here: `apply` if what is named is in no model file yet, and `learn`; None
-        where there are none.
+        Commands that go on from here: `apply` if what is named is in no model file yet, and `learn`;
+        None without a command.
     """
     verdict = document["verdict"]
     if verdict == "unknown_effect" and document["candidates"]:

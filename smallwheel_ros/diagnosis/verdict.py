@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The decision: what all the evidence together lets one say. It is made here, once, and fits nothing.
+"""The decision from all the evidence together; it is made here only, and fits nothing.
 
-In the order in which it is heard, the first that speaks has the word:
+The evidence is used in this order, and the first that is decisive settles the verdict:
 
 1. the probabilities of the models (`posterior`): names, rivals, or nothing missing;
-2. runs that the choice never saw (`held_out`): a name that helps on none is a rival;
-3. what the best explanation leaves (`misfit`): with lack of fit, a sensor at its end, runs of several soils
-   or wild scatter no law here describes the data, and names are its closest description;
-4. a fault that pull and torque reveal (`faults`) is named in any case, since they judge it alone.
+2. runs not used in the choice (`held_out`): a name that helps on none of them is a rival;
+3. what the best explanation leaves (`misfit`): with lack of fit, a saturated sensor, runs of
+several soils or
+   wild scatter no law here describes the data, and names are its closest description;
+4. a fault that pull and torque reveal (`faults`) is named in any case, since they alone judge it.
 """
 
 from __future__ import annotations
@@ -57,10 +58,18 @@ _UNUSUAL = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that a decision is made from.
+    """The evidence that a decision uses.
 
-    problem: with the told fault in its base, without the bad runs. bad: runs that are left out, and first:
-    what the probabilities said with them. told: a fault that pull and torque name.
+    Attributes
+    ----------
+    problem
+        Without the bad runs, and with the fault `told` in its base.
+    bad
+        Runs that are left out.
+    first
+        The probabilities with these runs.
+    told
+        A fault that pull and torque indicate.
     """
 
     problem: Problem
@@ -77,11 +86,25 @@ class Evidence:
 class Verdict:
     """The verdict and its grounds.
 
-    named: families that are missing, the clearest first. rivals: families of which one is missing,
-    and the data cannot tell which; of an unknown effect, candidates that the data does not confirm.
-    unknown: curves without a name. closest: names that describe the data best and not well enough.
-    probabilities: of each family. best: the model that explains the data best, with laws of the library
-    alone where they do. steps: the base, and with each name. reasons: sentences.
+    Attributes
+    ----------
+    named
+        Families that are missing, the clearest first.
+    rivals
+        Families of which one is missing, where the data cannot tell which; for an unknown effect,
+        candidates that the data does not confirm.
+    unknown
+        Curves without a name.
+    closest
+        Names that describe the data best, though not well enough.
+    probabilities
+        Of each family.
+    best
+        The model that explains the data best, with laws of the library only if they suffice.
+    steps
+        The base, and the model after each name.
+    reasons
+        Sentences.
     """
 
     word: Word

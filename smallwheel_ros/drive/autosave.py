@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soil and cost map are saved again and again, so that a robot that loses its power loses little.
+"""Automatic saving of soil and cost map, so that a robot that loses its power loses little.
 
-What is to be written is made in the turn; a thread writes it, since a card may take seconds.
+The content is made in the turn; a thread writes it, since a memory card may take seconds.
 """
 
 from __future__ import annotations
@@ -17,8 +17,14 @@ from smallwheel_ros.pipeline.pipeline import Pipeline
 class Autosave:
     """Saves the soil file automatically.
 
-    held: why nothing is saved, in words, as long as that lasts; empty while all is well. problem: why the
-    newest attempt has failed; empty where it has not. failures: how many have.
+    Attributes
+    ----------
+    held
+        Why saving is suspended, in words; empty while it is not.
+    problem
+        Why the newest attempt failed; empty if it did not.
+    failures
+        Number of failed attempts.
     """
 
     def __init__(self, file: SoilFile) -> None:
@@ -53,7 +59,7 @@ class Autosave:
         return False
 
     def finish(self, pipeline: Pipeline, cost_map: CostMap) -> None:
-        """Write what has changed, and wait until it is written.
+        """Save what has changed, and wait until it is written.
 
         Parameters
         ----------
@@ -65,11 +71,11 @@ class Autosave:
         self._take_result()
 
     def hold(self, why: str) -> None:
-        """Stop automatic saving: what the file holds is worth more than the present state."""
+        """Suspend automatic saving, where the file is worth more than the present state; give the reason."""
         self.held = why
 
     def go_on(self) -> None:
-        """Resume automatic saving, after someone has saved the present state on purpose."""
+        """Resume automatic saving, after a user has saved the present state."""
         self.held = ""
 
     def _changed(self, pipeline: Pipeline, cost_map: CostMap) -> SoilAndMap | None:

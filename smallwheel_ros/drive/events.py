@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What happens on a drive, in words, with its time and place: changes of soil, alarms, jumps of time."""
+"""Events of a drive in words, with time and place: changes of soil, alarms, jumps of time."""
 
 from __future__ import annotations
 
@@ -22,10 +22,18 @@ _Place = tuple[float, float] | None
 
 
 class Event(NamedTuple):
-    """An event: time (s) since the beginning of the bag, distance (m), and a text.
+    """An event of a drive.
 
-    place: x and y (m) of the vehicle in the frame of the odometry, None where not known. times: how often it
-    happened, where one event stands for all of them; time and distance are the first one's.
+    Attributes
+    ----------
+    time
+        Since the beginning of the bag, s.
+    distance
+        Path of the vehicle, m.
+    place
+        x and y of the vehicle in the odometry's frame, m; None if unknown.
+    times
+        How often it happened, if one event stands for several; time and distance are then the first one's.
     """
 
     time: float
@@ -37,11 +45,16 @@ class Event(NamedTuple):
 
 
 class DriveEvents:
-    """Collects events of a drive, comparing the state at the end of each turn with the last one.
+    """Collects events of a drive by comparing the state after each turn with the one before.
 
-    examples: the first thing that could not be used, by stream and reason: in words, and its time.
-    newest: the newest estimate of each wheel. soils: those that readings of the newest turn were followed by,
-    soil_of: which of them each.
+    Attributes
+    ----------
+    examples
+        The first problem with each stream and reason: its explanation and time.
+    newest
+        The newest estimate of each wheel.
+    soils, soil_of
+        Soils under the readings of the newest turn, and the index into them for each reading.
     """
 
     def __init__(self, pipeline: Pipeline, start: int) -> None:
@@ -69,7 +82,7 @@ class DriveEvents:
         self.soil_of: Integers = np.empty(0, dtype=np.int64)
 
     def take(self, turn: Turn) -> Flags:
-        """Take a turn; return the readings at which the soil was changing."""
+        """Process a turn; return for which readings the soil was changing."""
         if turn.starts_over:
             self._begin()
         rows, estimates = turn.readings, turn.estimates
@@ -175,7 +188,7 @@ class DriveEvents:
         self.events.sort(key=lambda event: event.time)
 
     def take_problems(self, log_time: int) -> None:
-        """Note what could not be used since the last call."""
+        """Record new problems with messages."""
         time = self._since(log_time)
         for problem in self._pipeline.take_problems():
             self.examples.setdefault((problem.stream, problem.reason), (problem.text, time))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of any topics, many at once, into the streams of a pipeline: a bag's, and a node's."""
+"""Messages of any topics, many at once, into the streams of a pipeline; used for bags and by the node."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def feed(
     pipeline
         Takes the numbers.
     topics
-        By name of a topic, which streams its messages have.
+        Topics by name, with the streams in their messages.
     decoders
-        By type of a message, what makes numbers of its bytes.
+        Decoders by type of message.
     chunk
         Messages: topic, bytes, and time of the clock (ns), 0 without one.
     """

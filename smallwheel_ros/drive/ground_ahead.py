@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grids of terrain classes and maps of elevations, as others send them, into the cost map."""
+"""Terrain classes and elevation maps published by others, into the cost map."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Report = Callable[[str, str, str], None]
 
 
 class AheadInputs:
-    """Takes messages into a cost map; of one that cannot be used it reports why.
+    """Gives messages about the ground ahead to a cost map, and reports those that cannot be used.
 
     Attributes
     ----------
     grids, elevations
-        How many grids of terrain classes and maps of elevations have come.
+        Number of terrain class grids and of elevation maps received.
     """
 
     def __init__(self, settings: NodeSettings, cost_map: CostMap, report: Report) -> None:
@@ -32,7 +32,7 @@ class AheadInputs:
 
     @property
     def topics(self) -> dict[str, tuple[str, Callable[[Any], bool]]]:
-        """Type of each topic that is listened to, and what takes its messages."""
+        """Topics listened to, each with its type and the function that takes its messages."""
         found = {
             self._settings.terrain_classes_topic: (CLASSES, self.take_classes),
             self._settings.elevation_topic: (ELEVATION, self.take_elevation),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From estimates to the cost of the ground under the vehicle."""
+"""Writes estimates into the cost map of the ground under the vehicle."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def cost_map_of(settings: NodeSettings) -> CostMap:
 
 
 class GroundMapper:
-    """Lays estimates down where their wheels were: what the vehicle can do on such ground.
+    """Writes estimates into the map where their wheels were.
 
-    It is the vehicle's margin that counts, not the single wheel's: a wheel that cannot even move
-    itself is dragged along by the others. At a border those that are on the other soil do not count.
+    A cell has the vehicle's margin, not the single wheel's: a wheel that cannot move by itself is
+    dragged along by the others. At a border, wheels on the other soil are left out.
     """
 
     def __init__(self, cost_map: CostMap, wheels: tuple[Wheel, ...]) -> None:
@@ -62,10 +62,11 @@ class GroundMapper:
         self._places: tuple[Integers, Array] = np.empty(0, dtype=np.int64), np.empty((2, 0))
 
     def take(self, found: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Lay rows of estimates down, and give rows of the vehicle the margin of their terrain class.
+        """Write estimates into the map, and give the vehicle's rows the margin of their terrain class.
 
-        Those of which nothing is known but what holds on any ground: each has the margin of the class where
-        the vehicle was just before its stamp, as it is expected after all wheels' rows up to there.
+        A row of the vehicle is changed only if its margin is no better known than any ground's: it then has
+        the margin of the class under the vehicle just before its stamp, learnt from all wheels' rows up to
+        there.
 
         Parameters
         ----------
@@ -108,20 +109,19 @@ class GroundMapper:
         return ahead.classes.margins().get(terrain)
 
     def add(self, found: Estimates, frame: str) -> None:
-        """Add rows of estimates to the map.
+        """Write rows of estimates into the map.
 
-        Every margin counts, with its deviation: before the soil has been measured, and where its sinkage
-        never is, that is what balance and torque tell, or the prior. Nothing is known where the measured
-        sinkage did not fit. Stuck is a vehicle that surely makes no way though its rims turn, and a wheel
-        that was measured to be as deep as its axle; one that the soil's law says is so deep is expected to
-        get stuck.
+        Every margin counts, with its deviation: before, or without, a measured sinkage it is based on
+        balance and torque, or on the prior. A cell is unknown where the measured sinkage did not fit. A
+        vehicle is stuck if it surely makes no way though its rims turn, or if a wheel was measured to be as
+        deep as its axle; a wheel that only the soil's law puts so deep is expected to get stuck.
 
         Parameters
         ----------
         found
             Estimates of wheels, in the order of their stamps.
         frame
-            That of the odometry; empty where it is not known.
+            That of the odometry; empty if unknown.
         """
         self._keep_places(found)
         stuck = found.spins | self._seen_sunk(found)

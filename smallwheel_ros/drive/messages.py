@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates in the form of messages, and in words: node, replay and cost map all read them here."""
+"""Estimates as fields of messages, and in words; node, replay and cost map use the same."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ _WITHOUT_DEVIATION = ("probability_drawbar_pull_positive",)
 def mobility_columns(estimates: Estimates, pipeline: Pipeline) -> dict[str, Any]:
     """A column for each field of MobilityEstimate.msg but its header; row i of them is message i.
 
-    The header's stamp is the instant's (ns), its frame_id the wheel's frame. What is not known is 0, and its
-    flag false.
+    The header's stamp is the instant's (ns), its frame_id the wheel's frame. An unknown number is 0,
+    and its flag false.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ _VEHICLE_SPREAD = ("speed", "slip", "slip_left", "slip_right", "margin", "steepe
 def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
     """A column for each field of VehicleMobility.msg but its header; row i of them is message i.
 
-    What is not known is 0, and its flag false.
+    An unknown number is 0, and its flag false.
     """
     slope = np.arctan(rows.margin), rows.margin_std / (1.0 + rows.margin**2)
     values = {
@@ -246,10 +246,10 @@ def vehicle_columns(rows: VehicleEstimates) -> dict[str, Any]:
 
 
 def margin_before_driving(settings: OnboardSettings) -> Quantity | None:
-    """What any ground ahead gives at most, as believed before driving; None without a rolling wheel.
+    """The most that any ground ahead gives, as believed before driving; None without a rolling wheel.
 
-    Median of the margin with what is gained beyond the reference slip, and the standard deviation of its
-    lower half.
+    The median margin plus the gain beyond the reference slip, with the standard deviation of its lower
+    half.
     """
     if not any(wheel.contact == ROLLING for wheel in settings.wheels):
         return None

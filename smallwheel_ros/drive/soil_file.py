@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A soil that a drive goes on from and that is saved at its end, with the cost map beside it."""
+"""The saved soil that a drive continues from, written again at its end, and the cost map beside it."""
 
 from __future__ import annotations
 
@@ -26,9 +26,14 @@ class SoilFileError(SmallwheelError):
 
 @dataclass(frozen=True)
 class SoilAndMap:
-    """What is to be saved: the soil's file, and before it those of the cost map, contents by path.
+    """Files to be saved: the soil's, and those of the cost map, which are written first.
 
-    digest: of the map that goes with it. words, map_words: what they are, for people.
+    Attributes
+    ----------
+    digest
+        SHA-256 of the map that belongs to the soil.
+    words, map_words
+        What soil and map are, for people.
     """
 
     soil: bytes
@@ -39,12 +44,13 @@ class SoilAndMap:
 
 
 class SoilFile:
-    """The file of the parameter soil.file; an empty name is none.
+    """The file named by the parameter soil.file; an empty name means none.
 
-    The soil's file has the SHA-256 of the map that was saved with it: a map of another soil is not used. The
-    map that goes with the soil is kept under a name of its own until another soil is there, so that who is
-    killed between the two finds a pair.
-    problem: why the saved soil is not used, in words; empty where it is, or where there is none.
+    The file contains the SHA-256 of the map that was saved with it, so that a map of another soil is
+    not used. That map is kept under a name of its own until another soil is saved: a process killed
+    between the two files leaves a matching pair.
+
+    problem: why the saved soil is not used, in words; empty if it is, or if there is none.
     """
 
     def __init__(self, name: str) -> None:
@@ -60,7 +66,7 @@ class SoilFile:
     # --- Going on from it
 
     def restore(self, pipeline: Pipeline) -> str:
-        """Restore an estimate from the file; return in words what was restored."""
+        """Restore an estimate from the file; return what was restored, in words."""
         if self._path is None:
             return ""
         sweep_drafts(self._path)
@@ -82,7 +88,7 @@ class SoilFile:
         return f"soil restored from {self._path}: {pipeline.soil.accepted} measurements"
 
     def restore_map(self, cost_map: CostMap) -> str:
-        """Restore the cost map saved with the soil; return in words whether that worked."""
+        """Restore the cost map saved with the soil; return whether that worked, in words."""
         path, before = self._map_path, self._before
         if path is None or before is None or not path.exists() or self.problem:
             return ""
@@ -137,7 +143,7 @@ class SoilFile:
         return SoilAndMap(pipeline.saved(digest), beside, digest, of_soil, words)
 
     def write(self, given: SoilAndMap) -> str:
-        """Write what was prepared; return in words what was. Raises SmallwheelError where nothing was."""
+        """Write the prepared files; return what was written, in words. Raises SmallwheelError on failure."""
         assert self._path is not None
         check_may_replace(self._path)
         beside, map_words = given.beside, given.map_words
@@ -159,7 +165,7 @@ class SoilFile:
             write_map(self._before, there)
 
     def save(self, pipeline: Pipeline, cost_map: CostMap) -> tuple[bool, str]:
-        """Save soil and cost map; return whether they are, and in words what came of it.
+        """Save soil and cost map; return whether that worked, and a sentence for the user.
 
         Parameters
         ----------

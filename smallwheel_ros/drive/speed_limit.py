@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a vehicle that may get stuck should slow down, as nav2_msgs/SpeedLimit has it."""
+"""Speed limit for a vehicle that may get stuck, as in nav2_msgs/SpeedLimit."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _WITHOUT = 2.0  # m without a warning, after which nothing holds it back any mor
 
 
 class SpeedLimit:
-    """The limit at work: 50 % from a first warning until 2 m without any, 20 % while it gets stuck.
+    """The speed limit: 50 % from a first warning until 2 m without any, 20 % while the vehicle gets stuck.
 
-    percent: of the speed that the controller would drive; `NO_LIMIT`: as fast as it likes.
+    percent: of the speed that the controller would drive; `NO_LIMIT` if it is not limited.
     """
 
     def __init__(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that node and replay say of a drive while it goes on: one function for both."""
+"""Everything that node and replay report during a drive: both use one function."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 class Statement(NamedTuple):
-    """A finding to look at: its entry in the diagnostics, kind, severity, and text."""
+    """Something to report: its entry in the diagnostics, kind, severity, and text."""
 
     entry: Entry
     kind: Kind
@@ -25,7 +25,7 @@ class Statement(NamedTuple):
 
     @property
     def about(self) -> str:
-        """The text without its numbers: the same as long as the same is reported."""
+        """The text without its numbers, by which a repeated report is recognised."""
         return _NUMBER.sub("", self.text)
 
 
@@ -55,7 +55,7 @@ def statements(pipeline: Pipeline, newest: Estimates) -> tuple[Statement, ...]:
 
 
 def alarms(pipeline: Pipeline) -> tuple[Statement, ...]:
-    """What somebody should act on at once."""
+    """The reports that need action at once."""
     found = []
     level = pipeline.level
     if level:

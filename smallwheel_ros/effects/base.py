@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a physical effect is, and the one class that each derives from.
 
-An effect is a small frozen dataclass: its fields are its numbers, its methods are the places at
-which it changes what the model computes. A model runs the stages in this order, each effect in
+An effect is a small frozen dataclass: its fields are its parameters, its methods are the stages at
+which it changes the model's computation. A model runs the stages in this order, each effect in
 turn:
 
     corrected_load      the load itself, from what the load cell shows        N      -> N
@@ -75,10 +75,10 @@ class EffectError(SmallwheelError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is known of one number of an effect before any data.
+    """Description of one parameter of an effect.
 
-    neutral: the value at which the effect is absent. An effect vanishes where all its parameters
-    that have a neutral value are at it; the others (None) only shape it.
+    neutral: the value at which the effect is absent. An effect vanishes if all its parameters with a
+    neutral value are at it; the others (None) only shape it.
     """
 
     name: str
@@ -129,9 +129,9 @@ def constant(
     Parameters
     ----------
     value
-        Where it is not given.
+        Value if none is given.
     bounds
-        What it may be, both ends allowed.
+        Range, both ends allowed.
     description
         What it is, in a few words.
     unit
@@ -222,13 +222,13 @@ class Effect:
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
-        """What a fit determines, in the order of the fields."""
+        """The parameters that a fit determines, in the order of the fields."""
         known = [(f.name, f.metadata.get("parameter")) for f in fields(cls)]
         return tuple(replace(p, name=name) for name, p in known if p is not None)
 
     @classmethod
     def constants(cls) -> tuple[Parameter, ...]:
-        """The numbers that are given, in the order of the fields."""
+        """The constants, which are given, in the order of the fields."""
         known = [(f.name, f.metadata.get("constant")) for f in fields(cls)]
         return tuple(replace(p, name=name) for name, p in known if p is not None)
 
@@ -239,23 +239,23 @@ class Effect:
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """Make the effect to start a fit from; constants that only scale are set from the data."""
+        """The effect from which a fit starts; constants that only scale are set from the data."""
         return cls()
 
     def objection(self, conditions: Conditions) -> str:
-        """Say why this form cannot be used on these rows, "" where it can."""
+        """Why this form cannot be used on these rows; empty if it can."""
         return ""
 
     def caution(self, conditions: Conditions) -> str:
-        """Say where these rows are beyond what the effect is known for, "" where they are not."""
+        """Where these rows are outside the known range of the effect; empty if they are not."""
         return ""
 
     @classmethod
     def never_acts(cls, conditions: Conditions) -> str:
-        """Say why this form does nothing on any of these rows, "" where it does on some.
+        """Why this form has no influence on any of these rows; empty if it has on some.
 
-        The base judges by `needs`, `side`, `idle` and the stages; a form that knows more (which slip
-        is one, say) overrides this and asks the base first.
+        The base decides by `needs`, `side`, `idle` and the stages; a form that can decide better (by its
+        slip, say) overrides this and calls the base first.
         """
         if not cls._reached(conditions).any():
             return "it acts on rolling wheels, and no row is of one"

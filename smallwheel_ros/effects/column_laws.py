@@ -19,10 +19,10 @@ _POSITIVE = (1e-12, 1e12)
 
 
 class ColumnLaw(Effect):
-    """Something follows the one column in `needs`.
+    """A law that depends on the one column in `needs`.
 
-    prefix: where a form has one, any column NAME of the data drives it as `PREFIX:NAME`; its summary and
-    next step have a place {} for that name.
+    prefix: of a form that any column NAME of the data can drive, as `PREFIX:NAME`; its summary and next
+    step have a place {} for that name.
     """
 
     prefix: ClassVar[str] = ""
@@ -34,7 +34,7 @@ class ColumnLaw(Effect):
 
     @classmethod
     def known(cls, conditions: Conditions) -> Array:
-        """The column's values where there are any."""
+        """The column's values without blanks."""
         values = cls.column(conditions)
         return np.asarray(values[np.isfinite(values)])
 
@@ -67,7 +67,7 @@ class ExponentialLaw(_Covariate):
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """Reference and scale are the middle and half the range of the column."""
+        """Set reference and scale to the middle and half the range of the column."""
         values = cls.known(conditions)
         return cls(**_span(values)) if values.size else cls()
 
@@ -87,7 +87,7 @@ class PowerLaw(_Covariate):
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """The reference is the geometric mean of the column."""
+        """Set the reference to the geometric mean of the column."""
         values = cls.known(conditions)
         if values.size == 0 or values.min() <= 0:
             return cls()
@@ -148,7 +148,7 @@ class Optimum(_Moisture):
 
     @classmethod
     def suited_to(cls, conditions: Conditions) -> Effect:
-        """Reference and scale are the middle and half the range of the column."""
+        """Set reference and scale to the middle and half the range of the column."""
         values = cls.known(conditions)
         return cls(**_span(values)) if values.size else cls()
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What laws that `smallwheel learn` drafts have in common; none of them is in here.
+"""The base of laws that `smallwheel learn` drafts.
 
-A drafted law is a file of its own, an effect as any other user's. It knows the data that it was
-learnt from and the range that it was learnt in.
+A drafted law is a file of its own, an effect like any other user's. It stores the data that it was
+learnt from and the range of that data.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ VERSION = 1  # of drafted files: rises when an older one would mean something el
 
 
 def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high: float) -> Array:
-    """A shape within a driver's range as it is, and beyond it along the tangent at the edge.
+    """A function of a driver within its measured range, continued by the tangent at the edge beyond it.
 
-    Nothing was measured there: a straight line is the least that one can believe.
+    Nothing was measured there, and a straight line is the simplest assumption.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high
     u
         The driver's values, shape (rows,).
     low, high
-        Ends of what was measured, in the driver's unit.
+        Ends of the measured range, in the driver's unit.
     """
     values = np.asarray(u, dtype=float)
     inside = np.clip(values, low, high)
@@ -50,7 +50,7 @@ def continued(function: Callable[[Array], Array], u: ArrayLike, low: float, high
 class Drafted(Effect):
     """Base of a drafted law.
 
-    version: of the file. valid: by setting, the range that it was learnt in, SI units.
+    version: of the file. valid: by setting, the range of the data that it was learnt from, SI units.
     """
 
     version: ClassVar[int] = 0
@@ -74,7 +74,7 @@ class Drafted(Effect):
             )
 
     def caution(self, conditions: Conditions) -> str:
-        """Say where these rows are outside the range that the law was learnt in, "" where none is."""
+        """Where these rows are outside the range that the law was learnt in; empty if they are not."""
         beyond = []
         for name, (low, high) in self.valid.items():
             if name not in conditions:

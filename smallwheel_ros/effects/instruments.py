@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of a rig's instruments: what they show is not what is there, and none of it is soil.
+"""Faults of a rig's instruments, which change what is shown and are not properties of the soil.
 
-A gain: all that is shown is a constant share too much. An offset: the instrument's zero is off. Friction
-of the rig and what follows slip are in what the force sensor shows only: what soil and wheel pull
-(drawbar pull) does not have them.
+A gain: everything shown is larger by a constant share. An offset: the instrument's zero is wrong.
+Friction of the rig, and errors that follow slip, affect only the force sensor: drawbar pull does
+not contain them.
 """
 
 from __future__ import annotations
@@ -146,10 +146,10 @@ class ShareOfLoad(Effect):
 
 @dataclass(frozen=True)
 class Magnitude(Effect):
-    """No law of soil does that: what digs shows in the sinkage.
+    """Resistance that follows slip: no law of soil does that, as digging would show in the sinkage.
 
-    A rig does where part of the wheel's thrust reaches the force sensor, as through a motor's cable, a
-    tilted guide, or a resistance that is worked out from the motor's torque.
+    In a rig it occurs where part of the wheel's thrust reaches the force sensor, as through a motor's
+    cable or a tilted guide, or where the resistance is computed from the motor's torque.
     """
 
     id = "slip_resistance"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which effects there are: those of this folder, of installed packages, and of files given by hand.
+"""The effects that exist: those of this folder, of installed packages, and of files given by the user.
 
-Nothing here is a list: a class added to a file of the folder is found. Loading a file runs it, so that only
-happens where a user names the file; a model file never does.
+There is no list: a class added to a file of the folder is discovered. Loading a file runs it, so
+that happens only if a user names the file; a model file never does it.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def is_of_column(id: str) -> bool:
 
 @lru_cache(maxsize=256)
 def of_column(id: str) -> Forms:
-    """Make the family of `PREFIX:COLUMN`: its laws, driven by that column of the data."""
+    """The family `PREFIX:COLUMN`: its laws, driven by that column of the data."""
     prefix, _, name = id.partition(":")
     if not name:
         raise EffectError(
@@ -78,16 +78,16 @@ def of_column(id: str) -> Forms:
 
 
 def covariate(name: str) -> Forms:
-    """Make the family in which k depends on that column of the data: exponential and power law."""
+    """The family in which k depends on a column of the data: exponential and power law."""
     return of_column(f"covariate:{name}")
 
 
 @dataclass(frozen=True)
 class Registry(Mapping[str, type[Effect]]):
-    """Families of effects in the order of their ids, each a tuple of forms: the first is the default.
+    """Families of effects in the order of their ids, each a tuple of forms, the default form first.
 
-    Those of columns are not listed, but made by `family`. As a mapping it gives the default form of
-    each: `registry["slip_sinkage"]`.
+    Families of columns are not listed; `family` makes them. As a mapping it gives the default form of each:
+    `registry["slip_sinkage"]`.
     """
 
     families: Families = field(default_factory=dict)
@@ -175,7 +175,7 @@ class Registry(Mapping[str, type[Effect]]):
         user
             Forms by id.
         origin
-            Where they are from, for messages.
+            Where they come from, for messages.
         """
         known = dict(self.families)
         for forms in user.values():
@@ -197,7 +197,7 @@ def _built_in() -> Families:
 
 @lru_cache(maxsize=1)
 def known_physics() -> Forms:
-    """Give this package's forms that a model applies by itself wherever their columns are there."""
+    """Forms of this package that a model always applies if their columns are present."""
     return tuple(forms[0] for forms in _built_in().values() if forms[0].known_physics)
 
 
@@ -253,12 +253,12 @@ def load_classes(path: Path, base: type[Kind], what: str) -> list[type[Kind]]:
     base
         The base class.
     what
-        They are, for messages: "effect", "law".
+        What the classes are, for messages: "effect", "law".
 
     Raises
     ------
     EffectError
-        Where the file does not run or has none that is usable.
+        If the file does not run or has no usable class.
     """
     found = _some(_classes_in(_run(path, what), base), str(path), what, base.__name__)
     for made in found:
@@ -303,12 +303,12 @@ def _run(path: Path, what: str = "effect") -> ModuleType:
 
 
 def line_in(error: Exception, path: Path) -> str:
-    """`, line 7`: where in a file an exception was raised, "" where nowhere.
+    """Where in a file an exception was raised, as `, line 7`; empty if not in that file.
 
     Parameters
     ----------
     error
-        As it was caught.
+        The exception, as it was caught.
     path
         The file.
     """

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """slip_sinkage, skid_sinkage, slip_angle_sinkage: a wheel that does not roll freely digs itself in.
 
-One set of laws with a side: a driven wheel slips (over 0), a braked one skids (under 0). Their numbers are
-kept apart: that the same hold for both signs has no evidence. Linear and square growth, Lyasko's and Reece's
-lie within what the quadratic can do, and whether what was dug cost compaction work is its share c.
+One set of laws with a side: a driven wheel slips (over 0), a braked one skids (under 0). They have
+separate parameters, as there is no evidence that the same values hold for both signs. Linear and
+square growth, Lyasko's and Reece's lie within what the quadratic can do, and whether what was dug
+cost compaction work is its share c.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _FREE_ROLLING = 0.02
 
 
 class BySlip(Effect):
-    """What acts at slip of one sign: `side` is 1 where the wheel is driven, -1 where it is braked."""
+    """Acts at slip of one sign: `side` is 1 for a driven wheel, -1 for a braked one."""
 
     needs: ClassVar[tuple[str, ...]] = ("slip",)
     side: ClassVar[Literal[-1, 0, 1]] = 1

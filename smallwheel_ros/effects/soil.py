@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the soil answers with: its modulus under other loads, widths and speeds, and layers below.
+"""What changes the soil's response: load, width and speed, layers below, and the wheel itself.
 
-load_dependent_modulus, width_dependent_modulus, penetration_rate, hardpan; what a wheel makes of the soil
-about it, pushed ahead, pressed by the wheels before, rising behind: bulldozing, multipass, elastic_rebound;
-what load and outline of the wheel it meets: slope, contact_geometry. Of its water content: `column`.
+load_dependent_modulus, width_dependent_modulus, penetration_rate, hardpan; soil that the wheel
+pushes ahead, that earlier wheels pressed, that rises behind it: bulldozing, multipass,
+elastic_rebound; and load and outline of the wheel as the soil meets them: slope, contact_geometry.
+Its water content is in `column`.
 """
 
 from __future__ import annotations
@@ -293,7 +294,7 @@ class Compliance(_ElasticRebound):
 
 @dataclass(frozen=True)
 class Gravity(Effect):
-    """Known physics: a model applies it wherever the conditions have a slope."""
+    """Gravity on a slope: known physics that a model always applies if the conditions have a slope."""
 
     id = "slope"
     summary = "On a slope, W cos(slope) presses on the soil and W sin(slope) adds to resistance."
@@ -323,7 +324,7 @@ class Gravity(Effect):
 
 @dataclass(frozen=True)
 class ContactIntegral(Effect):
-    """A rule, not a number: adding it to a model sets the model's geometry."""
+    """A rule rather than a number: adding it to a model sets the model's geometry."""
 
     id = "contact_geometry"
     summary = "The wheel's true outline carries the load, not eq. 10's parabola and two terms."

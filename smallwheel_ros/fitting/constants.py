@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every constant of the statistical model, with its value and the reason for it.
 
-A comment above each says what it is and, after the dash, why; docs/diagnosis.md prints this file as a table.
-Nothing here belongs to one effect or one verdict.
+The comment above each one says what it is and, after the dash, why; docs/diagnosis.md prints this file as a
+table. No constant here belongs to a single effect or verdict.
 """
 
 # --- Physical: how much soils, rigs and instruments differ. Medians of log-normal priors.
@@ -114,7 +114,7 @@ MOST_POINTS = 400
 WINDOW = 7.0
 # models that are extended at each size - search budget
 PARENTS = 3
-# single effects that are refitted - search budget
+# single effects that are refitted, besides each law once - search budget
 FIRST_REFITS = 8
 # extensions of each model that are refitted - search budget
 REFITS = 6

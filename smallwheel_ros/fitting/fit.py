@@ -4,12 +4,12 @@
     y = f(theta) + e,  e ~ N(0, V(phi)),  theta ~ p(theta),  ln phi ~ p(ln phi)
 
 theta by Gauss-Newton steps on  -1/2 |y - f|^2_V + ln p(theta)  with V held, phi by `variance`, in
-turns until both rest. The posterior is N(theta, A^-1) with A = J' V^-1 J + P (P the prior's
-precision), and the evidence, by Laplace's method,
+turns until both have converged. The posterior is N(theta, A^-1) with A = J' V^-1 J + P (P the
+prior's precision), and the evidence, by Laplace's method,
 
     ln Z = ln N(y; f, V) + ln p(theta) + ln p(ln phi) + d/2 ln 2 pi - 1/2 ln |A| + ln(inside bounds)
 
-(MacKay 2003, eq. 27.5; the last term for effects' parameters, whose priors end at their bounds).
+(MacKay 2003, eq. 27.5; the last term is for effects' parameters, whose priors are cut off at their bounds).
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ _ALONE: set[frozenset[type[Effect]]] = set()
 
 
 class Predictor:
-    """Predicts values: of a channel (an index into channels) at a row of the conditions each.
+    """Predicts measured values: each is a channel (an index into channels) at a row of the conditions.
 
-    Keeps the repeated conditions between calls.
+    The repeated conditions are kept between calls.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Predictor:
 
     @classmethod
     def of(cls, points: Points) -> Predictor:
-        """Predicts these points."""
+        """The predictor of these points."""
         return cls(points.conditions, points.channels, points.channel, points.row)
 
     def __call__(self, vector: ParameterVector, theta: Array) -> Array:
@@ -77,7 +77,7 @@ class Predictor:
     def many(self, vector: ParameterVector, thetas: Array) -> Array:
         """Predictions of each parameter vector.
 
-        An effect that cannot take arrays (a user's own) is evaluated one vector after the other.
+        A user's own effect that cannot take arrays is evaluated for one vector after the other.
 
         Parameters
         ----------
@@ -172,8 +172,16 @@ AnyFit = TypeVar("AnyFit", bound="Fit")
 class Fit:
     """A fitted model.
 
-    theta, covariance: parameters, shape (parameters,), and their posterior covariance. predicted:
-    shape (values,). slopes: J, shape (values, parameters). evidence: ln Z.
+    Attributes
+    ----------
+    theta, covariance
+        Parameters, shape (parameters,), and their posterior covariance.
+    predicted
+        Shape (values,), m, N or N m by channel.
+    slopes
+        J, shape (values, parameters).
+    evidence
+        ln Z.
     """
 
     vector: ParameterVector
@@ -198,7 +206,7 @@ class Fit:
 
     @property
     def stiffness(self) -> Array:
-        """df / d ln k of each value: each row has one soil."""
+        """df / d ln k of each value, for the soil of its row, shape (values,)."""
         mine = [
             j for j, p in enumerate(self.vector.of_soils) if p.field == "log_reference_pressure"
         ]
@@ -211,19 +219,19 @@ class Fit:
         return np.asarray(self.slopes @ np.linalg.cholesky(np.linalg.inv(precision)))
 
     def take(self: AnyFit, keep: NDArray[np.bool_]) -> AnyFit:
-        """The fit on some of the values."""
+        """The fit restricted to some of the values."""
         return replace(self, predicted=self.predicted[keep], slopes=self.slopes[keep])
 
     def away(self, observed: Array) -> Array:
-        """Errors of what the priors' centres predict, to first order: y - f(centre), shape (values,)."""
+        """Errors of the prediction at the priors' centres, to first order: y - f(centre), shape (values,)."""
         return observed - self.predicted + self.slopes @ (self.theta - self.vector.centre)
 
 
 def inverse(matrix: Array) -> Array:
     """Inverse of a positive definite matrix, scaled to a unit diagonal first.
 
-    Parameters differ by powers of ten in size (1e-8 m/Pa beside 1): the scaled matrix is as well
-    conditioned as they can be. Raises FittingError where it is not positive definite.
+    Parameters differ by powers of ten in size (1e-8 m/Pa beside 1); scaling gives about the best
+    conditioning that is possible. Raises FittingError where the matrix is not positive definite.
     """
     size = np.sqrt(np.diag(matrix))
     if not (np.isfinite(size).all() and (size > 0).all()):
@@ -242,11 +250,18 @@ def inverse(matrix: Array) -> Array:
 class Fitter:
     """Fits models to one set of points under one variance model.
 
-    level: L of `variance`, shape (values,); it is held for all fits, so that their evidence can be
-    compared. law: what predicts points, the model if not another. working: values are weighed without the
-    errors that many of them share, to which a fit would leave what its numbers can describe (`variance`);
-    what those do to the parameters is in the posterior (`posterior.posterior_covariance`). apart: pull and
-    torque have a say in the strength alone (`blocks`).
+    Attributes
+    ----------
+    level
+        L of `variance`, shape (values,); the same for all fits, so that their evidence can be compared.
+    law
+        Predicts the points; the model itself if None.
+    working
+        Whether values are weighted without the errors that many of them share, which would otherwise absorb
+        what the parameters can describe (`variance`). The effect of these errors on the parameters is
+        in the posterior (`posterior.posterior_covariance`).
+    apart
+        Whether pull and torque determine only the strength (`blocks`).
     """
 
     points: Points
@@ -258,18 +273,18 @@ class Fitter:
 
     @cached_property
     def predictor(self) -> Predictor:
-        """What predicts the points."""
+        """The predictor of the points."""
         return self.law(self.points)
 
     @cached_property
     def variance(self) -> VarianceModel:
-        """The variance used as weight."""
+        """The variance used for the weights."""
         r = self.repeats
         return VarianceModel(self.points, self.level, r.variance, r.stated, working=self.working)
 
     @cached_property
     def true_variance(self) -> VarianceModel:
-        """The variance believed to be true, including the law's own error as this table shows it."""
+        """The variance believed to be true, including the error of the law as this table shows it."""
         if not self.working:
             return self.variance
         r = self.repeats
@@ -278,9 +293,9 @@ class Fitter:
     def blocks(self, fit: Fit) -> list[tuple[Mask, Mask]]:
         """Which parameters are fitted to which values, in turn until none moves.
 
-        Pull and torque would bend k, n and m by what their own law is off by: these, and what acts on them,
-        come from sinkage and resistance alone, and strength from pull and torque given these (the cut of
-        modular Bayesian models, Plummer 2015).
+        The error of the law of pull and torque would bend k, n and m: these, and what acts on them, are
+        fitted to sinkage and resistance alone, and then the strength to pull and torque (the cut of modular
+        Bayesian models, Plummer 2015).
         """
         points = self.points
         forces = np.isin(points.channel, [points.channels.index(name) for name in points.forces])
@@ -294,7 +309,7 @@ class Fitter:
     def weights(self, fit: Fit) -> Array:
         """G: weight of each value for each parameter, shape (values, parameters).
 
-        A fit rests where G' (y - f) = P (theta - centre).
+        At convergence G' (y - f) = P (theta - centre).
         """
         found, v = np.zeros_like(fit.slopes), self.covariance(fit)
         for mine, seen in self.blocks(fit):
@@ -369,7 +384,7 @@ class Fitter:
         return replace(self, law=law)
 
     def of_values(self, keep: NDArray[np.bool_]) -> Fitter:
-        """A fitter of some of the values, under the same levels and repeatability."""
+        """A fitter of some of the values, with the same levels and repeatability."""
         known = self.repeats
         part = Repeats(known.channels, known.variance[keep], known.stated[keep])
         return replace(self, points=self.points.take(keep), level=self.level[keep], repeats=part)

@@ -2,8 +2,8 @@
 """Held-out error: every row is predicted by a fit that never saw its run.
 
 The runs are dealt into folds once, for all commands alike. What is chosen (an effect, its form) is
-chosen again in each fold, from its own training runs. Errors are of rows, in metres or newtons; their
-uncertainty is of runs.
+chosen again in each fold, from its own training runs. Errors are those of rows, in metres or
+newtons; their uncertainty comes from the spread over runs.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Score:
 
 @dataclass(frozen=True)
 class CvErrors:
-    """Held-out measured less predicted, by channel, shape (rows,), NaN where a row has none.
+    """Held-out errors, measured minus predicted, by channel, shape (rows,); NaN where a row has none.
 
     run: of each row, shape (rows,).
     """
@@ -83,14 +83,14 @@ class CvErrors:
         return {name: found for name in self.error if (found := self.score(name)) is not None}
 
     def without(self, rows: Index) -> CvErrors:
-        """Errors without those of these rows."""
+        """The errors with those of these rows removed."""
         error = {name: known.copy() for name, known in self.error.items()}
         for known in error.values():
             known[rows] = np.nan
         return CvErrors(error, self.run)
 
     def over(self, size: Mapping[str, Array]) -> CvErrors:
-        """Errors as shares of the size of each row's value, by channel, shape (rows,)."""
+        """Errors relative to the size of each row's value, by channel, shape (rows,)."""
         return CvErrors({name: known / size[name] for name, known in self.error.items()}, self.run)
 
     def rmse(self) -> dict[str, float]:
@@ -125,7 +125,7 @@ class ErrorComparison:
     """Two models' held-out errors, by channel.
 
     reduction: relative, of the rmse. z_score: of the difference of the runs' mean squares over its
-    standard error; positive where the second is better.
+    standard error; positive if the second is better.
     """
 
     reduction: Mapping[str, float]
@@ -149,7 +149,7 @@ class ErrorComparison:
 
 
 def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
-    """How much better the second predicts, by channel, on the rows that both predict.
+    """How much better the second model predicts, by channel, on the rows that both predict.
 
     Parameters
     ----------
@@ -177,9 +177,9 @@ def compare_cv(before: CvErrors, after: CvErrors) -> ErrorComparison:
 
 
 def folds_of(points: Points) -> Index:
-    """The fold of each run of the table, shape (runs,): `FOLDS`, of few runs each its own.
+    """The fold of each run of the table, shape (runs,): `FOLDS` of them, or, of few runs, one for each.
 
-    Shuffled, since runs are often in an order.
+    Runs are shuffled, since tables often list them in an order.
     """
     runs = np.unique(points.run)
     folds = runs.size if runs.size <= 2 * FOLDS else FOLDS
@@ -199,7 +199,7 @@ def sizes_of(points: Points) -> dict[str, Array]:
 
 
 def leave_out(group: Index) -> Iterator[Mask]:
-    """Each group in turn, as the mask of its members, where something is left without it.
+    """Masks of the groups, one after the other, for those that leave something else.
 
     group: code of each member, shape (members,).
     """
@@ -210,7 +210,7 @@ def leave_out(group: Index) -> Iterator[Mask]:
 
 
 def rows_of(points: Points) -> dict[str, Index]:
-    """By channel, the rows of the table that are in its points, and so are judged."""
+    """By channel, the rows of the table that are in its points and thus are scored."""
     found = {}
     for name in points.channels:
         mine = np.flatnonzero(points.of_channel(name))

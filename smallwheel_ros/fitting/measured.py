@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of its points a fit leaves to a prediction: ranges, scatter of runs, and how well pull is known."""
+"""What a model file keeps of the data: ranges, scatter of runs, and how accurate pull is."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LEAST_OFF = 0.01  # of a setting's range: nearer to a line it was not set
 
 
 def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
-    """What a prediction needs to know about the data: ranges, wheels, scatter, and how well laws hold.
+    """What a prediction needs of the data: ranges, wheels, scatter, and errors of the laws.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _off_where_measured(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def tied_settings(points: Points) -> tuple[Tied, ...]:
-    """Settings that were varied together: one predicts `TOGETHER` of the other's variance."""
+    """Pairs of settings that were varied together: one explains `TOGETHER` of the other's variance."""
     rows = np.unique(points.row, return_index=True)[1]
     columns = {n: c[rows] for n, c in points.varied.items()
                if n in ("load", *SETTINGS) and np.isfinite(c).all()}  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One fitted number as people ask for it: `fit["n"]`, `fit.k`, with its deviation."""
+"""One fitted parameter by its name, `fit["n"]` or `fit.k`, with its deviation."""
 
 from __future__ import annotations
 
@@ -24,9 +24,16 @@ _WORST_FIRST: tuple[Status, ...] = ("at its bound", "not determined", "held")
 
 @dataclass(frozen=True, repr=False)
 class FittedParameter:
-    """One parameter. owner: the soil or effect. std: None where it is held or at its bound.
+    """One fitted parameter.
 
-    remedy: what measurement would determine it, empty where it is determined.
+    Attributes
+    ----------
+    owner
+        The soil or effect.
+    std
+        None if the parameter is held, or at its bound.
+    remedy
+        The measurement that would determine it; empty if it is determined.
     """
 
     owner: str
@@ -60,7 +67,7 @@ class FittedParameter:
         return f"<{self.full_name}: {self}>"
 
     def row(self, of: str) -> dict[str, Any]:
-        """As a row of a table. of: what it is a number of."""
+        """As a row of a table. of: what the parameter belongs to."""
         known = {n: getattr(self, n) for n in ("value", "std", "unit", "status")}
         return {"of": of, "parameter": self.name, **known}
 
@@ -75,7 +82,7 @@ def derived_parameters(
     names: Sequence[str],
     covariance: Array,
 ) -> tuple[FittedParameter, ...]:
-    """What follows from the parameters, each no better known than the worst parameter it follows from.
+    """Numbers that follow from the parameters; each is determined only if all of those are.
 
     Parameters
     ----------
@@ -105,7 +112,7 @@ def derived_parameters(
 
 
 class ParameterNameError(SmallwheelError, KeyError):
-    """A parameter that a fit does not have, or that several soils have."""
+    """A name that is no parameter of a fit, or one of several soils."""
 
     __str__ = Exception.__str__  # that of KeyError is in quotes
 
@@ -113,11 +120,11 @@ class ParameterNameError(SmallwheelError, KeyError):
 class WithParameters:
     """A result with parameters that can be looked up by name.
 
-    `fit["dry_sand.n"]`, or `fit["n"]` and `fit.n` where one soil or effect has it.
+    `fit["dry_sand.n"]`, or `fit["n"]` and `fit.n` if only one soil or effect has it.
     """
 
     def named(self) -> Mapping[str, FittedParameter]:
-        """Every parameter and what follows from them, by full name."""
+        """All parameters and derived numbers by full name."""
         raise NotImplementedError
 
     def __getitem__(self, name: str) -> FittedParameter:

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The size of each value and its repeatability: what rows of one point differ by, and which do not belong.
+"""The size of each value and its repeatability: how much rows of one point differ, and which are outliers.
 
-The size is what a log-log regression of what was measured on the settings has (`NoiseLine`, `levels_of`). It
-has no physics, is what any law has to beat, and is a row of `smallwheel compare`:
+The size is that of a log-log regression of the measured values on the settings (`NoiseLine`,
+`levels_of`). The regression has no physics; it is the reference that a law has to beat, and a row
+of `smallwheel compare`:
 
     ln value = own of its soil + b . (ln load, ln diameter, ln width, slip, slip^2, pass, speed)
 
-by least squares, of the settings that were varied. Repeatability is
+by least squares, over the settings that were varied. Repeatability is
 
     sigma^2 = absolute^2 + (relative * level)^2    by channel, from sums of squares within points
 
-Where the table states deviations, these are taken times one factor, which repeats determine.
+Where the table states deviations, these are used, times one factor that repeats determine.
 """
 
 from __future__ import annotations
@@ -58,7 +59,10 @@ def _columns(conditions: Conditions) -> Array:
 
 @dataclass(frozen=True)
 class NoiseLine:
-    """A fitted regression. own: ln value of each soil at zero. used: columns, slopes: of each."""
+    """A fitted regression.
+
+    own: ln value of each soil at zero. used: columns of the settings; slopes: one for each.
+    """
 
     soils: tuple[str, ...]
     own: Array
@@ -67,7 +71,7 @@ class NoiseLine:
 
     @classmethod
     def through(cls, value: Array, row: Index, conditions: Conditions) -> NoiseLine:
-        """Fit the line of logarithms.
+        """Fit the regression.
 
         Parameters
         ----------
@@ -96,7 +100,7 @@ class NoiseLine:
     def power_of_load(
         self, value: Array, row: Index, conditions: Conditions
     ) -> tuple[float, float]:
-        """The power of the load with which the values rise.
+        """The power of the load to which the values are proportional.
 
         Parameters
         ----------
@@ -123,7 +127,7 @@ class NoiseLine:
         return float(self.slopes[place]), float(np.sqrt(variance[1 + place, 1 + place]))
 
     def at(self, conditions: Conditions) -> Array:
-        """Value of the line, shape (rows,); a soil without a line of its own takes their mean."""
+        """Value of the regression, shape (rows,); for a soil that it lacks, the mean of those it has."""
         own = np.full(len(conditions), self.own.mean())
         if conditions.soil is not None:
             for name, level in zip(self.soils, self.own, strict=True):
@@ -132,7 +136,7 @@ class NoiseLine:
 
 
 def of_load(conditions: Conditions, channel: str) -> Array:
-    """The scale of a force channel: the load, or for a torque the load times the radius.
+    """The scale of a force channel: the load, or the load times the radius for a torque.
 
     Parameters
     ----------
@@ -150,7 +154,7 @@ def of_load(conditions: Conditions, channel: str) -> Array:
 
 
 def wheel_discrepancy(conditions: Conditions) -> Array:
-    """Error of the law of pull and torque for a wheel at any slip, as a share of the load, (rows,)."""
+    """Deviation of the law of pull and torque for a wheel at any slip, relative to the load, (rows,)."""
     if "grouser_height" not in conditions:
         return np.full(len(conditions), FORCE_WHEEL)
     high = conditions["grouser_height"] >= 0.05 * conditions.diameter
@@ -325,7 +329,7 @@ def outlier_limit(count: int) -> float:
 
 
 def outlier_rows(points: Points) -> Index:
-    """Rows that lie grossly off the others of their point, or off their neighbours along a curve."""
+    """Rows far from the others of their point, or from their neighbours along a curve."""
     found = [row for rows in _curves(points) for row in spikes(rows)]
     for name in points.channels:
         measured = points.measurements.channels[name]

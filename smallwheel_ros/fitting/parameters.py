@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of a fit: which there are, what is known of them before, and the model they make.
+"""The parameters of a fit, their priors, and the model that they define.
 
     theta = (ln p_ref, n, m [, phi, ln K, c] of each soil; the numbers of each effect)
 
@@ -35,9 +35,9 @@ _STEP = 1e-4  # of the prior's deviation: finite differences
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of one number before the data.
+    """Prior distribution of one parameter.
 
-    freedom: degrees of freedom of Student's t, truncated at the bounds; where they are infinite a Gaussian.
+    freedom: degrees of freedom of Student's t, truncated at the bounds; a Gaussian if infinite.
     """
 
     centre: float
@@ -65,14 +65,14 @@ class Prior:
         return float(tail) - self._log_norm
 
     def precision(self, value: float) -> float:
-        """Weight of the Gaussian that touches the prior there (for Student's t: its majoriser)."""
+        """Precision of the Gaussian that touches the prior at a value (for Student's t: its majoriser)."""
         u = (value - self.centre) / self.deviation
         weight = 1.0 if np.isinf(self.freedom) else (self.freedom + 1) / (self.freedom + u * u)
         return weight / self.deviation**2
 
 
 def instrument_prior(p: Parameter, size: float) -> Prior:
-    """Prior of a parameter of an instrument that shows too much or too little.
+    """Prior of a parameter of an instrument with an error.
 
     Parameters
     ----------
@@ -114,14 +114,14 @@ USUAL_STRENGTH = {
 
 
 def soil_numbers(soil: Soil) -> dict[str, float]:
-    """The soil in the numbers that a fit works with."""
+    """The parameters of a soil as a fit uses them, by name."""
     found = {name: float(getattr(soil, name)) for name in SOIL_NUMBERS}
     found["log_shear_displacement"] = float(np.log(found.pop("shear_displacement")))
     return found | {"log_reference_pressure": soil.log_reference_pressure}
 
 
 def numbers_of_soil(known: Mapping[str, Any]) -> dict[str, Any]:
-    """The numbers of `SOIL_NUMBERS` from those that a fit works with, floats or arrays."""
+    """The numbers of `SOIL_NUMBERS` from those that a fit uses, floats or arrays."""
     found = {name: known[name] for name in SOIL_NUMBERS if name in known}
     found["shear_displacement"] = np.exp(known["log_shear_displacement"])
     found["k"] = k_from_reference(known["log_reference_pressure"], known["n"], known["m"])
@@ -147,7 +147,7 @@ def soil_from(soil: Soil, values: Mapping[str, float], name: str = "") -> Soil:
 
 @dataclass(frozen=True)
 class ParameterPrior:
-    """A soil known from elsewhere: its mean, and the covariance of (ln p_ref, n, m), shape (3, 3)."""
+    """Prior of a soil known from elsewhere: mean, and covariance of (ln p_ref, n, m), shape (3, 3)."""
 
     soil: Soil
     covariance: Array
@@ -155,7 +155,7 @@ class ParameterPrior:
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One free number. owner: name of the soil or id of the effect."""
+    """One free parameter. owner: name of the soil or id of the effect."""
 
     owner: str
     field: str
@@ -171,10 +171,14 @@ class FreeParameter:
 
 @dataclass(frozen=True)
 class EffectPart:
-    """One effect of a fit: its free numbers, and how the effect is made from them.
+    """One effect of a fit: its free parameters, and how the effect is made from their values.
 
-    build: given values by name, floats or one array entry for each row. replaces: the effect of the
-    model that it stands in for (its id), "" where it is added.
+    Attributes
+    ----------
+    build
+        Makes the effect from values by name, floats or arrays with an entry for each row.
+    replaces
+        Id of the effect of the model that it replaces; empty if it is added.
     """
 
     id: str
@@ -184,23 +188,23 @@ class EffectPart:
 
     @property
     def start(self) -> Array:
-        """Where a fit of its numbers starts, shape (parameters,)."""
+        """Starting values of its parameters, shape (parameters,)."""
         return np.array([p.start for p in self.parameters])
 
 
 def part_of(
     effect: Effect, priors: Mapping[str, Prior] | None = None, replaces: str = ""
 ) -> EffectPart:
-    """An effect with its own parameters free, started at their values.
+    """An effect with its parameters free, starting at their present values.
 
     Parameters
     ----------
     effect
         The effect.
     priors
-        By parameter; without one, its bounds and a deviation as wide as they are.
+        By parameter; a parameter without one has its bounds, and a deviation as wide as they are.
     replaces
-        Id of what the part replaces; empty for nothing.
+        Id of the effect that the part replaces; empty if none.
     """
     values, listed = dict(effect.values()), []
     for p in effect.parameters():
@@ -229,12 +233,22 @@ def with_values(effect: Effect, numbers: Mapping[str, Any]) -> Effect:
 
 @dataclass(frozen=True)
 class ParameterVector:
-    """The free parameters of a model and their joint prior.
+    """The free parameters of a model and their joint prior; those of soils come first.
 
-    soils: where they start. fixed: effects that are in the model as they are. of_soils: free numbers
-    of the soils; soil_precision: of their Gaussian prior, shape (soil parameters,) * 2. Of all free
-    parameters, the soils' first (base_size of them): where a fit starts, lower and upper bounds, means
-    (centre) and deviations (scale) of the priors, each of shape (parameters,).
+    Attributes
+    ----------
+    soils
+        Soils to start from.
+    fixed
+        Effects that are in the model and not fitted.
+    of_soils
+        Free parameters of the soils; `base_size` is their number.
+    soil_precision
+        Precision of their Gaussian prior, shape (base_size, base_size).
+    start, lower, upper
+        Starting value and bounds of all parameters, shape (parameters,).
+    centre, scale
+        Means and deviations of the priors, shape (parameters,).
     """
 
     soils: tuple[Soil, ...]
@@ -283,7 +297,7 @@ class ParameterVector:
         return np.array(mine, dtype=np.intp)
 
     def begun_at(self, other: ParameterVector, theta: Array) -> Array:
-        """The start, with values of the same names taken from another vector.
+        """Starting values, with those of parameters of the same name taken from another vector.
 
         Parameters
         ----------
@@ -301,12 +315,12 @@ class ParameterVector:
         return np.array([known.get(p.name, p.start) for p in self.free])
 
     def steps(self, theta: Array) -> Array:
-        """Finite differences, inward where a bound is near."""
+        """Steps for finite differences, directed inward near a bound, shape (parameters,)."""
         h = _STEP * self.scale
         return np.where(theta + h > self.bounds[1], -h, h)
 
     def precision(self, theta: Array) -> Array:
-        """Precision of the Gaussian that touches the prior at theta, shape (parameters,) * 2."""
+        """Precision of the Gaussian that touches the prior at theta, (parameters, parameters)."""
         base = self.base_size
         full = np.zeros((theta.size, theta.size))
         full[:base, :base] = self.soil_precision
@@ -353,7 +367,7 @@ class ParameterVector:
         return {n: v[:, codes].reshape(-1) for n, v in found.items()}
 
     def effects(self, numbers: Array) -> list[Effect]:
-        """Its effects. numbers: of all parameters, shape (parameters,) or (parameters, rows)."""
+        """The effects for given values of all parameters, shape (parameters,) or (parameters, rows)."""
         found, j = list(self.fixed), self.base_size
         for part in self.parts:
             effect = part.build({p.field: numbers[j + i] for i, p in enumerate(part.parameters)})

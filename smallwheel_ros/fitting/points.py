@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measurements as a fit sees them: points, each the mean of a steady stretch of one run.
 
-Rows of a run are no independent evidence. A run in which nothing was changed is one point. A run in which
+Rows of a run are not independent evidence. A run in which nothing was changed is one point. A run in which
 a setting was swept (a plate's curve, a time series) has a point for each setting, or, where it passes
 through many, at most `CURVE_POINTS` bins along its path.
 """
@@ -46,13 +46,26 @@ class FittingError(SmallwheelError):
 
 @dataclass(frozen=True)
 class Points:
-    """What was measured, one number for each point and channel; arrays of shape (values,).
+    """Measured values, one for each point and channel; arrays of shape (values,).
 
-    conditions: settings of the points, shape (points,). value: mean of the rows, SI. row: index of
-    the point. channel, run, setting: codes; values of one setting were taken under the same
-    conditions. swept: part of a run in which a setting was changed. rows: of each value, its rows
-    in `measurements`. declared: standard deviation of a row that the table states, NaN where none.
-    path: order along a swept run.
+    Attributes
+    ----------
+    conditions
+        Settings of the points, shape (points,).
+    value
+        Mean of the rows, SI.
+    row
+        Index of the point.
+    channel, run, setting
+        Codes; values of one setting were measured under the same conditions.
+    swept
+        Whether the value is part of a run in which a setting was changed.
+    rows
+        Of each value, the rows of `measurements` that it is the mean of.
+    declared
+        Standard deviation of a row as the table states it; NaN if it does not.
+    path
+        Order along a swept run.
     """
 
     measurements: Measurements
@@ -80,12 +93,12 @@ class Points:
 
     @property
     def forces(self) -> tuple[str, ...]:
-        """Those of the channels that rest on the soil's strength."""
+        """The channels that depend on the soil's strength."""
         return tuple(name for name in self.channels if name in FORCES)
 
     @property
     def share_errors(self) -> bool:
-        """Whether many values have common errors that no weight may rest on: pull, torque, or a curve."""
+        """Whether many values share errors that weights must not rely on: pull, torque, or a curve."""
         return bool(self.forces) or bool(self.swept.any())
 
     @property
@@ -109,7 +122,7 @@ class Points:
         return replace(self, **kept, rows=tuple(self.rows[i] for i in np.flatnonzero(keep)))
 
     def of_runs(self, others: Points) -> Mask:
-        """Mask of the values of the runs that others have."""
+        """Mask of the values whose runs are also in `others`."""
         return np.isin(self.run, np.unique(others.run))
 
     def column(self, name: str) -> Array:
@@ -118,7 +131,7 @@ class Points:
 
     @cached_property
     def settings(self) -> dict[str, Array]:
-        """Everything that was set by name, at each value, and when it was."""
+        """Everything that was set, by name, and the time or order of measurement, at each value."""
         names = (*setting_columns(self.measurements), *([self.order] if self.order else []))
         return {name: self.column(name) for name in names}
 
@@ -130,7 +143,7 @@ class Points:
 
     @cached_property
     def order(self) -> str:
-        """The column that best tells when each run was made, "" where none does for enough runs."""
+        """The column that shows best when each run was made; empty if none does for enough runs."""
         columns = {name: self.column(name) for name in order_columns(self.measurements)}
         found = {n: np.unique(c).size for n, c in columns.items() if np.isfinite(c).all()}
         best = max(found, key=lambda name: found[name], default="")
@@ -209,7 +222,7 @@ def points_of(measurements: Measurements, outliers: Index | None = None) -> Poin
 
 
 def runs_of(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
-    """Names of the runs and each row's run; of a long record without runs, stretches of each wheel."""
+    """Names of the runs, and each row's run; a long record without runs is cut into stretches."""
     names, run = runs_of_rows(measurements)
     if measurements.runs_given or len(names) <= MOST_POINTS:
         return names, run

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a fit knows its numbers.
+"""The uncertainty of fitted parameters.
 
-A fit that weighs values by G rests where G' (y - f) = P (theta - c). Where their errors have V, theta then
-has (the sandwich of Huber 1967, with a prior)
+A fit that weighs values by G converges where G' (y - f) = P (theta - c). If the errors of the
+values have the covariance V, that of theta is (the sandwich of Huber 1967, with a prior)
 
     C = H^-1 (G' V G + P) H^-T,     H = G' J + P
 
@@ -25,7 +25,7 @@ _NO_LESS = 1.05  # of a deviation: as well known, for any use
 
 
 def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -> Array:
-    """C of the file's head.
+    """C of the module's docstring.
 
     Parameters
     ----------
@@ -53,9 +53,9 @@ def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -
 def over_scatter(
     fitter: Fitter, fit: Fit, scatter: Scatter, of: Callable[[Scatter], Array]
 ) -> Array:
-    """Mean of a function of the scatter over the uncertainty of its deviations phi.
+    """Mean of a function of the scatter over the uncertainty of the scatter's deviations phi.
 
-    ln phi ~ N(found, S): by second differences at the columns of sqrt(3) times a root of S (the
+    ln phi ~ N(estimate, S), by second differences at the columns of sqrt(3) times a root of S (the
     unscented rule of Julier and Uhlmann 1997, kappa = 3 - q, exact to the third order). A component
     that does not matter changes nothing.
 
@@ -86,9 +86,9 @@ def over_scatter(
 
 
 def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
-    """Covariance of theta, with the uncertainty of the variance components in it.
+    """Covariance of theta, including the uncertainty of the variance components.
 
-    With few runs the scatter is hardly known, and the deviations are wider for it.
+    With few runs the scatter is hardly known, which widens the deviations.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
 
 
 def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
-    """Whether sinkage and resistance leave n open, while pull and torque determine it no worse.
+    """Whether pull and torque determine n at least as well as sinkage and resistance, which leave it open.
 
-    So it is under one load: n then follows from the shape of pull over slip.
+    This happens under a single load: n then follows from the shape of pull over slip.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every command starts from: a table reduced to points, the model that is fitted, and its fit."""
+"""What every command starts from: a table reduced to points, the model to fit, and its fit."""
 
 from __future__ import annotations
 
@@ -52,12 +52,25 @@ _GRID = [(p, n) for n in (0.3, 0.5, 0.7, 1.0, 1.4, 1.9) for p in np.arange(7.0, 
 
 @dataclass(frozen=True)
 class Base:
-    """A model to fit. effects: in it as they are. parts: effects whose numbers are fitted.
+    """A model to fit.
 
-    soils: where to start, by name. priors: soils known beforehand. fixed_m: m of every soil, held (0
-    is the law of Bernstein and Goriatchkin); None fits it where bodies of several diameters met the
-    soil. told: parts as they are known to a fit without pull and torque, by id, from these two. notes: what
-    of a model that was given is not in it.
+    Attributes
+    ----------
+    effects
+        In the model, and not fitted.
+    parts
+        Effects that are fitted.
+    soils
+        Soils to start from, by name.
+    priors
+        Of soils known beforehand.
+    fixed_m
+        m of every soil, held (0 is the law of Bernstein and Goriatchkin); None fits it where bodies of
+        several diameters met the soil.
+    told
+        For fits without pull and torque: parts whose prior includes what these two show, by id.
+    notes
+        What the given model has that this one lacks.
     """
 
     effects: tuple[Effect, ...] = ()
@@ -72,7 +85,7 @@ class Base:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Ids of its effects."""
+        """Ids of the base's effects."""
         return (*(e.id for e in self.effects), *(part.id for part in self.parts))
 
     def vector(self, points: Points) -> ParameterVector:
@@ -153,7 +166,7 @@ def one_diameter(points: Points, soil: str) -> bool:
 
 
 def base_of(known: CalibratedModel, measurements: Measurements, *, free: bool = False) -> Base:
-    """A model file as the model to fit to these rows.
+    """The base for a fit that starts from a model file.
 
     Soils and effects are refitted within the file's covariance, unless it has none or was made from
     this data.
@@ -315,10 +328,17 @@ def settled(fit: Fit, again: Callable[[Fit], Fit]) -> Fit:
 
 @dataclass(frozen=True)
 class Problem:
-    """The points of a table, and the model on them.
+    """The points of a table, and the model to fit to them.
 
-    outliers: rows that were left out. judging: values are weighed as evidence, with the errors that many of
-    them share, and not as in a fit (`Fitter.working`). folds: what `fold` gives, by the runs of a fold.
+    Attributes
+    ----------
+    outliers
+        Numbers of the rows that were left out.
+    judging
+        Whether values are weighted as evidence, with the errors that many of them share, rather than as
+        in a fit (`Fitter.working`).
+    folds
+        Results of `fold`, by the runs of a fold.
     """
 
     points: Points
@@ -331,7 +351,7 @@ class Problem:
 
     @classmethod
     def of(cls, measurements: Measurements, base: Base | None = None) -> Problem:
-        """Reduce a table, without gross outliers.
+        """Reduce a table to points, without gross outliers.
 
         Parameters
         ----------
@@ -349,7 +369,7 @@ class Problem:
         return problem.without(outlier_rows(problem.points))
 
     def without(self, rows: NDArray[np.intp]) -> Problem:
-        """The same table without some more of its rows."""
+        """The same problem with more rows left out."""
         if not rows.size:
             return self
         outliers = np.union1d(self.outliers, rows)
@@ -358,14 +378,14 @@ class Problem:
         return replace(self, points=points, outliers=outliers)
 
     def with_part(self, part: EffectPart, told: EffectPart) -> Problem:
-        """The same with one more effect in the base.
+        """The same problem with one more effect in the base.
 
         Parameters
         ----------
         part
             The effect, as it is fitted.
         told
-            The same as known without pull and torque, for `Base.told`.
+            The effect for fits without pull and torque; see `Base.told`.
         """
         parts, known = (*self.base.parts, part), {**self.base.told, part.id: told}
         return replace(self, base=replace(self.base, parts=parts, told=known))
@@ -382,7 +402,7 @@ class Problem:
 
     @property
     def fit(self) -> Fit:
-        """The base, fitted until it rests."""
+        """The fit of the base, converged."""
         return self._fitted[1]
 
     @cached_property
@@ -406,7 +426,7 @@ class Problem:
         return settled(fitter.fit(fitter.at(self.vector, theta), turns=1), fitter.fit)
 
     def fold(self, training: Points) -> tuple[Fitter, Fit]:
-        """A fitter of a fold's training points, and the base fitted to them from where it was."""
+        """A fitter of a fold's training points, and the base fitted to them from its fit to all points."""
         key = np.unique(training.run).tobytes()
         if key not in self.folds:
             fitter = self.fitter.of_values(self.points.of_runs(training))
@@ -430,7 +450,10 @@ class Problem:
 
     @cached_property
     def deciding(self) -> Problem:
-        """The channels that decide about effects: all, but pull and torque only where they are alone."""
+        """The problem with the channels that decide about effects.
+
+        These are all channels, or all but pull and torque if there are others.
+        """
         if len(self.points.forces) in (0, len(self.points.channels)):
             return self
         points = self.points.only([n for n in self.points.channels if n not in FORCES])
@@ -439,19 +462,19 @@ class Problem:
 
     @cached_property
     def judged(self) -> Problem:
-        """Those, weighed as evidence."""
+        """`deciding`, with values weighted as evidence."""
         found = self.deciding
         if found.judging or not found.points.share_errors:
             return found
         return replace(found, judging=True)
 
     def refitted(self, fit: Fit, training: Points | None = None) -> Fit:
-        """Fit a judged model to all channels, weighed as in a fit.
+        """Fit a judged model to all channels, weighted as in a fit.
 
         Parameters
         ----------
         fit
-            The judged model's fit.
+            Of the judged model.
         training
             A fold's training points; all points if not given.
         """
@@ -469,7 +492,7 @@ class Problem:
         return fitter.fit(fitter.at(vector, theta, base.scatter))
 
     def result(self, fit: Fit | None = None) -> FitResult:
-        """A judged model, the base where None, fitted to all channels, for people and files."""
+        """The judged model, or the base if None, fitted to all channels; for people and files."""
         fit = self.fit if fit is None else self.refitted(fit)
         found = result_of(self.fitter, fit, self.outliers)
         return replace(found, notes=(*self.base.notes, *found.notes))

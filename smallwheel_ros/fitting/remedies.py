@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What to measure so that a number of the soil is known, from what the table has already."""
+"""What to measure so that a parameter of the soil becomes known, given what the table has."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _SHOWS_AT = {  # slips, from and to, at which a number shows in pull and torque
 
 
 def remedy_of(number: str, points: Points, scatter: Scatter) -> str:
-    """The measurement that would determine a number of the soil; where it was made, what limits it.
+    """The measurement that would determine a parameter of the soil, or what limits it if it was made.
 
     Parameters
     ----------
     number
-        `n`, `m` or a number of the strength.
+        `n`, `m` or a parameter of the strength.
     points
         The points.
     scatter

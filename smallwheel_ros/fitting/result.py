@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit found: a model, how well each number is known, and what the data could not determine."""
+"""The result of a fit: a model, the uncertainty of each parameter, and what the data cannot determine."""
 
 from __future__ import annotations
 
@@ -56,15 +56,29 @@ _STRENGTH = STRENGTH_PARAMETERS | WHEEL_PARAMETERS
 
 @dataclass(frozen=True, repr=False)
 class FitResult(WithParameters, Result, shown="views.fit"):
-    """A fitted model. `fit["n"]`, `fit.k`: one number with its deviation.
+    """A fitted model. `fit["n"]` or `fit.k` is one parameter with its deviation.
 
-    bare: without its uncertainty, which `model` has. measurements: what it was fitted to.
-    names, covariance: of the parameters that the data has a say in, in the numbers that the fit works
-    with (`parameters`), shape (parameters,) * 2. noise: repeatability of one row, by channel.
-    run_scatter: deviations of what differs from run to run: `ln k` of the soil, and each channel's
-    own, relative. errors: measured less predicted in sample, by channel, shape (rows,). outliers: rows
-    that were left out. evidence: ln of the probability of the data under the model. held_out: RMSE on
-    runs left out of the fit, by channel, m or N; empty where it was not worked out.
+    Attributes
+    ----------
+    bare
+        The model without its uncertainty, which `model` has.
+    measurements
+        The data of the fit.
+    names, covariance
+        Of the parameters that the data influences, in the numbers that the fit uses (`parameters`), shape
+        (parameters,) and (parameters, parameters).
+    noise
+        Repeatability of one row, by channel.
+    run_scatter
+        Deviations from run to run: of the soil's `ln k`, and of each channel, relative.
+    errors
+        Measured minus predicted in sample, by channel, shape (rows,).
+    outliers
+        Rows that were left out.
+    evidence
+        ln of the probability of the data under the model.
+    held_out
+        RMSE on runs left out of the fit, by channel, m or N; empty if it was not computed.
     """
 
     bare: Model
@@ -110,7 +124,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return self.model + effect
 
     def headline(self) -> str:
-        """How many parameters, and how far off on runs that were left out."""
+        """The number of parameters, and the error on runs that were left out."""
         known = sum(p.status == "determined" for p in self.parameters)
         errors = ", ".join(f"{words(n)} {shown_value(n, v)}" for n, v in self.held_out.items())
         said = f"; held-out error: {errors}" if errors else ""
@@ -129,7 +143,7 @@ class FitResult(WithParameters, Result, shown="views.fit"):
         return {p.full_name: p for p in (*self.parameters, *self.derived)}
 
     def rows(self) -> list[dict[str, Any]]:
-        """The parameters, and what follows from them."""
+        """The parameters and derived numbers, one mapping each."""
         return [p.row(p.owner) for p in (*self.parameters, *self.derived)]
 
     def to_dict(self) -> dict[str, Any]:
@@ -190,9 +204,9 @@ class FitResult(WithParameters, Result, shown="views.fit"):
 def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     """Held-out error that the true model would have on a row of a new run.
 
-    From repeatability, and from what soil and instruments differ by between runs. Where
-    repeatability is not known from repeats or stated deviations the channel is left out: misfit
-    would pass for noise.
+    From repeatability, and from how soil and instruments differ between runs. A channel whose
+    repeatability is not known from repeats or stated deviations is left out: misfit would count as
+    noise.
 
     Parameters
     ----------
@@ -243,7 +257,10 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
 
 
 def runs_differ(scatter: Mapping[str, float]) -> str:
-    """Say that runs differ more than those of one soil do, and what to do. scatter: `unusual` ones."""
+    """Say that runs differ more than those of one soil do, and what to do.
+
+    scatter: the components that `unusual` returned.
+    """
     apart = [f"{percent(size)} in {words(name.removeprefix('own:')) if name != 'tau' else 'firmness'}"
              for name, size in scatter.items() if name == "tau" or name.startswith("own:")]  # fmt: skip
     said = (
@@ -328,13 +345,13 @@ def _parameter(
 
 
 def rows_kept(found: FitResult) -> str:
-    """How many rows a fit is of, where some lie far off and are left out: the beginning of a line."""
+    """The number of rows in a fit, and of those far off and left out, as the beginning of a line."""
     count, there = found.outliers.size, len(found.measurements)
     return f"{there - count} of {there} rows kept; " if count else ""
 
 
 def strays(found: FitResult) -> list[str]:
-    """Say which rows a fit left out, and why, if it left out any."""
+    """Say which rows a fit left out and why; empty if none."""
     if not found.outliers.size:
         return []
     data = found.measurements

@@ -28,12 +28,13 @@ log-normal priors; ln phi is found by maximising
 (restricted likelihood with the parameters' prior) by Newton steps with the average information
 (Gilmour, Thompson and Cullis 1995).
 
-V judges; the weights of a fit are another matter (`working`). Under V what all values of a curve share, a
-level, a shift or a tilt, costs next to nothing, and a fit leaves to it what its numbers could describe: on a
-real plate 8 mm of a zero in each of four runs, twice the error of a straight line in logarithms; of plates
-and wheels in one sand the difference of the two kinds. A fit weighs drawbar pull and torque without what
-their law is off by, and each point of a curve by errors of its own (the working independence of Liang and
-Zeger 1986): rows as shallow as the error of the zero then weigh little.
+V is used to judge models; the weights of a fit differ (`working`). Under V an error that all values
+of a curve share, a level, a shift or a tilt, costs next to nothing, so that a fit would leave to it
+what the parameters could describe: on a real plate a zero of 8 mm in each of four runs, twice the
+error of a straight line in logarithms; with plates and wheels in one sand the difference of the two
+kinds. A fit therefore weighs drawbar pull and torque without the error of their law, and each point
+of a curve by its own errors (the working independence of Liang and Zeger 1986): rows as shallow as
+the error of the zero then weigh little.
 """
 
 from __future__ import annotations
@@ -81,14 +82,17 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Scatter:
-    """The components' deviations, as ln. length: of what is correlated along a curve, ln of a share."""
+    """The components' deviations, as logarithms.
+
+    length: of the correlation along a curve, ln of a share of the curve.
+    """
 
     names: tuple[str, ...]
     log_deviation: Array
     log_length: float
 
     def with_those_of(self, other: Scatter) -> Scatter:
-        """The same with the components that another has in their place."""
+        """The same scatter, with the components that another one has taken from there."""
         known = dict(zip(other.names, other.log_deviation, strict=True))
         values = [known.get(n, v) for n, v in zip(self.names, self.log_deviation, strict=True)]
         return Scatter(self.names, np.array(values), other.log_length)
@@ -100,12 +104,21 @@ class Scatter:
 
 
 class VarianceModel:
-    """The components of one set of points.
+    """The variance components of one set of points.
 
-    level: L, shape (values,). pure: variance of the values' rows. working: see `Fitter`. law_known: the
-    errors of the law of pull and torque are those that are given; else they have two factors on these, which
-    the table tells ("law:" within a wheel, "wheel:" between wheels). start: the components at their priors'
-    medians.
+    Attributes
+    ----------
+    level
+        L, shape (values,).
+    pure
+        Variance due to the values' rows.
+    working
+        See `Fitter`.
+    law_known
+        Whether the errors of the law of pull and torque are the given ones; else two factors on them are
+        fitted ("law:" within a wheel, "wheel:" between wheels).
+    start
+        The components at their priors' medians.
     """
 
     def __init__(
@@ -163,9 +176,9 @@ class VarianceModel:
         return np.asarray(np.tensordot(np.exp(2.0 * log_deviation[mine]), self._unit[mine], 1))
 
     def suited(self, scatter: Scatter) -> Scatter:
-        """The components that these points have, where a scatter of other points knows them.
+        """The components of these points, with the deviations of another set of points where it has them.
 
-        Some runs of a table may repeat no setting though the whole does, and have no lack of fit then.
+        A part of a table may repeat no setting, though the whole does, and then has no lack of fit.
         """
         known = dict(zip(scatter.names, scatter.log_deviation, strict=True))
         middle = zip(self.names, self.log_median, strict=True)

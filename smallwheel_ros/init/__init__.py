@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parameter file to start from: out of a bag, a robot description or a number of wheels."""
+"""A first parameter file, from a bag, a robot description or a number of wheels."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a bag gives no topic of a type: it has none, no message of it, no definition, or none of this robot."""
+"""Why a bag gives no topic of a type: no such topic, no message, no definition, or none of this robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _TF = "tf2_msgs/msg/TFMessage"
 
 
 def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
-    """The reason, in words.
+    """The reason why a bag gives no topic of a type, in words.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
     kind
         The type, such as ``"nav_msgs/msg/Odometry"``.
     namespace
-        Of the robot that was asked for; None: any.
+        Of the robot that the user chose; None for any.
     """
     there = [topic for topic in reader.topics if topic.type == kind]
     if not there:
@@ -32,7 +32,7 @@ def absent(reader: BagReader, kind: str, namespace: str | None = None) -> str:
 
 
 def of_transforms(reader: BagReader) -> str:
-    """Say that a pose known only through transforms is not read, where the bag has transforms; else ""."""
+    """Say that poses which are only in transforms are not read; empty if the bag has no transforms."""
     names = [topic.name for topic in reader.topics if topic.type == _TF and topic.message_count]
     if not names:
         return ""

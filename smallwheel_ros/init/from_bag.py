@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`init`: a rover's parameters out of a bag, a robot description, or a number of wheels.
+"""`init`: a rover's parameters from a bag, a robot description, or a number of wheels.
 
-Which topic is what, which joint turns which wheel and how, and what a robot description says.
+Which topic is which stream, which joint turns which wheel in which direction, and what the
+description states.
 """
 
 from collections import defaultdict
@@ -82,14 +83,14 @@ def rover_of_bag(
     urdf
         A robot description, in place of the bag's.
     joint_states
-        The topic that has the wheels' joints; None: it is looked for.
+        The topic with the wheels' joints; None to look for it.
     namespace
-        Of one of several robots.
+        Of the robot to use, if there are several.
 
     Raises
     ------
     BagError, InitError
-        Where there is nothing of a wheel, or the description cannot be used.
+        If the bag shows nothing of a wheel, or the description cannot be used.
     """
     text = None if urdf is None else description_in(urdf)
     with BagReader(path) as reader:

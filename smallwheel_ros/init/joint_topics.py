@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which of several topics of joint states is that of the wheels, and of which robot topics are."""
+"""Which of several topics of joint states has the wheels, and which topics belong to one robot."""
 
 from __future__ import annotations
 
@@ -46,21 +46,22 @@ def of_robot(namespace: str, topics: Sequence[str]) -> list[str]:
 def joint_states_of(
     reader: BagReader, topics: Sequence[str], wanted: Collection[str], asked: str | None
 ) -> tuple[str | None, JointSpeeds | None, str]:
-    """Choose the topic of the wheels' joint states.
+    """Choose the topic with the wheels' joint states.
 
     Parameters
     ----------
     reader, topics
         The bag, and its topics of JointState.
     wanted
-        Joints that turn wheels by the robot description; those of the topic that has most of them.
+        Joints that turn wheels according to the robot description: the topic with most of them is chosen.
     asked
         The topic that --joint-states names.
 
     Returns
     -------
-    The topic and its joints' speeds, None where it is not clear; and a sentence, empty where it is as usual.
-    Raises InitError where what was asked for is not there, or several robots are in the bag.
+    The topic and its joints' speeds, None if it is ambiguous; and a sentence for the user, empty if
+    there is nothing to say. Raises InitError if the requested topic is missing, or several robots are
+    in the bag.
     """
     if asked is not None:
         name = f"/{asked.strip('/')}"
@@ -133,12 +134,12 @@ def _shown(names: Sequence[str]) -> str:
 
 
 def free_joints(joints: JointSpeeds) -> list[str]:
-    """Joints that may turn a wheel by their names."""
+    """Joints that may turn a wheel, judged by their names."""
     return [joint for joint in joints.names if not words_of(joint) & {*_NO_WHEEL}]
 
 
 def turning_wheels(joints: JointSpeeds) -> list[str]:
-    """Joints that turn and are named like wheels, or by the places of wheels; none where it is not clear."""
+    """Joints that turn and are named like wheels or by the places of wheels; none if ambiguous."""
     turning = [name for name in joints.turning() if not words_of(name) & {*_NO_WHEEL}]
     named = [name for name in turning if "wheel" in name.lower()]
     placed = [name for name in turning if words_of(name) & {*PLACES}]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a drive's numbers show: which joints turn and how, where odometry comes from, how an imu sits."""
+"""What a drive's numbers show: which joints turn and how, the odometry's source, the imu's orientation."""
 
 from __future__ import annotations
 
@@ -38,10 +38,20 @@ _UPRIGHT = 0.8  # of the felt force along z, up or down: within 37 degrees
 
 
 class JointSpeeds(NamedTuple):
-    """times: s. names: of the joints. speeds: rad/s, (instants, joints), NaN where not known.
+    """Speeds of joints.
 
-    by_positions: joints whose speed is the difference of their positions. wrong: by joint, what is wrong
-    with its velocities by its positions.
+    Attributes
+    ----------
+    times
+        s.
+    names
+        Of the joints.
+    speeds
+        rad/s, (instants, joints), NaN if unknown.
+    by_positions
+        Joints whose speed is the difference of their positions.
+    wrong
+        By joint, how its velocities contradict its positions.
     """
 
     times: Array
@@ -58,7 +68,10 @@ class JointSpeeds(NamedTuple):
 
 
 class Speed(NamedTuple):
-    """A vehicle's speed ahead by an odometry. times: s. values: m/s. by_pose: its twist is 0 throughout."""
+    """A vehicle's speed ahead by an odometry.
+
+    times: s. values: m/s. by_pose: whether it comes from poses, as the twist is always 0.
+    """
 
     times: Array
     values: Array
@@ -66,7 +79,7 @@ class Speed(NamedTuple):
 
 
 def joint_speeds(reader: BagReader, topic: str) -> JointSpeeds:
-    """Speeds (rad/s) of all joints of a topic of JointState, by positions where velocities tell nothing.
+    """Speeds (rad/s) of all joints of a topic of JointState, from positions where velocities are unusable.
 
     Parameters
     ----------
@@ -168,7 +181,7 @@ def _together(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> tuple[Arr
 
 
 def signs_of(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> dict[str, int]:
-    """By joint, 1 or -1: whether it turns forward when the vehicle drives forward, where that is clear.
+    """By joint, 1 if it turns forward as the vehicle drives forward, -1 if backward; without unclear ones.
 
     Parameters
     ----------
@@ -209,7 +222,7 @@ def unlike_wheels(joints: JointSpeeds, speed: Speed, wheels: list[str]) -> float
 
 
 def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float]) -> float:
-    """Distance by the joints' rims over the vehicle's; NaN where one is not known.
+    """Ratio of the distance by the joints' rims to the vehicle's; NaN if either is unknown.
 
     Parameters
     ----------
@@ -227,9 +240,9 @@ def times_the_way(joints: JointSpeeds, speed: Speed, radii: Mapping[str, float])
 
 
 def unit_by_way(times: float, radius: float) -> str:
-    """Unit of the joints' speeds, by the path of their rims; "" where it is rad/s.
+    """Unit of the joints' speeds, by the path of their rims; empty if it is rad/s.
 
-    Rims with a slip of 0.75 travel 4 times the path, and no drive is like that from end to end.
+    A ratio of 4 would mean a slip of 0.75, which no drive has from end to end.
 
     Parameters
     ----------

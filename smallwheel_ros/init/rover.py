@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a rover's parameters, and the file with them; of wheels, or of a robot description."""
+"""A rover's parameters as far as they are known, from wheels or a robot description, and their file."""
 
 from __future__ import annotations
 
@@ -33,10 +33,22 @@ class InitError(SmallwheelError):
 class Rover:
     """A rover's parameters as far as they are known.
 
-    origin: what they come from. values: by full name, those of the wheels' names first. notes: what was
-    assumed. described: whether a robot description was found. offers: by full name of a parameter that only
-    people can decide on, what is found for it. ranged: wheels whose sinkage a range sensor
-    measures. of_bag: whether its origin is one that can be replayed.
+    Attributes
+    ----------
+    origin
+        What they come from.
+    values
+        By full name, those of the wheels' names first.
+    notes
+        What was assumed.
+    described
+        Whether a robot description was found.
+    offers
+        By full name of a parameter that only people can decide on, the candidates found.
+    ranged
+        Wheels whose sinkage a range sensor measures.
+    of_bag
+        Whether its origin is a bag that can be replayed.
     """
 
     origin: str
@@ -54,7 +66,7 @@ class Rover:
 
     @property
     def missing(self) -> list[str]:
-        """Full names of what must be filled in: what wheels have in common once, as `all_wheels`."""
+        """Full names of parameters to be filled in; those that wheels share once, as `all_wheels`."""
         of_each = [*_SIZES, *(["range_height"] if self.ranged else [])]
         needed = [self._once(name) for name in of_each]
         needed += [self._place(name) for name in _PLACES]
@@ -101,7 +113,7 @@ class Rover:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as plain values."""
+        """The content of `text` as plain values."""
         return {
             "schema": 1,
             "origin": self.origin,
@@ -170,7 +182,7 @@ def _pattern(value: Any, wheel: str) -> Any:
 
 
 def rover_of_wheels(count: int) -> Rover:
-    """So many wheels of which nothing is known. Raises InitError for a number that is none."""
+    """A rover with this number of wheels and nothing else known. Raises InitError for a wrong number."""
     if not 1 <= count <= _MOST_WHEELS:
         raise InitError(f"{count} wheels, expected 1 to {_MOST_WHEELS}")
     return Rover(f"{count} wheels", {"wheels": usual_names(count)})
@@ -211,7 +223,7 @@ def description_in(path: Path) -> str:
 
 
 def wheel_joints(description: str) -> tuple[dict[str, str], list[str]]:
-    """By wheel, the joint of a robot description that turns it; and what is to be noted.
+    """By wheel, the joint of a robot description that turns it; and notes for the user.
 
     Raises RobotDescriptionError, with the reason, where no joint turns a wheel.
     """
@@ -231,7 +243,7 @@ def wheel_joints(description: str) -> tuple[dict[str, str], list[str]]:
 
 
 def joint_values(joints: Mapping[str, str]) -> dict[str, Value]:
-    """The parameters of those joints, by wheel, whose names are not what the node expects."""
+    """By wheel, the parameters of those joints whose names are not what the node expects."""
     default = str(PARAMETERS[f"{WHEEL}.joint"].default)
     return {
         f"{wheel}.joint": joint

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which recorded joints steer which wheels: as the robot description says, else by their names."""
+"""Which recorded joints steer which wheels, by the robot description or else by their names."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def steering_values(
     joints: Mapping[str, list[str]],
     main: str | None,
 ) -> tuple[dict[str, Value], list[str]]:
-    """Parameters of the joints that steer, where these differ from `values`, and what is to be noted.
+    """Parameters of the joints that steer, where these differ from `values`, and notes for the user.
 
     Parameters
     ----------

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of a lab: plates, bevameter, shear; what they say together of one soil."""
+"""Tests of a lab: plates, bevameter, shear; and their joint result for one soil."""

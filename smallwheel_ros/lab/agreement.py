@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether plates, pressed and rolling wheels say the same of one soil: its pressure at one depth.
+"""Whether plates, pressed and rolling wheels agree on one soil, by its pressure at one depth.
 
-k of one D and k of another cannot be compared, nor k alone where n differs: what can is ln p(z, D) =
-ln k + n ln z + m ln D, at a depth that both have reached and under the size of one of them.
+k of one D cannot be compared with k of another, nor k alone where n differs. What can be compared is
+ln p(z, D) = ln k + n ln z + m ln D, at a depth that both have reached and for the size of one of them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _WORDS = {"plate": "plates", "pressed": "pressed wheels", "rolling": "rolling wh
 class Belief:
     """The pressure-sinkage law of a soil as one kind of test, or a model, determines it.
 
-    diameters, depths: of what it was found with, m; empty for a model.
+    diameters, depths: of the bodies used, and reached, m; empty for a model.
     """
 
     of: str
@@ -59,8 +59,14 @@ class Belief:
 class Agreement:
     """Two beliefs about one soil: the pressure of the second over that of the first.
 
-    low, high: 95 % interval of the ratio. depth, diameter: where they are compared, m. modulus: k D^m z^n
-    of both, Pa.
+    Attributes
+    ----------
+    low, high
+        95 % interval of the ratio.
+    depth, diameter
+        Where they are compared, m.
+    modulus
+        k D^m z^n of both, Pa.
     """
 
     soil: str
@@ -144,7 +150,7 @@ def compare_beliefs(soil: str, first: Belief, second: Belief) -> Agreement:
     soil
         Its name.
     first, second
-        What two kinds of tests say of it.
+        Results of two kinds of tests.
     """
     diameter = float(np.exp(np.mean(np.log(second.diameters))))
     if first.depths.size:

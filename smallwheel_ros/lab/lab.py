@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """All tests of a lab together: from plates, wheels and shear tests to one model.
 
-The model is fitted to every row of load and sinkage (`fitting`); plates of several sizes are put under
-Bekker's and Reece's laws too (`plate_laws`), kinds of test that disagree are reported (`agreement`), and the
-strength comes from shear tests (`shear`, `strength`).
+The model is fitted to every row of load and sinkage (`fitting`). Plates of several sizes are also fitted by
+Bekker's and Reece's laws (`plate_laws`), disagreement between kinds of tests is reported
+(`agreement`), and the strength comes from shear tests (`shear`, `strength`).
 """
 
 from __future__ import annotations
@@ -46,11 +46,20 @@ _NO_MODEL = (
 
 @dataclass(frozen=True, repr=False)
 class LabFit(WithParameters, Result):
-    """Result of a lab's tests. `fit["cohesion"]`, `fit.kc`: one number with its deviation.
+    """Result of a lab's tests. `fit["cohesion"]` or `fit.kc` is one parameter with its deviation.
 
-    made: the model, None where only shear was tested and no model was there before. fit: of load and
-    sinkage, None where only shear was tested. laws: one for each soil whose plates have several sizes.
-    strengths: of each soil that was sheared. source: of the shear tests.
+    Attributes
+    ----------
+    made
+        The model; None if only shear was tested and no model was given.
+    fit
+        Of load and sinkage; None if only shear was tested.
+    laws
+        One for each soil whose plates have several sizes.
+    strengths
+        Of each soil that was sheared.
+    source
+        Of the shear tests.
     """
 
     made: CalibratedModel | None
@@ -81,7 +90,7 @@ class LabFit(WithParameters, Result):
         return (*of_fit, *(p for strength in self.strengths for p in strength.parameters))
 
     def named(self) -> Mapping[str, FittedParameter]:
-        """By full name: constants of the laws of plates, then the model's own numbers in their place."""
+        """By full name: constants of the laws of plates, and the model's own, which take precedence."""
         found = [c for laws in self.laws for law in laws.laws for c in law.constants]
         found += [] if self.fit is None else self.fit.named().values()
         sheared = [p for s in self.strengths for p in (*s.parameters, *s.derived)]
@@ -92,7 +101,7 @@ class LabFit(WithParameters, Result):
         return {p.full_name: p for p in (*found, *sheared)}
 
     def headline(self) -> str:
-        """How well load and sinkage are fitted, and what else was tested."""
+        """The error of the fit to load and sinkage, and what else was tested."""
         said = [] if self.fit is None else [self.fit.headline()]
         if self.laws:
             said.append(f"plates of {len(self.laws[0].diameters)} sizes")
@@ -156,21 +165,21 @@ def fit_lab(
     Parameters
     ----------
     measurements
-        Plates, pressed and rolling wheels; None: there are none.
+        Plates, pressed and rolling wheels; None if there are none.
     tests
         Shear tests.
     base
-        The model to fit, where it is not the plain one.
+        The model to fit; the plain one if not given.
     known
         A model to start from instead, whose soils are refitted within their covariance and whose strength
         stays where no shear test says otherwise.
     progress
-        Called with what is done next, in words.
+        Called with each step in words.
 
     Raises
     ------
     FittingError, StrengthError
-        Where the tests say nothing, or do not go with the model.
+        If the tests determine nothing, or do not fit to the model.
     """
     progress("shear tests")
     shear = () if tests is None else fit_shear(tests)

@@ -2,8 +2,8 @@
 """Plates of several sizes under three laws of size: constants, covariance, and error of a size left out.
 
 The points, their noise and the fit are those of the model (`fit`), so a curve of a thousand rows is no
-more evidence than one of ten. The laws (`physics.plates`) share ln p_ref and n; before the data each
-says of the slope d ln p / d ln size at the middle size the same, 0 +- `_SLOPE`, so that none is favoured:
+more evidence than one of ten. The laws (`physics.plates`) share ln p_ref and n; all have the same
+prior of the slope d ln p / d ln size at the middle size, 0 +- `_SLOPE`, so that none is favoured:
 
     theta = (ln p_ref, n, s),  s = slope for the power of D,  -slope for Bekker's,  slope + n for Reece's
 """
@@ -48,10 +48,16 @@ _HOLDS = 2.0  # expected deviations within which a law holds
 class FittedLaw:
     """One law, fitted to all plates.
 
-    constants: as published, units with n and m as letters. covariance: of these, shape
-    (constants,) * 2. held_out: relative error (rms) of the sinkage
-    of a size that was left out of the fit, None where there are two sizes. by_size: the same by diameter
-    (m); by_depth: in each range of `PlateLaws.depths`.
+    Attributes
+    ----------
+    constants
+        As published, units with n and m as letters.
+    covariance
+        Of the constants, shape (constants, constants).
+    held_out
+        Relative error (rms) of the sinkage of a size left out of the fit; None with two sizes.
+    by_size, by_depth
+        The same by diameter (m), and in each range of `PlateLaws.depths`.
     """
 
     law: PlateLaw
@@ -64,7 +70,7 @@ class FittedLaw:
 
 @dataclass(frozen=True)
 class DepthRange:
-    """Sinkages from `low` to `high`, m. expected: relative error that the right law would leave there."""
+    """Sinkages from `low` to `high`, m. expected: relative error that the right law would have there."""
 
     low: float
     high: float
@@ -83,12 +89,12 @@ class PlateLaws:
 
     @property
     def best(self) -> FittedLaw | None:
-        """The law with the least held-out error; None where no size could be left out."""
+        """The law with the smallest held-out error; None if no size could be left out."""
         judged = [law for law in self.laws if law.held_out is not None]
         return min(judged, key=lambda law: law.held_out or 0.0) if judged else None
 
     def better(self, first: FittedLaw, second: FittedLaw) -> bool:
-        """Whether the first law predicts sizes left out better than the second, by more than chance.
+        """Whether the first law predicts left-out sizes better than the second, beyond chance.
 
         The size, not the run, is the unit.
 
@@ -101,7 +107,7 @@ class PlateLaws:
         return clearly_less(*errors)
 
     def holds(self, law: FittedLaw, at: int) -> bool:
-        """Whether the law's error in a range of depth is within what the right law would leave.
+        """Whether the law's error in a range of depth is no larger than the right law's would be.
 
         Parameters
         ----------
@@ -156,7 +162,7 @@ class UnderLaw(Predictor):
 
 
 def law_vector(law: PlateLaw, soil: str) -> ParameterVector:
-    """theta of the module's head, with what is known of it before the data.
+    """theta of the module's docstring, with its prior.
 
     Parameters
     ----------
@@ -305,7 +311,7 @@ def _constants(
 
 
 def laws_text(laws: PlateLaws) -> str:
-    """The laws of size side by side, and which holds where."""
+    """The laws of size compared, and which of them holds at which depths."""
     sizes = listed([f"{1e3 * d:.4g}" for d in laws.diameters])
     lines = [f"Plates of {sizes} mm in {laws.soil}, {laws.runs} runs"]
     for law in laws.laws:
@@ -331,7 +337,7 @@ def percent(share: float) -> str:
 
 
 def which_law(laws: PlateLaws) -> list[str]:
-    """Sentences: which law predicts a plate that it has not seen, and at which depths."""
+    """Sentences: which law predicts a new plate size best, and at which depths."""
     best = laws.best
     if best is None:
         return [

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shear tests: cohesion, friction angle and shear modulus with their covariance, of runs, not of rows.
+"""Shear tests: cohesion, friction angle and shear modulus with their covariance, from runs, not rows.
 
 Each run (a curve at one normal stress) is reduced to a few numbers y_i (strength, ln K and, for the
-peaked law, the residual ratio) by least squares over displacement, so that it does not matter how
-densely it was sampled. Runs then differ by what a fit of one curve does not know (C_i) and by the soil
-that is prepared anew for each, S:
+peaked law, the residual ratio) by least squares over displacement, so that the sampling density
+does not matter. Runs then differ by what a fit of one curve leaves uncertain (C_i), and by the soil
+prepared anew for each (S):
 
     y_i = X_i theta + e_i,   e_i ~ N(0, C_i + S),   theta = (c, tan phi, ln K [, K_r])
 
 theta by generalised least squares, ln S by its restricted likelihood with log-normal priors, as in
-`variance`. No prior on theta where the runs have several normal stresses.
+`variance`. theta has no prior if the runs have several normal stresses.
 """
 
 from __future__ import annotations
@@ -206,9 +206,14 @@ def normal_stresses(runs: Sequence[RunFit]) -> list[float]:
 class FittedShearLaw:
     """A law fitted to all runs of one soil.
 
-    names, values, covariance: of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r. held_out:
-    relative error of a curve whose shape was fitted without it, None with one run. scatter: what runs
-    differ by in strength (relative), ln K, K_r.
+    Attributes
+    ----------
+    names, values, covariance
+        Of c (Pa), tan phi, ln K (m) and, for the peaked law, K_r.
+    held_out
+        Relative error of a curve whose shape was fitted without it; None with one run.
+    scatter
+        By how much runs differ in strength (relative), ln K, K_r.
     """
 
     law: ShearForm
@@ -358,14 +363,14 @@ class ShearFit:
 
     @property
     def chosen(self) -> FittedShearLaw:
-        """The law that the curves follow."""
+        """The law that the curves follow better."""
         return self.peaked if self.shows_peak else self.plain
 
 
 def fit_shear(tests: ShearTests) -> tuple[ShearFit, ...]:
     """Fit the strength of each soil of a table of shear tests.
 
-    Raises FittingError where no run can be used, or strength falls with normal stress.
+    Raises FittingError if no run can be used, or the strength falls with the normal stress.
     """
     found = []
     for soil in dict.fromkeys(tests.soil.tolist()):

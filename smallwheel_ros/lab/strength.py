@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strength of a soil from its shear tests, and how it comes into a model.
+"""The strength of a soil from its shear tests, and its place in a model.
 
-A model's law of thrust is that of Janosi and Hanamoto, so its numbers are those of that law, also where
-the curves show a peak: then a note says so.
+A model's law of thrust is that of Janosi and Hanamoto, so its numbers are those of that law even where the
+curves show a peak; a note then says so.
 """
 
 from __future__ import annotations
@@ -36,15 +36,27 @@ _FEW_STRESSES = "shear at three normal stresses that span a factor of 3 or more"
 
 
 class StrengthError(SmallwheelError):
-    """Shear tests that do not go with a model."""
+    """Shear tests that do not fit to a model."""
 
 
 @dataclass(frozen=True)
 class LabStrength:
     """The strength of one soil as a model holds it.
 
-    cohesion: Pa, not below 0. friction_angle: rad. modulus: K, m. covariance: of (c, phi, ln K), shape
-    (3, 3). parameters: the same for people, with c as it came out. notes: what the tests cannot tell.
+    Attributes
+    ----------
+    cohesion
+        Pa, at least 0.
+    friction_angle
+        rad.
+    modulus
+        K, m.
+    covariance
+        Of (c, phi, ln K), shape (3, 3).
+    parameters
+        The same for people, with c as fitted, even below 0.
+    notes
+        What the tests cannot determine.
     """
 
     soil: str
@@ -57,7 +69,7 @@ class LabStrength:
 
     @property
     def derived(self) -> tuple[FittedParameter, ...]:
-        """K with its deviation, to first order that of ln K times K."""
+        """K with its deviation: to first order, K times that of ln K."""
         of_log = self.parameters[2]
         std = self.modulus * float(np.sqrt(self.covariance[2, 2]))
         return (
@@ -225,11 +237,11 @@ def with_strength(
     Parameters
     ----------
     model
-        Keeps all but its strength.
+        The model, of which only the strength changes.
     strengths
         One for each soil of the tests.
     tests
-        The shear tests that they are from.
+        The shear tests that the strengths come from.
 
     Raises
     ------

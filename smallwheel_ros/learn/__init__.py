@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From "something unknown is missing" to a law in a file."""
+"""From "something unknown is missing" to a drafted law in a file."""

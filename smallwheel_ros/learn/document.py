@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was learnt as plain values, by contract: what is written as JSON; and these in words."""
+"""What was learnt as plain values, which are the JSON by contract; and in words."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _DULL = 0.02  # slope of ln value by ln factor, under which the channel does not
 
 
 def document(measurements: Measurements, sought: Sought, name: str) -> Entry:
-    """The whole document but `measure_next`, `file` and laws learnt after this one.
+    """The document without `measure_next`, `file` and laws learnt after this one.
 
     Parameters
     ----------
     measurements
         The table.
     sought
-        What a search came to.
+        The result of a search.
     name
         Id of the law.
     """
@@ -151,10 +151,11 @@ def _interval(number: Number, best: JudgedLaw) -> tuple[float, float]:
 
 
 def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | None:
-    """The law over its driver, other drivers in their middle, and the curves of laws that fit as well.
+    """The law over its driver, with other drivers at their middle, and the curves of laws that fit as well.
 
-    factor: of the draft (a shift of n, a resistance in N per carrier). low, high: over all tied laws of
-    that stage and drivers, two deviations each way. None where it follows nothing, several, or the depth.
+    None if it depends on no driver, on several, or on the depth. factor: of the draft (a shift of n, or
+    a resistance in N per carrier). low, high: over all tied laws of that stage and drivers, two
+    deviations each way.
 
     Parameters
     ----------
@@ -323,7 +324,7 @@ def headline(document: Entry) -> str:
 
 
 def grows(document: Entry) -> str:
-    """Say what the law does: `Sinkage grows with slip and levels off (x 1.50 from 0 to 0.45).`."""
+    """What the law does: `Sinkage grows with slip and levels off (x 1.50 from 0 to 0.45).`."""
     law, shape = document["law"], document["shape"]
     what, followed = _STAGES[law["stage"]], " and ".join(words(d) for d in law["drivers"])
     if not law["drivers"]:
@@ -351,5 +352,5 @@ def origin(document: Entry) -> str:
 
 
 def trust(document: Entry) -> str:
-    """Say how far a law is known."""
+    """Say how far the law can be trusted."""
     return f"{origin(document)}; beyond that it is a guess."

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law as the Python file that is its effect."""
+"""A law as a Python file that defines it as an effect."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _AT_LEAST = 0.05  # of the number, in place of a deviation that is smaller
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a law, as its file has it. std: None where it is not known."""
+    """One number of a law, as in its file. std: None if unknown."""
 
     name: str
     value: float
@@ -38,7 +38,7 @@ class Number:
 
     @property
     def strength(self) -> bool:
-        """Whether it is a strength, else a constant of shape."""
+        """Whether it is a strength; else it is a constant of shape."""
         return self.name.startswith("a")
 
 
@@ -78,14 +78,14 @@ def _driver(term: Term) -> Driver:
 
 
 def name_problem(name: str, taken: Collection[str]) -> str:
-    """Say why a name cannot be a new effect's id, "" where it can.
+    """Why a name cannot be a new effect's id; empty if it can.
 
     Parameters
     ----------
     name
-        To be the id.
+        The proposed id.
     taken
-        Ids of effects.
+        Ids of effects that exist.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
         return f"'{name}' is no id: expected small letters, digits and _, like slip_law"
@@ -93,7 +93,7 @@ def name_problem(name: str, taken: Collection[str]) -> str:
 
 
 def default_name(law: LearntLaw) -> str:
-    """`learnt_slip`: an id made of what the law follows."""
+    """An id made of what the law depends on: `learnt_slip`."""
     followed = "_".join(identifier(c) for c in sorted(law.columns)) or law.place.stage.lower()
     return f"learnt_{followed}"
 
@@ -138,7 +138,7 @@ def class_text(
     tied: int,
     summary: str,
 ) -> str:
-    """The Python class of a law. Numbers have all their digits: what reads it predicts the same.
+    """The Python class of a law. Numbers have all their digits, so that predictions stay the same.
 
     Texts are written by their repr: names of columns and files may have any character.
 
@@ -151,9 +151,9 @@ def class_text(
     measurements
         The table that it was learnt from.
     settings
-        How many settings that has.
+        Number of settings in the table.
     tied
-        How many formulas fit as well, this one among them.
+        Number of formulas that fit as well, this one included.
     summary
         What the effect does, in a sentence.
     """

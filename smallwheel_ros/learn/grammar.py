@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The grammar of laws: what a law can follow, the shapes that it can have over it, and all terms of these.
+"""The grammar of laws: what a law can depend on, the shapes that it can have, and all terms made of these.
 
 A term has a strength, which enters linearly, and at most one constant of shape, which is tried on a
-grid and freed once the term is chosen. Shapes and drivers are each one line of Python, which the search
-computes and a drafted file contains, so that the two cannot differ.
+grid and freed once the term is chosen. Shapes and drivers are each one line of Python, which the
+search evaluates and a drafted file contains, so that the two cannot differ.
 """
 
 from __future__ import annotations
@@ -56,12 +56,24 @@ def _compiled(code: str) -> CodeType:
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape. code: Python of u and c. text: the same for people, of {u} and {c}.
+    """One shape.
 
-    power: by which power of u's unit its value grows (0: it has none). constant: whether it has a
-    c, and whether that is fitted or given (the driver's middle). written: further numbers that stand
-    in its code, and have to be described as c has. alone: it is added to no other shape. side: +1 where it
-    is zero for u under 0, -1 where it is for those over 0.
+    Attributes
+    ----------
+    code
+        Python of u and c.
+    text
+        The same for people, with {u} and {c}.
+    power
+        The power of u's unit that its value has (0: dimensionless).
+    constant
+        Whether it has a c, and whether that is fitted or given (the driver's middle).
+    written
+        Further numbers in its code, which have to be described like c.
+    alone
+        Whether it is never added to another shape.
+    side
+        +1 if it is zero for u below 0, -1 if it is for u above 0.
     """
 
     name: str
@@ -108,7 +120,7 @@ def step(width: float) -> Shape:
 def wave(period: float) -> Shape:
     """A sine of u with a period in u's unit; c is where it rises through 0.
 
-    Alone: beside another shape it would follow whatever that leaves.
+    Never added to another shape, since it would follow whatever residual that leaves.
     """
     code = f"np.sin({2.0 * np.pi / period!r} * (u - c))"
     text = f"sin(2 pi ({{u}} - {{c}})/{period:.3g})"
@@ -117,14 +129,29 @@ def wave(period: float) -> Shape:
 
 @dataclass(frozen=True)
 class Driver:
-    """A number that a law can follow, SI units.
+    """A variable that a law can depend on, SI units.
 
-    columns: settings from which it is computed; none is the depth. code: Python of `conditions` (and
-    `state`) that works it out: the search computes this line, and a drafted file contains it. variable:
-    its name there. weight: what it counts as when drivers are counted.
-
-    Where it was measured: reference: what is taken off it. low, high: range after that. middle: median
-    size. quantiles: `_QUANTILES` of its values. levels: how many different ones there are.
+    Attributes
+    ----------
+    columns
+        Settings from which it is computed; empty for the depth.
+    code
+        Python of `conditions` (and `state`) that computes it; the search evaluates this line, and a
+        drafted file contains it.
+    variable
+        Its name in that file.
+    weight
+        What it counts when drivers are counted.
+    reference
+        Value that is subtracted.
+    low, high
+        Range after that.
+    middle
+        Median size.
+    quantiles
+        `_QUANTILES` of its values.
+    levels
+        Number of different values.
     """
 
     name: str
@@ -141,14 +168,14 @@ class Driver:
     levels: int = 0
 
     def values(self, conditions: Conditions, sinkage: Array | None = None) -> Array:
-        """Its values less the reference, shape (rows,).
+        """Its values minus the reference, shape (rows,).
 
         Parameters
         ----------
         conditions
             Settings, SI units.
         sinkage
-            m, shape (rows,), of a driver that is computed from it.
+            m, shape (rows,); for a driver that is computed from it.
         """
         state = SimpleNamespace(sinkage=sinkage)
         found = eval(_compiled(self.code), {"np": np, "conditions": conditions, "state": state})
@@ -161,16 +188,16 @@ class Driver:
 
     @property
     def python(self) -> str:
-        """Python expression of the driver, less its reference."""
+        """Python expression of the driver, minus its reference."""
         return f"{self.code} - {self.reference!r}" if self.reference else self.code
 
     @property
     def text(self) -> str:
-        """The driver as it stands in a formula for people."""
+        """The driver as written in a formula for people."""
         return f"({self.name} - {self.reference:.12g})" if self.reference else self.name
 
     def place(self, value: float) -> str:
-        """A value less its reference as the value itself, to a hundredth of its range, which is not 0."""
+        """A value of the driver, rounded to a hundredth of its range, but not to 0."""
         return f"{round(value + self.reference, 1 + _digits(self.span)):.12g}"
 
     def measured_at(self, x: Array) -> Driver:
@@ -228,17 +255,17 @@ def identifier(name: str) -> str:
 
 
 def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]:
-    """The drivers that these points vary, and why other settings are none, in words.
+    """The drivers that vary over these points, and why other settings are not drivers, in words.
 
-    A setting with two values is a driver: what follows it must not be laid at another's door, though
-    no law can be learnt of it.
+    A setting with two values is a driver: its influence must not be attributed to another one, though
+    no law of it can be learnt.
 
     Parameters
     ----------
     points
-        What is fitted to.
+        The points of the fit.
     sinkage
-        As the base model has it, m, shape (points,).
+        By the base model, m, shape (points,).
     """
     used, found = np.unique(points.row), []
     usable = independent(points)
@@ -276,10 +303,16 @@ def _levels(x: Array) -> int:
 
 @dataclass(frozen=True)
 class Term:
-    """A product of shapes, one for each driver; none is the constant 1.
+    """A product of shapes, one for each driver; without any it is the constant 1.
 
-    constant: c of the shape in which it is free, else 1. bounds: of that c. cost: nats that it takes
-    to describe, without its place.
+    Attributes
+    ----------
+    constant
+        c of the shape in which it is free, else 1.
+    bounds
+        Of that c.
+    cost
+        Nats needed to describe it, without its place.
     """
 
     factors: tuple[tuple[Driver, Shape], ...]
@@ -294,12 +327,12 @@ class Term:
 
     @property
     def alone(self) -> bool:
-        """Whether it is a law by itself, and in no sum with another."""
+        """Whether it is a law by itself, and never in a sum with another term."""
         return any(shape.alone for _, shape in self.factors)
 
     @property
     def side(self) -> int:
-        """On which side of its one driver's zero it acts; 0: on both, or of several drivers."""
+        """On which side of its one driver's zero it acts; 0: on both, or with several drivers."""
         single = len(self.factors) == 1 and not self.factors[0][0].reference
         return self.factors[0][1].side if single else 0
 
@@ -310,28 +343,28 @@ class Term:
 
     @cached_property
     def kind(self) -> tuple[tuple[str, str], ...]:
-        """Identifies the term whatever its constant is."""
+        """Identifies the term regardless of its constant."""
         return tuple((driver.name, shape.name) for driver, shape in self.factors)
 
     @property
     def numbers(self) -> int:
-        """How many numbers it takes to describe: its strength, and those of its shapes."""
+        """Number of its parameters: its strength, and those of its shapes."""
         return 1 + self.free + sum(shape.written for _, shape in self.factors)
 
     @property
     def of_depth(self) -> bool:
-        """Whether it follows the sinkage itself: only the resistance, which comes after, can."""
+        """Whether it depends on the sinkage itself, which only a law of the resistance may do."""
         return DEPTH in self.drivers
 
     def of(self, values: Callable[[Driver], Array], constant: ArrayLike | None = None) -> Any:
-        """Its value where each driver has certain values.
+        """Its value for given values of the drivers.
 
         Parameters
         ----------
         values
             Gives the values of a driver.
         constant
-            c; its own where None.
+            c; its own if None.
         """
         if not self.factors:
             return 1.0
@@ -360,9 +393,9 @@ class Term:
         Parameters
         ----------
         constant
-            Its c there: a name or a number.
+            Its c in that code: a name or a number.
         variables
-            Names of its drivers' values there, by the driver's column.
+            Names of its drivers' values in that code, by the driver's column.
         """
         made = []
         for driver, shape in self.factors:
@@ -375,7 +408,7 @@ class Term:
         return made[0] if len(made) == 1 else f"({' * '.join(made)})"
 
     def text(self, constant: float | None) -> str:
-        """The term as it stands in a formula for people."""
+        """The term as written in a formula for people."""
         parts = []
         for driver, shape in self.factors:
             c = constant if shape.constant == "free" else driver.middle
@@ -393,9 +426,9 @@ def terms_of(drivers: Sequence[Driver], settings: int) -> list[Term]:
     Parameters
     ----------
     drivers
-        That the points vary.
+        Drivers that vary over the points.
     settings
-        How many were measured.
+        Number of settings that were measured.
     """
     single = [term for driver in drivers for term in _single(driver)]
     pairs: list[Term] = []

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that is sought: where in the model it acts, how, and with which terms; and the same in writing.
+"""A law to be learnt: where in the model it acts, how, and with which terms; and its text.
 
-factor = exp(a1 t1 + a2 t2)   or   1 + a1 t1 + a2 t2      of k, of the sinkage, of the diameter
-shift  = a1 t1 + a2 t2                                    of n, the sinkage or the resistance
+    factor = exp(a1 t1 + a2 t2)   or   1 + a1 t1 + a2 t2      of k, of the sinkage, of the diameter
+    shift  = a1 t1 + a2 t2                                    of n, the sinkage or the resistance
 
-What acts in the model while a law is sought is the very method that its file will have.
+During the search the model runs the very method that the law's file will have.
 """
 
 from __future__ import annotations
@@ -34,13 +34,23 @@ _FAR = 1e3  # prior deviations at which a strength is bounded: nowhere
 
 @dataclass(frozen=True)
 class Place:
-    """One place of the model where a law can act.
+    """One place in the model where a law can act.
 
-    stage: as in documents: k, z, z without resistance, n, D, R. method: the head of the effect's method
-    there; returned: what it returns, Python of `{change}`; more: further lines of the class. added:
-    whether the change is a sum that is added; elsewhere it is a factor. carrier: what a strength
-    multiplies, for people; unit: of the strength. nats: what the place costs beside others, since it is
-    the rarer explanation.
+    Attributes
+    ----------
+    stage
+        As in documents: k, z, z without resistance, n, D, R.
+    method, returned, more
+        Signature of the effect's method there; what it returns, Python of `{change}`; further lines of the
+        class.
+    added
+        Whether the change is added; else it is a factor.
+    carrier
+        What a strength multiplies, for people.
+    unit
+        Of the strength.
+    nats
+        Cost of the place compared with others, since it is the rarer explanation.
     """
 
     name: str
@@ -55,7 +65,7 @@ class Place:
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """Ways in which terms can make its change."""
+        """The ways in which terms can form its change."""
         return ("exponential",) if self.added else ("exponential", "linear")
 
 
@@ -90,7 +100,7 @@ PLACES = (
 
 
 def places_for(channels: Sequence[str]) -> tuple[Place, ...]:
-    """The places that these channels show, each apart from the others."""
+    """The places that these channels can tell from each other."""
     if "resistance" not in channels:
         return tuple(p for p in PLACES if p.stage in ("k", "z", "n", "D"))
     if "sinkage" not in channels:
@@ -108,7 +118,7 @@ class LearntLaw:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """Identifies the law whatever its constants are."""
+        """Identifies the law regardless of its constants."""
         return self.place.name, self.link, tuple(t.kind for t in self.terms)
 
     @cached_property
@@ -128,7 +138,7 @@ class LearntLaw:
 
     @property
     def weight(self) -> float:
-        """How many drivers it counts as; a constant as one."""
+        """Its number of drivers, weighted; a constant counts as one."""
         return max(1.0, sum(d.weight for d in self.by_name.values()))
 
     @property
@@ -139,7 +149,7 @@ class LearntLaw:
         return (*strengths, *constants)
 
     def change(self, numbers: Mapping[str, Any], values: Callable[[Driver], Array]) -> Any:
-        """The factor, or the sum that is added, where each driver has certain values.
+        """The factor, or the sum that is added, for given values of the drivers.
 
         Parameters
         ----------
@@ -159,7 +169,7 @@ class LearntLaw:
 
     @cached_property
     def python(self) -> str:
-        """Its methods in the class of an effect whose fields are its numbers."""
+        """Its methods, in the class of an effect whose fields are its parameters."""
         variables: dict[str, str] = {}
         for name, driver in self.by_name.items():
             taken = driver.variable in variables.values()  # two columns may read alike
@@ -217,16 +227,16 @@ def _class_of(python: str) -> type[Effect]:
 
 
 def part_for(law: LearntLaw, numbers: Mapping[str, float], size: Sequence[float]) -> EffectPart:
-    """The law with its numbers free.
+    """The law with its parameters free.
 
     Parameters
     ----------
     law
-        What is fitted.
+        The law to fit.
     numbers
-        Where the fit starts, by name.
+        Starting values by name.
     size
-        Of a strength's usual change, one for each term.
+        Usual size of a strength, one for each term.
     """
     free = []
     for name in law.names:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From measurements to laws in a file: the result of each search (`verdict.seek`)."""
+"""From measurements to laws in a file; `verdict.seek` searches for each law."""
 
 from __future__ import annotations
 
@@ -41,14 +41,15 @@ _COMPARED = 6  # tied laws that the draft is told from
 
 
 class LearnError(SmallwheelError):
-    """A request to `learn` that makes no sense."""
+    """A request to `learn` that is impossible."""
 
 
 @dataclass(frozen=True, repr=False)
 class Learnt(Result, shown="views.learnt"):
-    """What was learnt. document: as the JSON. source: the file of the laws, None without any.
+    """The laws learnt.
 
-    sought: each search, the last one without a law where fewer than asked for were found.
+    document: as the JSON. source: the file of the laws; None without any. sought: each search; the last
+    one has no law if fewer were found than requested.
     """
 
     document: dict[str, Any]
@@ -81,13 +82,13 @@ class Learnt(Result, shown="views.learnt"):
 
     @property
     def tied_curves(self) -> list[Array] | None:
-        """Laws that fit as well, over the document's `shape`; None where there is none to draw."""
+        """Laws that fit as well, over the document's `shape`; None if there are none to draw."""
         problem, best = self.sought[0].problem, self.sought[0].best
         shape = shape_of(problem.fitter, best) if problem and best else None
         return shape and shape[1]
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw what each setting asks for, and the law. Raises LearnError without a formula."""
+        """Draw the correction that each setting needs, and the law. Raises LearnError without a formula."""
         if self.tied_curves is None:
             raise LearnError(f"there is no law of one setting to draw: {self.headline()}")
         return self._drawn(ax)
@@ -111,11 +112,11 @@ def learnt(
     start
         Measurements, and the model without the law.
     name
-        Id of the law; made from what it follows where None, and with `_2` after it of a second one.
+        Id of the law, with `_2` added for a second one; if None, it is made from what the law depends on.
     most
         How many laws to learn, each with those before it in the model.
     progress
-        Called with each step in words, how many are done, and of how many (0: not known).
+        Called with each step in words, the number done, and the number in all (0: unknown).
 
     Raises
     ------

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search for one law: the grammar at the points, tangent, refits in the model, description length.
+"""The search for one law: all terms of the grammar, their gains at the tangent, refits, description length.
 
 The score of a law is n/2 ln det S of its errors plus the nats that it takes to describe it: ln of
 the number of forms and of places, 1/2 ln n for each of its numbers (Rissanen 1978). Laws within
-`TIE` of the best are tied; of these the draft has the fewest drivers, then the shortest formula.
+`TIE` of the best are tied; the draft is the one with the fewest drivers, then the shortest formula.
 """
 
 from __future__ import annotations
@@ -39,8 +39,14 @@ _WINDOW = 4.0 * TIE  # nats: what a tangent says is further behind is not refitt
 class TermGrid:
     """The whole grammar at the points of a table.
 
-    sinkage: of the base model, m, shape (points,). values: of each term, shape (points, terms). notes:
-    why settings are no drivers.
+    Attributes
+    ----------
+    sinkage
+        Of the base model, m, shape (points,).
+    values
+        Of each term, shape (points, terms).
+    notes
+        Why some settings are not drivers.
     """
 
     drivers: tuple[Driver, ...]
@@ -57,7 +63,7 @@ class TermGrid:
         Parameters
         ----------
         points
-            What is fitted to.
+            The points of the fit.
         base
             The model without the law.
         """
@@ -78,13 +84,13 @@ class TermGrid:
         return np.flatnonzero([bool(t.factors) and not t.of_depth for t in self.terms])
 
     def allowed(self, place: Place) -> Index:
-        """The terms that make sense at a place: a constant, and what follows the depth, at R only."""
+        """The terms allowed at a place; a constant, and terms of the depth, only at R."""
         return np.arange(len(self.terms)) if place.stage == "R" else self._before_depth
 
 
 @dataclass(frozen=True)
 class LawCandidate:
-    """A fitted law. cost: nats of its description. score: these and those of its errors."""
+    """A fitted law. cost: nats of its description. score: the cost plus the nats of its errors."""
 
     law: LearntLaw
     fit: Fit
@@ -100,16 +106,16 @@ class LawCandidate:
 
 @dataclass(frozen=True)
 class Found:
-    """The base and the tied laws, best first; none where no law shortens the description."""
+    """The base and the tied laws, best first; without laws if none shortens the description."""
 
     base: Fit
     tied: tuple[LawCandidate, ...]
 
     @property
     def draft(self) -> LawCandidate | None:
-        """Of the tied laws one of fewest drivers, of these the shortest formula.
+        """The tied law with the fewest drivers, and of these the shortest formula.
 
-        Its place does not count: how rare a place is has been counted in the score that ties them.
+        Its place does not count here: the score by which laws are tied includes how rare a place is.
         """
 
         def simplest(c: LawCandidate) -> tuple[float, ...]:
@@ -120,9 +126,10 @@ class Found:
 
 @dataclass(frozen=True)
 class LawProposal:
-    """A law that the tangent suggests, not yet fitted. expected: its score by the tangent.
+    """A law suggested by the tangent, not yet fitted.
 
-    numbers: where its fit starts. near: the fit that the tangent is of.
+    expected: its score by the tangent. numbers: where its fit starts. near: the fit at which the
+    tangent is taken.
     """
 
     law: LearntLaw
@@ -134,7 +141,7 @@ class LawProposal:
 
 @dataclass(frozen=True)
 class Site:
-    """Where a term is sought: at a place, under a link, near a fit, at its tangent.
+    """Where a term is sought: at a place, under a link, at the tangent of a fit.
 
     slope: of the predictions by the sum of the law's terms, shape (values,).
     """
@@ -150,9 +157,16 @@ class Site:
 class Effort:
     """How many laws are refitted.
 
-    first: from the base's tangent. again, forms: places searched on in each round, and forms of each
-    that are refitted. seconds: laws that get a second term. anew: laws that are fitted anew when the
-    scatter is; the others are only judged anew.
+    Attributes
+    ----------
+    first
+        From the base's tangent.
+    again, forms
+        Places that each round searches further, and refitted forms of each.
+    seconds
+        Laws that get a second term.
+    anew
+        Laws that are refitted after the scatter; the others only get a new score.
     """
 
     first: int
@@ -199,7 +213,7 @@ class LawSearch:
         self._known: dict[Hashable, LawCandidate] = {}
 
     def run(self, effort: Effort) -> Found:
-        """Search, refit, search again about the best, and try a second term."""
+        """Search, refit, search again around the best laws, and try a second term."""
         chosen = self._from_base(effort.first)
         self._fit(chosen, len(chosen))
         for places in effort.again:
@@ -225,7 +239,7 @@ class LawSearch:
         Parameters
         ----------
         fit
-            Where it is taken.
+            The fit at which it is taken.
         place
             The stage, and what acts there.
         """

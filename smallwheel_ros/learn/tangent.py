@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole grammar at once: what each term would gain at the tangent of a fitted model.
+"""The whole grammar at once: the gain of each term at the tangent of a fitted model.
 
 About a fit, a term h with strength a at a place moves the predictions by a G h, where G is their
-slope by that place's factor. So all terms of a place are one matrix product, and the same for
-every permutation of the errors. What a term gains is measured by
+slope by that place's factor. All terms of a place thus are one matrix product, and the same for
+every permutation of the errors. The gain of a term is measured by
 
-    n/2 ln det S      S: covariance of the channels' whitened errors over points, (channels,) * 2
+    n/2 ln det S      S: covariance of the channels' whitened errors over points, (channels, channels)
 
-which has no scale of its own: how much runs scatter is judged anew with each term, so scatter
-cannot hide a law, and none is needed to be known. Whitened is with V of the fitting problem.
+which has no scale of its own: the scatter of runs is estimated anew with each term, so that scatter
+cannot hide a law, and need not be known. Errors are whitened by V of the fitting problem.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ABSENT = -12.0  # ln of the deviation of a component that is not there
 
 
 def without_lack_of_fit(scatter: Scatter) -> Scatter:
-    """The components without that of the law's lack of fit over settings: that is what is sought."""
+    """The components without the law's lack of fit over settings, which is what the search looks for."""
     kept = [not name.startswith("fit:") for name in scatter.names]
     return replace(scatter, log_deviation=np.where(kept, scatter.log_deviation, _ABSENT))
 
@@ -38,7 +38,7 @@ def without_lack_of_fit(scatter: Scatter) -> Scatter:
 class Yardstick:
     """Whitens values by V of a fit and sums up errors. count: n, points with all channels.
 
-    V is without lack of fit over settings, which would take a law for scatter. rows: of the
+    V excludes the lack of fit over settings, which would treat a law as scatter. rows: of the
     conditions, one for each point.
     """
 
@@ -65,7 +65,7 @@ class Yardstick:
         return found
 
     def at_each_point(self, slope: Array) -> Array:
-        """What a unit at one point alone moves the values by, shape (values, points)."""
+        """Change of the whitened values by a unit change at one point, shape (values, points)."""
         found = np.zeros((slope.size, self.rows.size))
         found[np.arange(slope.size), self._place[1]] = slope
         return found
@@ -82,7 +82,7 @@ class Yardstick:
 
 
 class Tangent:
-    """Errors about a fit, with what its own parameters can take up projected off.
+    """Errors about a fit, with the part that its own parameters can absorb projected out.
 
     white_errors: shape (values,) or (values, copies), whitened. slopes: shape (values, parameters).
     """
@@ -97,7 +97,7 @@ class Tangent:
         return np.asarray(columns - self._basis @ (self._basis.T @ columns))
 
     def beside(self, slope: Array) -> Tangent:
-        """The tangent with one parameter more, shape (values,)."""
+        """The tangent with one more parameter, whose slope has shape (values,)."""
         slopes = np.column_stack([self._slopes, slope])
         return Tangent(self._yardstick, self._errors, slopes)
 
@@ -107,10 +107,10 @@ class Tangent:
         return self._yardstick.nats(self._products)
 
     def gains(self, slope: Array, terms: Array) -> tuple[Array, Array]:
-        """What each term gains, and its strength; shape (terms, copies).
+        """The gain of each term, and its strength; shape (terms, copies).
 
-        A term moves all points, each by its value there, so what is needed of it are
-        products with matrices over points, which are the same for all terms.
+        A term moves each point by its value there, so all terms need products with the same matrices over
+        points.
 
         Parameters
         ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a law is drafted: what is too little, what chance does, and what settings never seen say.
+"""Whether a law is drafted, from the amount of data, permutations, and settings that the search never saw.
 
 `seek` is the algorithm on one page, with the numbers of "How it decides" in docs/learn.md.
 """
@@ -58,10 +58,18 @@ _STUDENT = 4.0  # degrees of freedom of the loss: one bad extrapolation does not
 
 @dataclass(frozen=True)
 class JudgedLaw:
-    """The best law, fitted to all points, and how it did on what the search did not see.
+    """The best law, fitted to all points, and its performance on what the search did not see.
 
-    tied: all laws that do as well, the best first. errors: held out, of the base and of the folds' laws.
-    laws: of the folds. vault: how many settings were kept apart.
+    Attributes
+    ----------
+    tied
+        All laws that do as well, the best first.
+    errors
+        Held out, of the base and of the folds' laws.
+    laws
+        Of the folds.
+    vault
+        Number of settings that were kept apart.
     """
 
     law: LawCandidate
@@ -75,9 +83,16 @@ class JudgedLaw:
 class Sought:
     """Result of one search for a law.
 
-    verdict: law, unstable, weak, nothing or refused, with reasons in words. problem: all points, and the
-    base without the law. p: of the permutations, None where it did not come to them; best: None where
-    there is nothing to judge.
+    Attributes
+    ----------
+    verdict
+        law, unstable, weak, nothing or refused; with reasons in words.
+    problem
+        All points, and the base without the law.
+    p
+        Of the permutations; None if they were not reached.
+    best
+        None if there is nothing to judge.
     """
 
     verdict: str
@@ -105,7 +120,7 @@ def seek(
     seed
         Of permutations, folds and what is kept apart.
     progress
-        Called with each step in words, how many are done, and of how many (0: not known).
+        Called with each step in words, the number done, and the number in all (0: unknown).
     """
     try:  # 1, 2: points, and the base
         problem = Problem.of(_by_trial(measurements), base).judged
@@ -184,7 +199,7 @@ def _refitted(
 
 
 def too_little(points: Points) -> str:
-    """Say what is lacking of settings and runs, "" where there is enough."""
+    """Which settings and runs are lacking; empty if there are enough."""
     settings = settings_in(points)
     if settings == 1:
         return "every run has the same setting: a law needs something that was varied"
@@ -199,13 +214,13 @@ def too_little(points: Points) -> str:
 
 
 def settings_in(points: Points) -> int:
-    """How many settings the rows have that are used."""
+    """Number of settings among the rows used."""
     used = np.concatenate(points.rows)
     return int(np.unique(settings_of_rows(points.measurements)[used]).size)
 
 
 def nothing_to_follow(grid: TermGrid) -> str:
-    """Say why no setting can be followed, "" where one can."""
+    """Why no setting can drive a law; empty if one can."""
     settings = [d for d in grid.drivers if d.columns]
     if any(d.levels >= FEWEST_LEVELS for d in settings):
         return ""
@@ -214,7 +229,7 @@ def nothing_to_follow(grid: TermGrid) -> str:
 
 
 def cannot_be_told(law: LearntLaw, measurements: Measurements) -> str:
-    """Say why what is missing may not be this law, though it fits best, "" where it may.
+    """Why the missing effect may not be this law, though it fits best; empty without such a reason.
 
     Parameters
     ----------
@@ -246,7 +261,7 @@ def _values(driver: Driver) -> str:
 def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> float:
     """p of the best gain by permutations.
 
-    The one statistic is what the best term of the whole grammar gains at the base's tangent, less the
+    The statistic is the gain of the best term of the whole grammar at the base's tangent, minus the
     nats of its description.
 
     Parameters
@@ -254,9 +269,9 @@ def chance(search: LawSearch, permutations: int, rng: np.random.Generator) -> fl
     search
         One that has not run, with its base's yardstick.
     permutations
-        How many.
+        Number of permutations.
     rng
-        Draws them.
+        Random numbers for them.
     """
     white = search.yardstick.white(search.observed - search.base.predicted)
     copies = np.column_stack([white, _permuted(white, search.fitter.points, permutations, rng)])
@@ -297,7 +312,7 @@ def _permuted(white: Array, points: Points, count: int, rng: np.random.Generator
 def setting_of(points: Points) -> Index:
     """Code of what was set at each value, shape (values,).
 
-    Of the settings that were varied on their own: a load that follows slip does not make two settings
+    Settings count if they were varied on their own: a load that follows slip does not make two settings
     of one slip, and runs of one slip stay together.
     """
     codes = [
@@ -332,7 +347,7 @@ def left_out(
 ) -> tuple[list[CvErrors], list[LearntLaw | None]]:
     """Leave whole settings out in turn and search again without them.
 
-    Gives the errors of the base and of what the folds found, and the laws, None where a fold found none.
+    Returns the errors of the base and of the folds' laws, and these laws; None for a fold without one.
 
     Parameters
     ----------
@@ -367,7 +382,7 @@ def left_out(
 def with_vault(
     errors: Sequence[CvErrors], vault: Points, models: Sequence[Model]
 ) -> tuple[list[CvErrors], bool]:
-    """Put the models' errors on the vault in place of held-out ones; whether the law's are no larger.
+    """Replace held-out errors by errors on the vault; also return whether the law's are no larger there.
 
     Parameters
     ----------
@@ -416,13 +431,13 @@ def judge(
     Parameters
     ----------
     p
-        Of the permutations.
+        p value of the permutations.
     errors, laws
         Of the base and of the folds' laws.
     fitter
         The one that fitted the draft.
     draft
-        The law of all points, whose scatter is the yardstick.
+        The law fitted to all points, whose scatter is the measure.
     """
     fall, z = _gain(errors, fitter, draft.fit)
     against = []

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table as it was found, a grid of cells; and the numbers in them, whatever the decimal mark.
+"""The cells of a table as read, and the numbers in them, whatever the decimal mark.
 
-A cell alone may say what its decimal mark is: 8,5 and 0,008 and 1.234,5 cannot be anything else. But
-1.234 is 1234 to one and 1.234 to another: such a cell is read as the rest of its column is, else as the
-rest of the table; where these do not say it, it is no number.
+Some cells show their decimal mark themselves: 8,5 and 0,008 and 1.234,5 have only one reading. But
+1.234 may mean 1234 or a little over 1: such a cell is read like the rest of its column, else like
+the rest of the table; if these are ambiguous too, it is not a number.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class MeasurementsError(SmallwheelError):
 
 
 class Percent(float):
-    """A cell that was shown in per cent, as the share that it is: 0.2 for 20 %."""
+    """A cell shown in per cent, as a fraction: 0.2 for 20 %."""
 
 
 Cell = str | float  # a text file has texts only; "" is blank
@@ -41,12 +41,24 @@ Cell = str | float  # a text file has texts only; "" is blank
 
 @dataclass
 class CellGrid:
-    """The rows of a table as a file or a data frame has them, the header among them or above.
+    """The rows of a table as in a file or a data frame, with the header among them or above.
 
-    numbers: each row's line or row in the file. place: "line" of a text file, "row" of any other.
-    header: names that the file keeps apart from its rows. comma: a comma can only be a decimal mark.
-    merged: ranges of one column whose first cell stands for all: column from 0, first and last row.
-    sheet: its name in a workbook. shares: cells shown in per cent are shares, and not told from others.
+    Attributes
+    ----------
+    numbers
+        Line or row in the file of each row.
+    place
+        "line" for a text file, "row" for any other.
+    header
+        Names that the file keeps apart from its rows.
+    comma
+        Whether a comma can only be a decimal mark.
+    merged
+        Ranges within a column whose first cell stands for all: column from 0, first and last row.
+    sheet
+        Its name in a workbook.
+    shares
+        Whether cells shown in per cent are plain fractions that cannot be recognised.
     """
 
     rows: list[Sequence[Cell]]
@@ -63,20 +75,20 @@ class CellGrid:
 
 
 def clipped(text: str) -> str:
-    """The text as a message repeats it: on one line, and not all of a long one."""
+    """The text as quoted in a message: on one line, and shortened if long."""
     text = " ".join(text[: 2 * _SHOWN].split())
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
 
 
 def shown(cell: Cell) -> str:
-    """Give a cell as a message and a text show it; whole numbers without a decimal point."""
+    """A cell as text for messages and pages; whole numbers without a decimal point."""
     if isinstance(cell, str):
         return clipped(cell)
     return f"{cell:.0f}" if float(cell).is_integer() else repr(float(cell))
 
 
 def is_blank(cell: Cell) -> bool:
-    """Whether nothing stands in the cell."""
+    """Whether the cell is empty."""
     return isinstance(cell, str) and not cell.strip()
 
 
@@ -120,9 +132,20 @@ class _Spelling(NamedTuple):
 class Numbers:
     """A column as numbers.
 
-    values: NaN where blank or no number. blank: nothing was measured. percent: shares that the cell
-    gives in per cent. faults: by row, why the cell is no number, "" where it is any other text.
-    missing: texts that mean blank. comma: whether decimal commas were read.
+    Attributes
+    ----------
+    values
+        NaN where blank or not a number.
+    blank
+        Where nothing was measured.
+    percent
+        Which cells were shown in per cent.
+    faults
+        By row, why the cell is not a number; empty for a plain text.
+    missing
+        Texts that mean blank.
+    comma
+        Whether decimal commas were read.
     """
 
     values: Array
@@ -141,7 +164,7 @@ def read_numbers(columns: Sequence[Sequence[Cell]], comma: bool) -> list[Numbers
     columns
         Cells of each column, as many in each.
     comma
-        Whether a comma can be nothing but a decimal mark.
+        Whether a comma can only be a decimal mark.
     """
     # the texts of each column, as one, in which a sign is looked for quickly
     joined = ["".join([c for c in cells if isinstance(c, str)]) for cells in columns]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The columns that a table of measurements may have: unit, range, meaning; and units as people write them.
 
-Every other list of units in this package comes from here. Ranges are those of physics, wide enough
-for any wheel or plate between a toy and a mining truck: what is outside is a slip of the keyboard or
-another unit, and no number to compute with. Below the columns: which unit a text names, and values in
-it in SI units; pint knows the units.
+Every other list of units in this package comes from here. Ranges are physical limits, wide enough for any
+wheel or plate from a toy to a mining truck: a value outside is a typing error or in another unit,
+and is not computed with. The second part finds which unit a text means and converts values to SI;
+pint knows the units.
 """
 
 from __future__ import annotations
@@ -45,11 +45,19 @@ _ROUNDING = 1e-9  # a limit may be passed by the rounding of a converted unit
 
 @dataclass(frozen=True)
 class ColumnSpec:
-    """A column of numbers: what it is, the SI unit it is held in, the values it may have.
+    """A column of numbers: its meaning, SI unit and allowed values.
 
-    low, high: both allowed. usual: beyond these a value is suspicious in a small wheel.
-    same: two values that differ by no more are one setting, whatever the rest of the column
-    (`settings.settings_of_rows`). hint: printed with a value that is refused.
+    Attributes
+    ----------
+    low, high
+        Limits, both allowed.
+    usual
+        Range beyond which a value is suspicious for a small wheel.
+    same
+        Two values that differ by no more are one setting, whatever the rest of the column
+        (`settings.settings_of_rows`).
+    hint
+        Printed with a refused value.
     """
 
     description: str
@@ -178,7 +186,7 @@ _TYRE_PRESSURES = ({"tyre", "pressure"}, {"tire", "pressure"})
 
 
 def is_response(name: str, unit: str = "") -> bool:
-    """Whether a column is what the wheel answers (torque, side force, motor current), not a setting.
+    """Whether a column is a response of the wheel (torque, side force, motor current), not a setting.
 
     Parameters
     ----------
@@ -209,7 +217,7 @@ _WAITING_WORDS = {
 
 
 def is_bookkeeping(name: str) -> bool:
-    """Whether a column says which row it is (its time, the number of the trial), not what was set."""
+    """Whether a column identifies the row (its time, the number of the trial) rather than a setting."""
     words = re.findall(r"[a-z]+", name.lower())
     if name in COLUMNS or not words or words[-1] not in _BOOKKEEPING_WORDS:
         return False
@@ -329,7 +337,7 @@ def spelled(text: str, expected: str | None) -> str | None:
 
 
 def is_mass(unit: str | None) -> bool:
-    """Whether a unit gives a force as the mass of that weight (`spelled`)."""
+    """Whether a unit states a force as the mass with that weight (`spelled`)."""
     return unit is not None and unit.endswith(_STANDARD_WEIGHT)
 
 
@@ -347,7 +355,7 @@ def weight_under(weight: Array, gravity: Array | float) -> Array:
 
 
 def shown_unit(unit: str | None) -> str:
-    """The unit as people read it, "" for a pure number or none; a mass that is a weight as the mass."""
+    """The unit as shown to people, empty for a pure number or none; a mass for a weight given as mass."""
     return "" if unit in (None, DIMENSIONLESS) else str(unit).replace(_STANDARD_WEIGHT, "")
 
 

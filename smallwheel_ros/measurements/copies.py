@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs that stand in a table twice: pasted again, perhaps under other names.
+"""Runs that stand in a table twice, pasted again, perhaps under other names.
 
-Two runs of one setting read alike to the last digit now and then, where the digits are few: with readings
-that scatter by `sigma` and are written in steps of `q`, with chance q / (2 sqrt(pi) sigma) each. Runs that
-are equal are copies where so many of them are far beyond chance.
+With few digits two runs of one setting sometimes read the same to the last digit: if readings scatter by
+`sigma` and are written in steps of `q`, with probability q / (2 sqrt(pi) sigma) for each. Equal
+runs are copies if far more readings agree than chance allows.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _EXACT = 1e-9  # of the largest value: less is the rounding of a unit's conversi
 def without_copies(data: Measurements) -> tuple[Measurements, str]:
     """Keep the first of runs that are copies of each other.
 
-    Returns the table, and that rows were left out, in words; "" where there are none.
+    Returns the table, and a sentence about the rows left out; empty if there are none.
     """
     rows = _stretches(data)
     settings, readings = _columns(data)

@@ -126,7 +126,7 @@ def listed(names: Sequence[str], last: str = "and") -> str:
 
 
 def display(name: str, unit: str) -> Display:
-    """How values of a column are shown.
+    """Unit and scale in which values of a column are shown.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _in_unit(name: str, scale: float, unit: str) -> Display:
 
 
 def column_display(measurements: Measurements, name: str) -> Display:
-    """How values of a column of a table are shown: in the unit of its header, where it has one.
+    """Unit and scale in which values of a table's column are shown: its header's unit if it has one.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def column_display(measurements: Measurements, name: str) -> Display:
 
 
 def brief(value: float) -> str:
-    """A setting as people say it: 0.5, 20, 1.23e-05."""
+    """A setting in short form: 0.5, 20, 1.23e-05."""
     return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.6g}"
 
 
@@ -176,14 +176,14 @@ def sentence(text: str) -> str:
 
 
 def number(value: ArrayLike | None, digits: int = 3) -> str:
-    """A number, "-" for none: 0.00123, 12.3, 4130.
+    """A number as text, "-" for none: 0.00123, 12.3, 4130.
 
     Parameters
     ----------
     value
         None and what is not finite are none.
     digits
-        That are shown.
+        Number of significant digits.
     """
     if value is None or not np.isfinite(value):
         return "-"

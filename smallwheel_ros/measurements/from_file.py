@@ -86,7 +86,7 @@ def read_measurements(source: str | Path | pd.DataFrame, **how: Any) -> Measurem
 
 
 def read_conditions(source: str | Path | pd.DataFrame, **how: Any) -> Measurements:
-    """Read a table of settings; nothing need be measured, and every row is kept.
+    """Read a table of settings, which needs no measurements; every row is kept.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What users may give for a table of measurements, as kinds of arguments."""
+"""Types of arguments that users may give for a table of measurements."""
 
 from collections.abc import Sequence
 from os import PathLike

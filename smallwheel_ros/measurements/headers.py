@@ -48,7 +48,10 @@ _NEAR = 0.84  # of difflib: one letter too many or too few in words of five lett
 
 
 class Match(NamedTuple):
-    """A quantity and the certainty of the match: 0 our own name, 1 its word or symbol, 2 other words too."""
+    """The quantity that a header names, and the rank of the match.
+
+    rank: 0 for our own name, 1 for its word or symbol, 2 if there are other words too.
+    """
 
     name: str
     rank: int
@@ -57,9 +60,18 @@ class Match(NamedTuple):
 class Heading(NamedTuple):
     """A column's header, understood.
 
-    text: as it stands in the file. name: our word for the quantity, or theirs where none is known.
-    unit: as `columns.to_base` takes it, None where the header has none. rank: of `Match`, `MAPPED` or
-    `UNKNOWN`. factor: of the values, 2 for a radius.
+    Attributes
+    ----------
+    text
+        As in the file.
+    name
+        Our name of the quantity, or the table's own if it is unknown.
+    unit
+        As `columns.to_base` takes it; None if the header has none.
+    rank
+        That of `Match`, `MAPPED` or `UNKNOWN`.
+    factor
+        By which values are multiplied: 2 for a radius.
     """
 
     text: str
@@ -95,7 +107,7 @@ _CONTACT: dict[str, str] = {
 
 
 def tokens_of(text: str) -> list[str]:
-    """The words of a header, without what stands between them."""
+    """The words of a header, without punctuation and blanks."""
     return [token for token in re.split(r"[\s_,;:/()\[\]'’=±-]+", text) if token]
 
 
@@ -129,7 +141,7 @@ def find(text: str) -> Match | None:
 
 
 def near_miss(text: str) -> str | None:
-    """The known word that a text of five letters or more is a slip of the keyboard away from."""
+    """The known word that a text of five letters or more misspells by one keystroke."""
     whole = plain(text)
     if whole in _BY_WORD or len(whole) < 5:
         return None
@@ -138,7 +150,7 @@ def near_miss(text: str) -> str | None:
 
 
 def meant(heading: Heading) -> str | None:
-    """Quantity of the known header nearest to one that names none: `sinkge_mm`, `sinkage (foo)`."""
+    """The quantity whose known header is nearest to an unknown one: `sinkge_mm`, `sinkage (foo)`."""
     brackets = _ROUND_BRACKETS.fullmatch(heading.name)
     match = find(brackets[1]) if brackets else None
     if match is not None:
@@ -148,7 +160,7 @@ def meant(heading: Heading) -> str | None:
 
 
 def expected_unit(name: str) -> str | None:
-    """SI unit that the quantity must have; None where any will do."""
+    """SI unit that the quantity must have; None if any will do."""
     spec = COLUMNS.get("diameter" if name == "radius" else name) or LAB_COLUMNS.get(name)
     return None if spec is None else spec.unit
 

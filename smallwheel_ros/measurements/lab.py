@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of a lab in a table: plates and pressed wheels (pressure, rectangles, compliance), and shear.
+"""Tests of a lab in a table: plates and pressed wheels (pressure, rectangles, compliance), and shear tests.
 
 load = pressure x area of the plate
 sinkage = measured sinkage - compliance x load
@@ -39,14 +39,14 @@ _TWO_SHAPES = "a plate with a diameter too, expected one of the two: round or re
 
 
 def take_contact(columns: TableColumns, given: str | None) -> None:
-    """Kind of contact of each row; a table of pressures without a width is one of plates.
+    """Set the kind of contact of each row; a table of pressures without a width is one of plates.
 
     Parameters
     ----------
     columns
-        Of the table, which get their contact.
+        Of the table; their contact is set.
     given
-        Contact of all rows; None: by the table.
+        Contact of all rows; None: as the table has it.
     """
     texts = columns.texts.get("contact")
     if given is not None and given not in CONTACTS:
@@ -67,7 +67,7 @@ def take_contact(columns: TableColumns, given: str | None) -> None:
 
 
 def take_plates(columns: TableColumns, compliance: float | None) -> None:
-    """Turn what a table has of plates into load, diameter, width and the soil's own sinkage.
+    """Compute load, diameter, width and the soil's own sinkage from a table's columns of plates.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ def _take_compliance(columns: TableColumns, rolling: Mask, compliance: float) ->
 
 
 def name_curves(columns: TableColumns) -> None:
-    """Find the runs of a table of curves that names none: where size, soil, load and depth begin anew.
+    """Number the runs of a table of curves that names none: where size, soil, load or depth starts again.
 
-    Else each row of a curve would count as a run of its own.
+    Otherwise each row of a curve would count as a run of its own.
     """
     texts, sinkage = columns.texts.get("run"), columns.numbers.get("sinkage")
     named = texts is not None and (texts != "").any()
@@ -162,10 +162,11 @@ def name_curves(columns: TableColumns) -> None:
 
 
 def keep_rows_on_soil(columns: TableColumns, run: Texts) -> None:
-    """Keep rows of plates and pressed wheels that press on the soil, for the first time; all others too.
+    """Of plates and pressed wheels, keep the rows in which they press on the soil for the first time.
 
-    Before the body touches, load and sinkage are noise around 0. A load that is taken off and put on
-    again is not what a law of first loading is of. What is left out is reported.
+    Before contact, load and sinkage are noise around 0, and a law of first loading does not describe a
+    load that is removed and applied again. Rows that are left out are reported. Rows of rolling wheels
+    are all kept.
 
     Parameters
     ----------

@@ -2,10 +2,11 @@
 """Where in a grid of cells the table is: header, units, rows; and which rows were not measured.
 
 The header is the row, of the first forty, in which most cells name a quantity; units may stand in a row
-below it. A row is no measurement if it is blank, a comment, has no number, repeats the header, begins
-with a word of a summary (Mittelwert), or is exactly the mean of the rows above under a name of
-another kind, or below such a mean another statistic of the same rows. A table with a row a quantity is
-turned; one with a row a reading is only named: which readings belong together nobody else knows.
+below it. A row is not a measurement if it is blank, is a comment, has no number, repeats the
+header, begins with a word for a summary (Mittelwert), is exactly the mean of the rows above under a
+name of another kind, or is another statistic of the same rows below such a mean. A table with one
+row for each quantity is transposed. One with one row for each reading is only reported, since only
+its author knows which readings belong together.
 """
 
 from __future__ import annotations
@@ -99,11 +100,20 @@ RowNames = tuple[list[int], list[tuple[bool, bool]]]
 
 @dataclass
 class Layout:
-    """The table of a grid.
+    """The table in a grid of cells.
 
-    headers, columns: as they stand there, all columns of the same length. units: those of a row of
-    their own, by column. numbers: each row's line in the file. header_line: None where the file
-    keeps headers apart. ragged: rows of another number of cells than the header, and how many.
+    Attributes
+    ----------
+    headers, columns
+        As in the grid, all columns of the same length.
+    units
+        From a row of their own, by column.
+    numbers
+        Line in the file of each row.
+    header_line
+        None where the file keeps headers apart.
+    ragged
+        Rows that have another number of cells than the header, with that number.
     """
 
     headers: list[str]
@@ -245,14 +255,14 @@ def _fitted(row: Sequence[Cell], width: int) -> Sequence[Cell]:
 
 
 def is_label(heading: Heading, numbers: Numbers) -> bool:
-    """Whether a column of no known name is one of texts: too few of its cells are numbers.
+    """Whether a column of unknown name is one of texts: too few of its cells are numbers.
 
     Parameters
     ----------
     heading
-        As it was understood.
+        Its header, understood.
     numbers
-        Its cells as far as they are numbers.
+        Its cells that are numbers.
     """
     filled = int((~numbers.blank).sum())
     texts = sum(not why for why in numbers.faults.values())
@@ -266,7 +276,7 @@ def rows_not_measured(
     parsed: Mapping[int, Numbers],
     names: RowNames,
 ) -> dict[int, str]:
-    """Rows that are no measurements, and the words for them: remarks, headers, what was computed.
+    """Rows that are not measurements, each with the reason in words: remarks, headers, computed values.
 
     Parameters
     ----------
@@ -367,7 +377,7 @@ def _means(
 
 
 def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> list[str]:
-    """Report the few rows named by a word where others have numbers or codes: statistics, perhaps.
+    """Report rows named by a word where most are named by numbers or codes: they may be statistics.
 
     Parameters
     ----------
@@ -376,7 +386,7 @@ def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> l
     names
         What `row_names` gave.
     left_out
-        Rows that are no measurements, with the reason.
+        Rows that are not measurements, with the reason.
     """
     texts, kinds = names
     if not texts:
@@ -395,7 +405,7 @@ def odd_names(layout: Layout, names: RowNames, left_out: Mapping[int, str]) -> l
 def row_names(
     layout: Layout, named: Mapping[int, Heading], parsed: Mapping[int, Numbers]
 ) -> RowNames:
-    """The columns of texts, that of the runs first, and of which kind each row's name in it is.
+    """The columns of texts, with that of the runs first, and the kind of each row's name.
 
     Parameters
     ----------
@@ -446,7 +456,7 @@ def _is(
 
 
 def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
-    """The words for the rows that are left out, with the line of each.
+    """Sentences about the rows that are left out, with the line of each.
 
     Parameters
     ----------
@@ -468,10 +478,10 @@ def lines_left_out(layout: Layout, rows: Mapping[int, str]) -> list[str]:
 def fill_down(
     layout: Layout, named: Mapping[int, Heading], merged: Sequence[tuple[int, int, int]]
 ) -> list[str]:
-    """Fill blanks that a merged cell, or a name that is typed once, stands for; say in which columns.
+    """Fill blanks below a merged cell, or below a name that is typed once; say in which columns.
 
-    Never what was measured. A name is typed once where it begins each stretch of rows, blanks follow
-    at least half of the names, and no name follows itself.
+    Measured values are never filled. A name is typed once if it begins each group of rows, blanks
+    follow at least half of the names, and no name follows itself.
 
     Parameters
     ----------
@@ -521,7 +531,7 @@ def with_unit(heading: Heading, unit: str | None) -> Heading:
     heading
         As it was understood.
     unit
-        Of the row of units; None: it has none there.
+        From the row of units; None if it has none there.
 
     Raises
     ------
@@ -557,7 +567,7 @@ def quantity(cell: Cell) -> str:
 
 
 def upright(grid: CellGrid) -> CellGrid:
-    """The grid as it is, or turned where its first column names the quantities, each once.
+    """The grid as it is, or transposed if its first column names the quantities, each once.
 
     Parameters
     ----------
@@ -608,7 +618,7 @@ def _quantity_of(row: Sequence[Cell]) -> str:
 def one_row_a_reading(
     headings: Mapping[str, Heading], texts: Mapping[str, Sequence[str]], numeric: Sequence[str]
 ) -> str:
-    """Words on a table whose rows have one reading each, and its name in a column; else empty.
+    """Explain that a table has one row for each reading, named in a column; empty if it has not.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of wheels in soil, the table that everything is compared with; and shear tests.
+"""Measurements of wheels in soil, the table that models are fitted to and compared with; and shear tests.
 
 One row is one steady measurement of one wheel.
 """
@@ -30,23 +30,37 @@ Rows = NDArray[np.intp] | NDArray[np.bool_] | slice
 
 @dataclass(frozen=True, repr=False)
 class Measurements(Result, shown="views.measured"):
-    """What was measured, one row per steady measurement of one wheel.
+    """Measurements, one row for each steady measurement of one wheel. SI units; arrays of shape (rows,).
 
-    SI units; arrays of shape (rows,).
-    conditions: load, wheel, contact, soil, and every other numeric column as a covariate. A
-    covariate is known in every rolling row; in a pressed or plate row it may be NaN (slip, slip
-    angle and slope are 0 and the pass is 1 there unless the table says otherwise).
-    channels: those of `CHANNELS` that the table has; NaN where a row did not measure it.
-    declared_std: by channel, the standard deviation that the table states; NaN where none.
-    run: rows of one run are repeats of one setting and never split between fit and test.
-    `runs_given` is False where the table names no runs: rows of exactly the same settings are one.
-    wheel: the wheel's name, made from its size where the table has none (`wheels_given` False).
-    line: each row's line or row in the file, for messages; place: "line" in a text file, "row" in others.
-    labels: text columns that are neither soil, run, wheel nor contact.
-    units: of each numeric column, as everything here is held: SI, or "" where the table gives none.
-    written_units: of the columns whose header has one, as `columns.to_base` takes it.
-    warnings: what is suspicious; notes: what was assumed; understood: what was made of headers and
-    cells that are not written our way.
+    Attributes
+    ----------
+    conditions
+        Load, wheel, contact, soil, and every other numeric column as a covariate. A covariate is known
+        in every rolling row; in a pressed or plate row it may be NaN (slip, slip angle and slope are 0
+        and the pass is 1 there unless the table says otherwise).
+    channels
+        Those of `CHANNELS` that the table has; NaN where a row did not measure it.
+    declared_std
+        By channel, the standard deviation that the table states; NaN where it states none.
+    run, runs_given
+        Rows of one run are repeats of one setting and never split between fit and test. If the table
+        names no runs (`runs_given` False), rows of exactly the same settings are one run.
+    wheel, wheels_given
+        The wheel's name, made from its size if the table has none (`wheels_given` False).
+    line, place
+        Line or row in the file of each row, for messages; "line" for a text file, "row" for others.
+    labels
+        Text columns that are neither soil, run, wheel nor contact.
+    units
+        Of each numeric column as held here: SI, or empty if the table gives none.
+    written_units
+        Of the columns whose header has one, as `columns.to_base` takes it.
+    warnings
+        What is suspicious.
+    notes
+        What was assumed.
+    understood
+        How headers and cells that are not in our own form were read.
     """
 
     conditions: Conditions
@@ -148,9 +162,9 @@ class Measurements(Result, shown="views.measured"):
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """Covariates measured at the wheel (side force, motor current), as opposed to settings.
+        """Covariates that are responses of the wheel (side force, motor current), not settings.
 
-        A column of forces, torques, pressures, powers or energies by its unit, or so by its name.
+        These are columns of forces, torques, pressures, powers or energies, by their unit or name.
         """
         names = self.conditions.covariates
         return tuple(name for name in names if is_response(name, self.units.get(name, "")))
@@ -187,9 +201,18 @@ class Measurements(Result, shown="views.measured"):
 class ShearTests:
     """Rows of shear tests; SI units, arrays of shape (rows,).
 
-    normal_stress, shear_stress: Pa. displacement: j of the soil at the annulus's middle radius or under
-    the plate, m. run: one test, a curve at one normal stress. soil: "" where the table names none.
-    line: of the file.
+    Attributes
+    ----------
+    normal_stress, shear_stress
+        Pa.
+    displacement
+        j of the soil at the annulus's middle radius or under the plate, m.
+    run
+        One test: a curve at one normal stress.
+    soil
+        Empty where the table names none.
+    line
+        In the file.
     """
 
     normal_stress: Array
@@ -240,8 +263,8 @@ def over_half(sinkage: Array, diameter: Array) -> Mask:
 def joined(tables: Sequence[Measurements]) -> Measurements:
     """The rows of several tables of one lab (a file for each plate, one for the wheel), in order.
 
-    A covariate that a table lacks is left out where that table has rolling wheels, and unknown in its
-    other rows. Runs of one name in two files are different runs.
+    A covariate that one table lacks is left out if that table has rolling wheels, else it is NaN in
+    that table's rows. Runs of one name in two files are different runs.
     """
     if len(tables) == 1:
         return tables[0]

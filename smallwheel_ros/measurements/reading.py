@@ -91,12 +91,26 @@ _ODD_CELLS = (
 
 @dataclass
 class TableColumns:
-    """A table's columns by our names, SI units, with notes and problems found in reading.
+    """A table's columns by our names, SI units, with notes and problems from reading.
 
-    lines: of each row in the file; place: what they are called there. header: the header's line.
-    headings, cells: as the file has them. numbers: NaN where blank. texts: of the contract and
-    labels alike. contact: what meets the soil in each row (`lab.take_contact`). begins: the first
-    cell of each row, that of column `first`, by which people know it. found: what is wrong.
+    Attributes
+    ----------
+    lines, place
+        Line or row in the file of each row, and which of the two words is meant.
+    header
+        The header's line.
+    headings, cells
+        As in the file.
+    numbers
+        NaN where blank.
+    texts
+        Known columns of texts, and labels.
+    contact
+        What meets the soil in each row (`lab.take_contact`).
+    begins, first
+        The first cell of each row, by which people recognise it, and its column.
+    found
+        The problems.
     """
 
     source: str
@@ -120,7 +134,7 @@ class TableColumns:
     rows_there: int = 0  # below the header, measurements or not
 
     def there(self, name: str) -> bool:
-        """Whether the table has the column or a value for all rows."""
+        """Whether the table has the column, or one value for all rows."""
         return name in self.headings or name in self.numbers
 
     def read(self, name: str) -> bool:
@@ -144,7 +158,7 @@ class TableColumns:
         return ~self.faulty.get(name, np.zeros(self.lines.size, dtype=bool))
 
     def keep(self, rows: Mask) -> None:
-        """Keep the rows of that mask."""
+        """Keep the rows of a mask."""
         index = np.flatnonzero(rows)
         self.lines, self.begins = self.lines[index], [self.begins[i] for i in index]
         self.cells = {n: [cells[i] for i in index.tolist()] for n, cells in self.cells.items()}
@@ -162,9 +176,9 @@ class TableColumns:
         message
             What is wrong, and what was expected.
         column
-            Its header as it stands in the table; None: of the whole table.
+            Its header as in the table; None for the whole table.
         rows
-            Numbers of the rows that it is of; None: of the header.
+            Numbers of the rows concerned; None for the header.
         """
         rows = [] if rows is None else list(rows)
         lines = [int(self.lines[row]) for row in rows]
@@ -182,7 +196,7 @@ class TableColumns:
         self.found.append(f"{', '.join(where)}: {message}" if where else message)
 
     def problem(self, message: str, name: str, rows: Mask | NDArray[np.intp] | None = None) -> None:
-        """Add a problem of a column, if it is of any rows.
+        """Add a problem of a column, unless its rows are empty.
 
         Parameters
         ----------
@@ -191,7 +205,7 @@ class TableColumns:
         name
             Our name of the column.
         rows
-            A mask of shape (rows,), or their numbers; None: of the header.
+            A mask of shape (rows,), or numbers of rows; None for the header.
         """
         at = None if rows is None else np.flatnonzero(rows) if rows.dtype == bool else rows
         if at is None or at.size:
@@ -202,7 +216,7 @@ class TableColumns:
             self.add(message, title, None if at is None else at.tolist())
 
     def outside(self, name: str, values: Array, rows: Mask, wanted: str) -> None:
-        """Add a problem for values that a column may not have, if there are any.
+        """Add a problem if a column has values that are not allowed.
 
         Parameters
         ----------
@@ -223,7 +237,7 @@ class TableColumns:
             self.problem(f"{clipped(name)} is {value}, expected {wanted}", name, rows)
 
     def lacking(self, messages: Iterable[str]) -> None:
-        """Add a problem for each required column that is absent; the first lists those present."""
+        """Add a problem for each required column that is absent; the first one lists the columns present."""
         names = listed([heading.text for heading in self.headings.values()])
         hint = f". There is: {names}. If one of these is it, say so with --map NAME=HEADER"
         for i, message in enumerate(messages):
@@ -237,7 +251,7 @@ class TableColumns:
         name
             Its header.
         known
-            How many problems there were before its own.
+            Number of problems before the first one of this column.
         """
         why, self.found = self.found[known], self.found[:known]
         self.warnings.append(f"column '{clipped(name)}' is left out, and not needed: {why}")
@@ -245,14 +259,14 @@ class TableColumns:
             kept.pop(name, None)
 
     def count(self, rows: Mask, what: str) -> str:
-        """How many rows these are, what is reported of them, and where the first is, in words.
+        """A sentence with the number of rows, what is reported of them, and where the first one is.
 
         Parameters
         ----------
         rows
             Shape (rows,), one at least.
         what
-            Is reported of them.
+            What is reported.
         """
         first = f"{self.place} {self.lines[int(np.argmax(rows))]}"
         return f"{int(rows.sum())} {what} (first in {first})"
@@ -537,7 +551,7 @@ def _take_numbers(
 
 
 def weigh(columns: TableColumns) -> None:
-    """Take loads that are written as masses for their weights under the table's own gravity."""
+    """Convert loads that are written as masses to weights, under the gravity that the table states."""
     load = columns.headings.get("load")
     if load is None or not is_mass(load.unit) or not columns.read(GRAVITY_COLUMN):
         return
@@ -554,7 +568,7 @@ def weigh(columns: TableColumns) -> None:
 def check_range(
     columns: TableColumns, name: str, spec: ColumnSpec, values: Array, rows: Mask
 ) -> None:
-    """Add a problem for values that no wheel or plate has.
+    """Add a problem if values are impossible for a wheel or plate.
 
     Parameters
     ----------
@@ -606,7 +620,7 @@ def _check_cells(columns: TableColumns, name: str, parsed: Numbers) -> None:
 
 
 def take_size(columns: TableColumns, name: str, size: float) -> None:
-    """Take a diameter or width for all rows.
+    """Set a diameter or width for all rows.
 
     Parameters
     ----------

@@ -12,8 +12,8 @@ setting where everything that was set agrees within a tolerance:
                  range cannot show an effect. The pass is a count: half a pass.
     contact, soil, and the wheel where the table names wheels: equal
 
-What the wheel answers (`Measurements.responses`) and what only says which row it is (time, trial)
-is no setting.
+Responses of the wheel (`Measurements.responses`), and columns that only identify a row (time,
+trial), are not settings.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ _FEWEST = 3  # degrees of freedom below which a spread says nothing
 
 
 def one_row_a_wheel(data: Measurements) -> bool:
-    """Whether runs are of several wheels that the table names, each with one row: a vehicle's.
+    """Whether runs have several named wheels with one row each, as on a vehicle.
 
-    So are the runs of a drive that `replay` makes a table of: one stretch of way.
+    The runs of a table that `replay` writes are such: each is one stretch of the drive.
     """
     if not data.wheels_given:
         return False
@@ -58,14 +58,14 @@ def one_row_a_wheel(data: Measurements) -> bool:
 
 
 def set_columns(measurements: Measurements) -> tuple[str, ...]:
-    """Covariates that were set: neither answers of the wheel nor the row's time or number."""
+    """Covariates that were set: neither responses of the wheel nor the row's time or number."""
     answers = measurements.responses
     names = measurements.conditions.covariates
     return tuple(name for name in names if name not in answers and not is_bookkeeping(name))
 
 
 def order_columns(measurements: Measurements) -> tuple[str, ...]:
-    """Covariates that could tell when a row was measured: a time, or the number of row or trial."""
+    """Covariates that may show when a row was measured: a time, or the number of row or trial."""
     names = measurements.conditions.covariates
     return tuple(name for name in names if is_bookkeeping(name))
 
@@ -77,7 +77,7 @@ def setting_columns(measurements: Measurements) -> dict[str, Array]:
 
 
 def varies(column: Array) -> bool:
-    """Whether a setting was varied: it spans over `VARIES` of its largest value. NaN is no value."""
+    """Whether a setting was varied: it spans over `VARIES` of its largest value; NaN is ignored."""
     known = column[np.isfinite(column)]
     size = float(np.max(np.abs(known), initial=0.0))
     return size > 0.0 and float(np.ptp(known)) > VARIES * size
@@ -112,11 +112,11 @@ def _tolerances(measurements: Measurements, wheels: bool) -> list[tuple[Array, f
 
 
 def cluster(values: Array, tolerance: float) -> Index:
-    """Codes of the values, rising with them: values of one code differ by `tolerance` at most.
+    """Codes of values, in rising order: values with the same code differ by `tolerance` at most.
 
-    Neighbours are joined over the narrowest gap first, while the span allows (complete linkage in
-    one dimension). So values that lie within the tolerance and further than it from all others get
-    one code, wherever they lie; bins of a fixed grid would split some of them. NaN has code -1.
+    Neighbours are joined over the narrowest gap first, while the span allows (complete linkage in one
+    dimension). Values within the tolerance of each other and further than it from all others thus get
+    one code wherever they lie; a fixed grid of bins would split some of them. NaN has code -1.
 
     Parameters
     ----------
@@ -167,8 +167,8 @@ def runs_of_rows(measurements: Measurements) -> tuple[tuple[str, ...], Index]:
     """Names of the runs and each row's index into them, shape (rows,), in order of appearance.
 
     Where the table names no runs, rows of one setting are repeats and make one run: taking them as
-    independent would count one piece of evidence several times. What the wheel answered and the
-    row's time or number may differ among repeats.
+    independent would count one piece of evidence several times. Responses of the wheel, and the row's
+    time or number, may differ among repeats.
     """
     if measurements.runs_given:
         names, codes = codes_of(measurements.run)
@@ -215,7 +215,7 @@ def ends_of_runs(values: Array, run: Index, count: int) -> tuple[Array, Array]:
     run
         Number of each row's run, shape (rows,).
     count
-        How many runs there are.
+        Number of runs.
     """
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
     np.fmin.at(low, run, values)
@@ -227,7 +227,7 @@ def repeats_of_rows(measurements: Measurements) -> Index:
     """Index of each row's run where the run's rows are repeats of one setting, else -1.
 
     A run of which any setting varies by more than its tolerance is a curve or a sweep: its rows
-    are not repeats, and neighbours among them say nothing of the repeatability.
+    are not repeats, and neighbours among them show nothing of the repeatability.
     """
     names, run = runs_of_rows(measurements)
     same = np.ones(len(names), dtype=bool)
@@ -289,9 +289,9 @@ def repeatability(measurements: Measurements) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Part:
-    """Some of the rows, named: by which column ("slip") and which of its values ("0.2 to 0.4").
+    """Some of the rows, by a column ("slip") and its values ("0.2 to 0.4").
 
-    range: smallest and largest value of a numeric column, in SI; empty for a text.
+    range: smallest and largest value of a numeric column, SI; empty for a text.
     """
 
     by: str

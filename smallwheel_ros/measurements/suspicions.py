@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What deserves a second look in a table that can be read: units, signs, sizes, runs, their order."""
+"""What deserves a second look in a readable table: units, signs, sizes, runs, their order."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _kilonewtons(data: Measurements) -> str:
 
 
 def order_followed(data: Measurements) -> str:
-    """Settings that rise or fall with the order of runs, as a drift would; "" if there are none."""
+    """Settings that rise or fall with the order of runs, so that a drift looks like them; empty if none."""
     times = order_columns(data)
     _, run = runs_of_rows(data)
     first = np.unique(run, return_index=True)[1]

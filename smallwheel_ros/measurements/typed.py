@@ -57,10 +57,16 @@ def check_setting(name: str) -> None:
 
 
 class Typed(NamedTuple):
-    """A setting as typed: values in SI units, shape (values,), and how they were read.
+    """A setting as typed.
 
-    said: of a mass that was taken as its weight, or a decimal comma; "" of anything else. mass: whether it
-    was a mass, which weighs less or more under another gravity.
+    Attributes
+    ----------
+    values
+        SI units, shape (values,).
+    said
+        A sentence about a mass that was taken as its weight, or about a decimal comma; else empty.
+    mass
+        Whether it was a mass, whose weight depends on gravity.
     """
 
     values: Array
@@ -90,9 +96,9 @@ def levels_of(name: str, value: Setting) -> Typed:
 
 
 def weighed(levels: Mapping[str, Typed]) -> dict[str, Typed]:
-    """Loads that were typed as masses as their weights under the gravity that was typed, if one was.
+    """Loads that were typed as masses, converted to weights under a gravity that was typed.
 
-    Raises RangeError where several were, or one out of range.
+    Raises RangeError if several gravities were typed, or one out of range.
     """
     found = dict(levels)
     if GRAVITY_COLUMN not in levels:
@@ -143,8 +149,8 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
     """Values that were typed, in SI units.
 
     `a`, `a,b,c`, `start:stop:step` (stop included) or `low..high` (with the middle), a unit after it
-    where it is not SI. A comma separates values. It is a decimal mark where it can be nothing else: in one
-    value, beside semicolons, and where no such list can be meant.
+    where it is not SI. A comma separates values. It is a decimal mark only where a list is impossible:
+    in a single value, and beside semicolons.
 
     Parameters
     ----------
@@ -160,7 +166,7 @@ def typed(name: str, text: str, unit: str | None, *, several: bool = True) -> Ty
     Raises
     ------
     RangeError
-        Where it is none of that.
+        If the text has none of these forms.
     """
     text = text.strip()
     if not several:
@@ -252,16 +258,16 @@ def _expanded(name: str, piece: Sequence[str], ends: Sequence[float]) -> Array:
 def limits_of(
     can: Levels | None, measurements: Measurements, told: Callable[[str], object] = unheard
 ) -> dict[str, list[float]]:
-    """Levels by setting that can be set, in SI units.
+    """The levels that the user can set, by setting, in SI units.
 
     Parameters
     ----------
     can
-        Levels by name of a setting; None: none are given.
+        Levels by name of a setting; None if none are given.
     measurements
-        The table, which has these settings.
+        The table, which must have these settings.
     told
-        Called with how one was read, where that is to be said.
+        Called with a sentence if a level was interpreted in a way that the user should know.
 
     Raises
     ------

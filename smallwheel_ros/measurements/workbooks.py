@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a workbook (xlsx, xls, ods) to a grid of cells: the sheet that has the table.
 
-xlsx is read by openpyxl, which gives formats and errors of formulas. xls and ods are read by calamine in
-a process of its own with a limit of memory: a cell in the last corner makes it ask for hundreds of
-gigabytes, and abort.
+xlsx is read by openpyxl, which gives formats and errors of formulas. xls and ods are read by
+calamine in a process of its own with limited memory: for a cell in the last corner it allocates
+hundreds of gigabytes and aborts.
 """
 
 from __future__ import annotations

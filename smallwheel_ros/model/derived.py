@@ -3,9 +3,9 @@
 
     std(f)^2 = g' C g,   g = df/dtheta          (the delta method, to first order)
 
-A fit works with ln p_ref and ln K (`fitting.parameters`), people with k and K. A parameter that the
-covariance does not have is taken as exactly known: with one wheel diameter m is held, and k's deviation
-is that of k at this m.
+A fit works with ln p_ref and ln K (`fitting.parameters`), people with k and K. A parameter that is
+not in the covariance is treated as exactly known: with one wheel diameter m is held, and k's
+deviation is that of k at this m.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DerivedNumber:
-    """One number of a soil. std: None where nothing is known of it. follows: from these parameters."""
+    """One derived number of a soil. std: None if unknown. follows: parameters that it is computed from."""
 
     name: str
     value: float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What users may give for a model or for effects, and what the library makes of it."""
+"""Arguments by which users give a model or effects, and their conversion."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class HasModel(Protocol):
 
     @property
     def model(self) -> CalibratedModel | None:
-        """With what is known of its uncertainty."""
+        """The model, with its uncertainty."""
 
 
 def _file_or_name(given: str) -> str | Path:
@@ -87,19 +87,19 @@ def ids_of(without: Ids, known: Registry) -> tuple[str, ...]:
 
 
 def model_of(given: AnyModel, known: Registry | None = None) -> CalibratedModel:
-    """The model that was given, with what is known of its uncertainty.
+    """The given model, with its uncertainty.
 
     Parameters
     ----------
     given
         A model, a soil, their name, a model file, or a result that has a model.
     known
-        Effects that a model file may name; those of the package and of installed ones without it.
+        Effects that a model file may name; those of the package and of installed ones if not given.
 
     Raises
     ------
     ArgumentError, ModelFileError
-        Where it is nothing of that, or the file cannot be used.
+        If it is none of these, or the file cannot be used.
     """
     from smallwheel_ros.model.model import CalibratedModel, Model
     from smallwheel_ros.model.model_file import as_calibrated, read_model
@@ -130,7 +130,7 @@ def effects_of(given: Effects, conditions: Conditions) -> list[Effect]:
     given
         Ids, effects, classes of effects or Python files with them; one or several.
     conditions
-        Of the measurements: what only scales an effect is set from them where it is not given.
+        Of the measurements: constants that only scale an effect are set from them unless given.
     """
     listed: list[Any] = (
         [given] if isinstance(given, (str, Effect, type)) else list_of("effects", given)

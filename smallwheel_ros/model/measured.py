@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model was fitted to, as far as a prediction needs it: `measured` of a model file.
+"""The data that a model was fitted to, as far as a prediction needs it: `measured` of a model file.
 
-Where the settings were, so that a prediction can say that it extrapolates; what one run and one row are off
-by, for the deviation of a new measurement; and what the law of pull and torque was seen to be off by.
+It holds the range of the settings, so that a prediction can say that it extrapolates; the scatter
+of runs and rows, for the deviation of a new measurement; and the observed error of the law of pull
+and torque.
 """
 
 from __future__ import annotations
@@ -26,10 +27,18 @@ _OFF_LINE = 4.0  # deviations off the line that two settings lay on
 
 @dataclass(frozen=True)
 class RunScatter:
-    """What a new measurement of one channel differs by from the right model, in standard deviations.
+    """Scatter of new measurements of one channel about the right model, in standard deviations.
 
-    run: of its run, relative. zero: of its run, SI. absolute, relative: of one row. law: what the law itself
-    is off by from setting to setting, relative.
+    Attributes
+    ----------
+    run
+        Of a run, relative.
+    zero
+        Of a run, SI.
+    absolute, relative
+        Of one row.
+    law
+        Error of the law itself from setting to setting, relative.
     """
 
     run: float = 0.0
@@ -39,24 +48,30 @@ class RunScatter:
     law: float = 0.0
 
     def of_law(self, level: Array) -> Array:
-        """Variance of what the law is off by, of values of that size, shape as given."""
+        """Variance due to the error of the law, for values of that size; same shape."""
         return np.asarray((self.law * level) ** 2)
 
     def of_run(self, level: Array) -> Array:
-        """Variance of a run, of values of that size, shape as given."""
+        """Variance due to the run, for values of that size; same shape."""
         return np.asarray((self.run * level) ** 2 + self.zero**2)
 
     def of_row(self, level: Array) -> Array:
-        """Variance of a row of a run, of values of that size, shape as given."""
+        """Variance due to a row of a run, for values of that size; same shape."""
         return np.asarray((self.relative * level) ** 2 + self.absolute**2)
 
 
 @dataclass(frozen=True)
 class ForceLaw:
-    """What the law of pull or torque is off by, in shares of the load (times the radius).
+    """Error of the law of pull or torque, as a standard deviation over the load (times the radius).
 
-    known: of a wheel that was measured, at slips that were. law: elsewhere of a wheel, wheel: of it at all
-    slips.
+    Attributes
+    ----------
+    known
+        For a wheel and slips that were measured.
+    law
+        Otherwise, the part that varies over the slips of a wheel.
+    wheel
+        Otherwise, the part common to all slips of a wheel.
     """
 
     known: float
@@ -65,13 +80,13 @@ class ForceLaw:
 
     @property
     def elsewhere(self) -> float:
-        """Of a wheel that was not measured."""
+        """The error for a wheel that was not measured."""
         return float(np.hypot(self.law, self.wheel))
 
 
 @dataclass(frozen=True)
 class Tied:
-    """Two settings that were varied together: other = at + slope * setting, but for a deviation."""
+    """Two settings that were varied together: other = at + slope * setting, apart from a deviation."""
 
     setting: str
     other: str
@@ -87,10 +102,22 @@ class Tied:
 
 @dataclass(frozen=True)
 class Measured:
-    """Range of the measurements: ranges by setting; wheels as (diameter, width, lugs), m.
+    """Range and scatter of the measurements.
 
-    stiffness: what ln k differs by from run to run. runs: by channel. forces: by channel, where measured.
-    unexplained: the data confirms no law, so what runs differ by may be an error of the law.
+    Attributes
+    ----------
+    ranges
+        By setting, SI.
+    wheels
+        (diameter, width, lugs) of each, m.
+    stiffness
+        Deviation of ln k from run to run.
+    runs
+        Scatter by channel.
+    forces
+        By channel, where measured.
+    unexplained
+        Whether the data confirms no law, so that differences of runs may be an error of the law.
     """
 
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -114,7 +141,7 @@ class Measured:
         }
 
     def has_wheel(self, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows of a wheel that was measured, at slips that were."""
+        """Rows with a wheel that was measured, at slips that were measured."""
         lugs = conditions.covariates.get("grouser_height", 0.0)
         size = np.column_stack(np.broadcast_arrays(conditions.diameter, conditions.width, lugs))
         room = _SAME * conditions.diameter
@@ -130,13 +157,12 @@ class Measured:
         return {**standard, **self.ranges}
 
     def beyond(self, name: str, conditions: Conditions) -> NDArray[np.bool_]:
-        """Rows in which a setting is beyond what was measured, shape (rows,).
+        """Rows in which a setting is outside the measured range, shape (rows,).
 
         Parameters
         ----------
         name
-            Of the setting: load, diameter, width, gravity or a covariate; one that is not known is nowhere
-            beyond.
+            Of the setting: load, diameter, width, gravity or a covariate; an unknown one is never outside.
         conditions
             Settings, SI units; gravity is standard where they have none.
         """

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Models that the data could not tell apart, as one model for who can run but one: the node's estimate.
+"""Models that the data could not tell apart, as one model for users that can run only one: the node.
 
-The soil is the mean of theirs, and what their effects make of a value at a stage is the mean of what those of
-each make of it, by their probabilities. To first order that is the mean of their predictions.
+Its soil is the mean of theirs. At each stage, the change of a value is the mean of the changes by
+the effects of each model, weighted by the models' probabilities. To first order that is the mean of
+their predictions.
 """
 
 from __future__ import annotations

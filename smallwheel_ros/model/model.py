@@ -152,16 +152,23 @@ class Model(Result, shown="model.model_file"):
 
 
 class CalibratedModel(Model):
-    """A model with how well its parameters are known, and where they came from.
+    """A model with the uncertainty of its parameters and its provenance.
 
-    names, covariance: of the fitted parameters, `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`,
-    where drawbar pull was measured the soil's strength too (`model_file.SOIL_PARAMETERS`), and
-    `EFFECT.PARAMETER`; shape (names, names). Empty where nothing is known of the uncertainty.
-    provenance: data, sha256, date, held_out_rmse and the like: plain values, for people. measured: what was
-    measured, as far as a prediction needs it. rivals: models that the data could not tell apart, each with
-    its probability; a prediction is then their mixture. Probabilities that were rounded are made to sum to 1.
+    Attributes
+    ----------
+    names, covariance
+        Of the fitted parameters: `SOIL.log_reference_pressure`, `SOIL.n`, `SOIL.m`, with drawbar pull
+        the soil's strength too (`model_file.SOIL_PARAMETERS`), and `EFFECT.PARAMETER`; shape (names,
+        names). Empty if the uncertainty is unknown.
+    provenance
+        data, sha256, date, held_out_rmse and the like: plain values, for people.
+    measured
+        The data, as far as a prediction needs it.
+    rivals
+        Models that the data could not tell apart, each with its probability; a prediction is then their
+        mixture. Rounded probabilities are scaled so that they sum to 1.
 
-    Raises ModelError where they do not sum to 1 but for rounding: one is missing, or there twice.
+    Raises ModelError if the probabilities do not sum to 1 within rounding: one is missing, or there twice.
     """
 
     names: tuple[str, ...]
@@ -200,7 +207,7 @@ class CalibratedModel(Model):
 
     @property
     def model(self) -> Model:
-        """The numbers alone."""
+        """The model without its uncertainty."""
         return Model(self.soils, self.geometry, self.effects, self.thrust_form)
 
     def __add__(self, effect: Effect | type[Effect] | str) -> CalibratedModel:
@@ -208,7 +215,7 @@ class CalibratedModel(Model):
         return self.changed(model=self.model + effect, rivals=())
 
     def standard_deviation(self, name: str) -> float | None:
-        """Standard deviation of a parameter, None where it is not known."""
+        """Standard deviation of a parameter; None if unknown."""
         if name not in self.names:
             return None
         at = self.names.index(name)
@@ -229,15 +236,22 @@ def _whole(
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of each row; arrays of shape (rows,), SI units.
+    """Predictions for each row; arrays of shape (rows,), SI units.
 
-    sinkage and resistance are what the instruments would show; true_sinkage and true_resistance
-    what they measure, the same where the model has no effect of an instrument. compaction_resistance
-    is the share of compaction in true_resistance, the work of k z^n D^m (eq. 14).
-    thrust, rolling_resistance, drawbar_pull and torque are None where the conditions have no slip.
-    rolling_resistance is that of a wheel that carries its load by pressure and shear, with what effects
-    add: drawbar_pull is thrust less this one (in the published forms of thrust it is true_resistance).
-    Where `immobilised` (sunk to the axle) the numbers are a continuation for fits, not predictions.
+    Attributes
+    ----------
+    sinkage, resistance
+        As the instruments would show them.
+    true_sinkage, true_resistance
+        Without errors of instruments; the same if the model has no effect of an instrument.
+    compaction_resistance
+        The part of true_resistance due to compaction, the work of k z^n D^m (eq. 14).
+    thrust, rolling_resistance, drawbar_pull, torque
+        None if the conditions have no slip. rolling_resistance is that of a wheel that carries its load by
+        pressure and shear, effects included: drawbar_pull is thrust minus it (in the published forms of
+        thrust it is true_resistance).
+    immobilised
+        Whether the wheel is sunk to its axle: its numbers are a continuation for fits, not predictions.
     """
 
     sinkage: Array
@@ -353,7 +367,7 @@ def predict(
     conditions
         Settings, SI units, shape (rows,) each; the load is what the load cell shows.
     with_forces
-        Whether thrust, pull and torque are wanted, which take a third of the time.
+        Whether to compute thrust, pull and torque, which take a third of the time.
     soil
         `SOIL_NUMBERS` of each row, shape (rows,), in place of the model's.
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model files: the one reader and the one writer of them.
+"""Reader and writer of model files.
 
 A model file is YAML for people: soils, geometry rule, effects with their parameters, the joint
-covariance of what was fitted, and where it all came from. It holds numbers and names only; reading
-one never runs code, so an effect that is not installed must be given beforehand.
+covariance of what was fitted, and its provenance. It holds only numbers and names, and reading one
+never runs code: an effect that is not installed must be passed to the reader.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class ModelFileError(SmallwheelError):
 
 
 def as_calibrated(model: Model) -> CalibratedModel:
-    """Return a calibrated model as it is, a plain model with no stated uncertainty."""
+    """A calibrated model as it is; a plain model without stated uncertainty."""
     return model if isinstance(model, CalibratedModel) else CalibratedModel(model)
 
 
@@ -63,30 +63,30 @@ def write_model(path: str | Path, model: Model) -> None:
     Parameters
     ----------
     path
-        Where to; a file that is there is replaced.
+        File to write; an existing one is replaced.
     model
-        What is to be written, with its covariance where it has one.
+        The model, with its covariance if it has one.
 
     Raises
     ------
     OutputError
-        Where that is not possible.
+        If that is impossible.
     """
     write_bytes(path, text(model).encode())
 
 
 def writers(model: Model) -> dict[str, Writer]:
-    """What `Model.save` writes as a model file, by suffix."""
+    """Functions that write a model as a file, by suffix, for `Model.save`."""
     return dict.fromkeys((".yaml", ".yml"), lambda path: write_model(path, model))
 
 
 def text(model: Model) -> str:
-    """What a model file holds, for people."""
+    """The content of a model file, for people."""
     return _HEAD + write_yaml(document(model))
 
 
 def rows(model: Model) -> list[dict[str, Any]]:
-    """Numbers of soils and effects, with standard deviations where fitted, or following from what was."""
+    """Parameters of soils and effects, and derived numbers, with standard deviations where known."""
     calibrated, units = as_calibrated(model), dict(zip(SOIL_NUMBERS, _SOIL_UNITS, strict=True))
     known = {name: calibrated.standard_deviation(name) for name in calibrated.names}
     for soil in model.soils:
@@ -163,7 +163,7 @@ def _effect_entry(effect: Effect, calibrated: CalibratedModel) -> dict[str, Any]
 
 
 def parameter_names(soils: Sequence[Soil], effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Name what a covariance can be of: each parameter of each soil and effect, as `SOIL.n` and `EFFECT.a`.
+    """Names that a covariance may have: each parameter of each soil and effect, as `SOIL.n` and `EFFECT.a`.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def read_model(path: str | Path, effects: Registry | None = None) -> CalibratedM
     path
         The file, YAML.
     effects
-        All that it may name; those of the package and of installed ones if not given.
+        Effects that it may name; those of the package and of installed ones if not given.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the model predicts for wheels, and for small changes of law and load: for slopes by differences.
+"""Predictions for wheels, and for small changes of law and load: slopes by differences.
 
-For effects, whose slopes are not written down; without effects `physics.contact` gives them itself.
+Used with effects, whose slopes have no formula; without effects `physics.contact` computes slopes directly.
 """
 
 from __future__ import annotations
@@ -44,14 +44,15 @@ def neighbours(
     effects
         Of the model.
     shear
-        Cohesion (Pa), friction angle (rad), shear displacement (m) of each row, for the effects; empty: none.
+        Cohesion (Pa), friction angle (rad), shear displacement (m) of each row, for the effects; empty:
+        none.
     geometry
-        How load and sinkage belong together.
+        Rule of contact.
 
     Returns
     -------
     Prediction
-        Nine rows for each; the first (rows,) are the wheels as they are.
+        Nine rows for each wheel; the first (rows,) are without any change.
     """
     steps = STEP * np.eye(4)
     steps[1, 0] = -STEP * _LOG_DEPTH  # n turns about the reference sinkage
@@ -69,7 +70,7 @@ def neighbours(
 
 
 def slopes(column: Array) -> Array:
-    """Slopes of a column of `neighbours` by the law's three and by ln load, shape (4, rows)."""
+    """Slopes of a column of `neighbours` by the law's three parameters and by ln load, shape (4, rows)."""
     around = column.reshape(9, -1)
     found: Array = (around[5:] - around[1:5]) / (2.0 * STEP)
     found[1] += _LOG_DEPTH * found[0]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an instrument shows of rolling wheels in soils near to one, from one solution of the contact integral.
+"""Shown sinkage of rolling wheels in soils near a given one, from one solution of the contact integral.
 
-What an effect makes of load, modulus and exponent moves ln z along the slopes, what it digs comes on top as
-it is.
+Effects on load, modulus and exponent move ln z along the slopes; sinkage that effects dig is added
+unchanged.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 
 
 class NearbySinkage:
-    """Sinkage of rolling wheels about one soil with some effects.
+    """Sinkage of rolling wheels near one soil, with some effects.
 
-    conditions: rolling rows. Raises what `model.predict` raises.
+    conditions: of rolling rows. Raises what `model.predict` raises.
     """
 
     def __init__(
@@ -54,9 +54,9 @@ class NearbySinkage:
         Parameters
         ----------
         soil
-            Near to the one at the start.
+            A soil near the given one.
         added
-            Effects of little strength.
+            Further effects of small strength.
         """
         turned = any(
             "wheel_diameter" in effect.acts or "corrected_load" in effect.acts for effect in added

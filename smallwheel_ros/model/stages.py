@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects called stage by stage, with what goes for all of them."""
+"""Calls effects stage by stage, with the rules that hold for all of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class LoadedRows(NamedTuple):
-    """Load (N), diameter (m), modulus K (Pa/m^n) and n of which the contact is solved, each (rows,)."""
+    """Load (N), diameter (m), modulus K (Pa/m^n) and n for which the contact is solved, each (rows,)."""
 
     load: Array
     diameter: Array
@@ -30,10 +30,11 @@ class LoadedRows(NamedTuple):
 
 
 class Stages:
-    """Calls effects stage by stage, with what goes for all of them.
+    """Calls effects stage by stage.
 
-    A pressed or plate row may leave a covariate blank (NaN): an effect that reads it does nothing
-    there. An effect that fails is named. `conditions` has the load itself, after `corrected_load`.
+    A pressed or plate row may leave a covariate blank (NaN): an effect that reads it then does nothing
+    in that row. An error names the effect that failed. `conditions` has the load after
+    `corrected_load`.
     """
 
     def __init__(self, effects: Sequence[Effect], conditions: Conditions) -> None:
@@ -48,25 +49,25 @@ class Stages:
             self.conditions = replace(conditions, load=load)
 
     def acting_at(self, stage: str) -> list[Effect]:
-        """Give the effects that act at a stage, in the model's order."""
+        """The effects that act at a stage, in the model's order."""
         return [effect for effect in self.effects if stage in effect.acts]
 
     def call(self, effect: Effect, stage: str, neutral: Any, *arguments: Any) -> Any:
-        """Call one effect at a stage, and check what it gives.
+        """Call one effect at a stage, and check its result.
 
         Parameters
         ----------
         effect, stage
             Which method of which effect.
         neutral
-            Stands where a body at rest has no covariate.
+            Value for bodies that do not roll and lack the covariate.
         arguments
             Of the method before the conditions.
 
         Raises
         ------
         EffectError
-            Where it fails, or gives no numbers of the shape of its first argument.
+            If it fails, or does not return numbers of the shape of its first argument.
         """
         value = guarded(effect, stage, getattr(effect, stage), *arguments, self.conditions)
         first = arguments[0] if arguments else None
@@ -95,7 +96,7 @@ class Stages:
         Raises
         ------
         EffectError
-            Where the effects make a load or a diameter that no wheel has.
+            If the effects result in an impossible load or diameter.
         """
         load = _positive("load", self.change("normal_load", self.conditions.load))
         diameter = _positive("diameter", self.change("wheel_diameter", self.conditions.diameter))
@@ -104,7 +105,7 @@ class Stages:
         return LoadedRows(load, diameter, *self._soil(modulus, exponent))
 
     def on_soil(self, before: LoadedRows) -> LoadedRows:
-        """The load that reaches the soil, and the soil, after the effects on them."""
+        """Load that reaches the soil, and the soil, with the effects on them applied."""
         load = _positive("load", self.change("normal_load", before.load))
         return LoadedRows(load, before.diameter, *self._soil(before.modulus, before.exponent))
 
@@ -116,7 +117,7 @@ class Stages:
         return np.asarray(np.ones_like(depth) * self.product("pressure_factor", depth))
 
     def product(self, stage: str, *arguments: Any) -> Any:
-        """Product of what the effects give at a stage, 1 where none acts.
+        """Product of the effects' factors at a stage; 1 if none acts.
 
         Parameters
         ----------
@@ -129,7 +130,7 @@ class Stages:
         return math.prod(calls, start=1.0)
 
     def total(self, stage: str, *arguments: Any) -> Any:
-        """Sum of what the effects give at a stage, 0 where none acts.
+        """Sum of the effects' terms at a stage; 0 if none acts.
 
         Parameters
         ----------
@@ -143,15 +144,14 @@ class Stages:
     def change(self, stage: str, value: Array) -> Array:
         """Apply each effect to a value in turn; `ROLLING_STAGES` apply to rolling rows only.
 
-        What digs or compacts further does so because the wheel rolls; a pressed body does not, and
-        has no resistance to show.
+        Digging and further compaction need a rolling wheel; a pressed body has neither, and no resistance.
 
         Parameters
         ----------
         stage
             Name of the method, such as `sinkage`.
         value
-            What is changed, in SI units, shape (rows,).
+            Value to change, SI units, shape (rows,).
         """
         everywhere = self.all_rolling or stage not in ROLLING_STAGES
         for effect in self.acting_at(stage):
@@ -171,17 +171,17 @@ def _positive(name: str, column: Array) -> Array:
 
 
 def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Call an effect's method; what it raises names the effect.
+    """Call an effect's method; an error that it raises then names the effect.
 
-    What is no number is refused by who asks for the prediction, with row and setting: numpy's own
-    warning would be a second message.
+    A result that is not a number is refused later, by the prediction, with row and setting; numpy's own
+    warning is suppressed, as it would be a second message.
 
     Parameters
     ----------
     effect, stage
         What an error names.
     function, arguments
-        The method, and what it is called with.
+        The method, and its arguments.
 
     Raises
     ------

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything between topics and estimates, without ROS: what node and replay share."""
+"""Parameters, settings and joints of a vehicle, without ROS: what node and replay share."""

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node's parameters, each declared once.
 
-The node's ROS descriptors, the values that node and replay accept and the settings that they become,
-config/template.yaml and the tables of docs/parameters.md all come from here. A new one is a field below;
-`python docs/parameter_pages.py` writes the template anew. What the pipeline is to see of it belongs into
-`DriveParameters` or one of its groups. `<wheel>` stands for a wheel's name.
+From these declarations come the node's ROS descriptors, the values that node and replay accept, the
+resulting settings, config/template.yaml and the tables of docs/parameters.md. To add one, add a
+field below; `python docs/parameter_pages.py` writes the template anew. A parameter that the
+pipeline needs belongs in `DriveParameters` or one of its groups. `<wheel>` stands for a wheel's
+name.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ class SoilParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class TwistSettings:
-    """twist.*: how the twist of the rims is reported."""
+    """twist.*: how the rims' twist is reported."""
 
     publish: bool = parameter(
         False,
@@ -280,7 +281,7 @@ class WheelParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveParameters:
-    """Parameters that the pipeline uses as given."""
+    """Parameters that the pipeline uses directly."""
 
     vehicle: VehicleParameters = group(VehicleParameters)
     mobility: MobilityParameters = group(MobilityParameters)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether what an imu feels on average is gravity, and what it is where it is not."""
+"""Whether the mean specific force of an imu is gravity, and what it may be if it is not."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _UNITS = {"g": GRAVITY, "mg": 1e-3 * GRAVITY, "cm/s^2": 0.01}
 
 
 def unlike_gravity(strength: float, gravity: float = GRAVITY) -> str:
-    """Explain a mean specific force that is not gravity; "" where it is gravity.
+    """Explain a mean specific force that is not gravity; empty if it is gravity.
 
     Parameters
     ----------

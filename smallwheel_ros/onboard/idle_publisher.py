@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a joint that stands at 0, between others by which it has turned: of another publisher.
+"""Messages with a joint at 0 among others in which it turns: they are from another publisher.
 
-joint_state_publisher fills in 0 for joints that it has no value of; with the driver on one topic, both come.
+joint_state_publisher fills in 0 for joints without a value; if the driver uses the same topic, both arrive.
 """
 
 from __future__ import annotations

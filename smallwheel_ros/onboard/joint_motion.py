@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of a joint: the velocity of its messages, or the difference of their positions."""
+"""Speed of a joint: the velocity in its messages, or the difference of their positions."""
 
 from __future__ import annotations
 
@@ -30,11 +30,18 @@ BY_POSITIONS = "its velocity is missing or always 0: its speed is the difference
 
 
 class JointMotion:
-    """Reads the messages of one joint in their order.
+    """Reads the messages of one joint in order.
 
-    by_positions: whether its speed is the difference of its positions. left_out: messages without a velocity
-    that were not used, since the joint has had one: of another publisher. unknown: stamps (ns) of those of
-    the last call in which the velocity is 0 while the position moves, and it is not known yet which is true.
+    Attributes
+    ----------
+    by_positions
+        Whether its speed is the difference of its positions.
+    left_out
+        Number of messages without a velocity that were not used, since the joint has had one: they are from
+        another publisher.
+    unknown
+        Stamps (ns) of messages in the last call whose velocity is 0 while the position moves, where it
+        is not yet known which of them is right.
     """
 
     def __init__(self) -> None:
@@ -51,20 +58,21 @@ class JointMotion:
     def take(
         self, stamps: Integers, velocity: Array, position: Array, has: NDArray[np.bool_]
     ) -> tuple[Integers, Array, Integers]:
-        """Process further messages, in the order in which they came.
+        """Process further messages, in the order in which they arrived.
 
         Parameters
         ----------
         stamps
             ns, shape (messages,).
         velocity, position
-            rad/s and rad, NaN where a message has none.
+            rad/s and rad, shape (messages,); NaN where a message has none.
         has
-            Whether a message has a velocity, be it NaN.
+            Whether a message has a velocity, even NaN, shape (messages,).
 
         Returns
         -------
-        Stamps (ns), speeds (rad/s) and, of each, the number of the message that it came with.
+        stamps, speeds, message : ndarray
+            ns, rad/s, and for each the number of the message that it came with, shape (speeds,).
         """
         found: list[tuple[int, float, int]] = []
         self.unknown = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a joint's velocity is in rad/s: against what its position turns in the same messages."""
+"""Whether a joint's velocity is in rad/s, by comparison with the rotation in the same messages' positions."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ _POSITIONS = (math.tau, math.pi / 180.0)  # factors at which positions are in tu
 
 
 class VelocityUnit:
-    """Holds a joint's messages until it is known whether its velocities are in rad/s.
+    """Holds back a joint's messages until it is known whether its velocities are in rad/s.
 
-    wrong: what is wrong with them, in words; empty while nothing is known to be.
+    wrong: what is wrong with them, in words; empty if nothing is known to be.
     """
 
     def __init__(self) -> None:
@@ -59,25 +59,26 @@ class VelocityUnit:
     def take(
         self, stamps: Integers, values: Array, wait: int = 0
     ) -> tuple[Integers, Array, Integers, Integers]:
-        """Process further messages, in the order in which they came.
+        """Process further messages, in the order in which they arrived.
 
-        As long as it is not known, messages in which it turns wait for what those after them show.
+        While the unit is unknown, messages in which the joint turns wait for later ones.
 
         Parameters
         ----------
         stamps
             ns, shape (messages,).
         values
-            Of each message velocity (rad/s) and position (rad), NaN where it has none, and what goes with
-            them, shape (messages, columns).
+            Velocity (rad/s) and position (rad) of each message, NaN where it has none, and further columns
+            that belong to it, shape (messages, columns).
         wait
-            ns, for which streams wait for messages that belong before others.
+            For how long streams wait for late messages, ns.
 
         Returns
         -------
-        Stamps and values of messages that may be used, also of earlier calls; of each the number of the
-        message, of these, with which it came free; and stamps of those that will not be used, since their
-        velocity is in another unit.
+        stamps, values, message, refused : ndarray
+            Stamps and values of messages that may be used, also from earlier calls; for each, the number of
+            the message of this call that released it; and stamps of messages that are never used, since
+            their velocity is in another unit.
         """
         if self._known and not self._waiting:
             every = np.arange(0 if self.wrong else stamps.size)

@@ -46,7 +46,7 @@ _STATIC_STD = 0.3
 
 
 class ParametersError(SmallwheelError):
-    """Parameters that nothing can be configured with; one line for each that is wrong."""
+    """Parameters from which nothing can be configured; one line for each that is wrong."""
 
 
 # --- From a file to values
@@ -67,7 +67,7 @@ def read_parameters(path: Path | str, node: str = NODE_NAME) -> dict[str, Value]
     Raises
     ------
     ParametersError
-        If the file cannot be read, is not YAML, or has nothing for this node.
+        If the file cannot be read, is not YAML, or has no parameters of this node.
     """
     try:
         content = read_yaml(path)
@@ -104,9 +104,9 @@ def _flat(tree: dict[Any, Any], prefix: str = "") -> dict[str, Value]:
 
 
 def wheel_names(value: object) -> list[str]:
-    """Return the names in the parameter `wheels`.
+    """The wheel names in the parameter `wheels`.
 
-    Raises ParametersError if it is no list of different names that topics and parameters can have.
+    Raises ParametersError unless it is a list of different names that topics and parameters can have.
     """
     table = PARAMETERS["wheels"]
     example = f"for example {table.name}: [front_left, front_right]"
@@ -132,12 +132,12 @@ def wheel_names(value: object) -> list[str]:
 
 
 def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> list[str]:
-    """Say of each parameter that is not used what might have been meant.
+    """For each parameter that is not used, a sentence with what may have been meant.
 
     Parameters
     ----------
     values
-        As they are given, by full name.
+        As given, by full name.
     wheels
         Names of the wheels, which have parameters of their own.
     """
@@ -153,7 +153,7 @@ def unknown_parameters(values: Mapping[str, object], wheels: Sequence[str]) -> l
 
 
 def problems(values: Mapping[str, object]) -> list[str]:
-    """Say what is wrong with the values of parameters, one sentence each; unknown ones aside."""
+    """Sentences about wrong values of parameters, one each; unknown parameters are not checked."""
     try:
         wheels = wheel_names(values.get("wheels"))
     except ParametersError as error:
@@ -166,7 +166,8 @@ def problems(values: Mapping[str, object]) -> list[str]:
 def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
     """Give each wheel the values of `all_wheels` that it does not have itself.
 
-    `<wheel>` in a text stands for the wheel's name. Values as they are where the wheels have no usable names.
+    `<wheel>` in a text is replaced by the wheel's name. Values are unchanged if the wheels have no
+    usable names.
     """
     found = dict(values)
     try:
@@ -183,10 +184,10 @@ def for_each_wheel(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def places_of(values: Mapping[str, Any]) -> dict[str, float]:
-    """Places of wheels (m) by vehicle.track and vehicle.wheelbase, by full name of the parameter.
+    """Places of wheels (m) from vehicle.track and vehicle.wheelbase, by full name of the parameter.
 
-    Of wheels whose names have left, right, front, middle or rear in them, as words; values that are no
-    numbers over 0 are left to `problems`.
+    Only for wheels whose names contain left, right, front, middle or rear as words. Values that are not
+    positive numbers are skipped, and reported by `problems`.
     """
     track, base = (_length(values.get(f"vehicle.{name}")) for name in ("track", "wheelbase"))
     behind = 0.5 if values.get("vehicle.base_at") == "rear_axle" else 0.0
@@ -234,20 +235,21 @@ def settings_from(
 ) -> NodeSettings:
     """Turn parameters into settings; defaults for those that are missing or None.
 
-    A wheel's parameter is its own, else that of `all_wheels`, of the robot's description, by track and
-    wheelbase, its default. Files that parameters name are read; an effects file is run.
+    The value of a wheel's parameter is, in this order, its own, that of `all_wheels`, of the robot's
+    description, from track and wheelbase, or the default. Files that parameters name are read; an
+    effects file is run.
 
     Parameters
     ----------
     values
-        As they are given, by full name.
+        As given, by full name.
     described
-        What the robot's description says of those that are not given (`robot_description.fill_silent`).
+        Values of missing parameters from the robot's description (`robot_description.fill_silent`).
 
     Raises
     ------
     ParametersError
-        With a sentence for each parameter that is missing or wrong, and where a file cannot be used.
+        With a sentence for each parameter that is missing or wrong, and each file that cannot be used.
     """
     given = {name: value for name, value in for_each_wheel(values).items() if value is not None}
     described = described or {}
@@ -272,7 +274,7 @@ def settings_from(
 
 
 def idle_remaps(settings: Parameters) -> dict[str, str]:
-    """Warn of remaps without effect, since a parameter names another topic; by the topic's name."""
+    """Warnings of remaps that have no effect, since a parameter names another topic; by the topic's name."""
     found = {}
     for name in (
         "odom_topic",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the soil's estimate starts from: prior, sensors and ground."""
+"""The start of the soil's estimate: prior, sensors and ground."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COVARIATES = ("load", "diameter", "width", "contact", "slip", "speed")
 
 
 class EstimatorError(SmallwheelError):
-    """A prior or a setting outside its domain."""
+    """A prior or a setting of the estimate outside its domain."""
 
 
 def _require(what: str, name: str, value: float, good: bool, expected: str) -> None:
@@ -34,9 +34,9 @@ def _require(what: str, name: str, value: float, good: bool, expected: str) -> N
 
 
 def covariates_of(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Columns other than the load that effects read: a row without them has no sinkage in the model.
+    """Columns other than the load that effects read; a row without them has no predicted sinkage.
 
-    Raises EstimatorError for an effect that reads what no stream tells.
+    Raises EstimatorError for an effect that reads a column that no stream provides.
     """
     read = {name: effect.id for effect in effects for name in effect.needs}
     for name, effect in read.items():
@@ -55,7 +55,7 @@ class SoilPrior:
     Attributes
     ----------
     soil
-        Lends its name.
+        The soil whose name is used.
     log_reference_pressure, log_reference_pressure_std
         ln of the pressure (Pa) at `soil.REFERENCE_SINKAGE` under `soil.REFERENCE_DIAMETER`.
     n, n_std
@@ -63,7 +63,7 @@ class SoilPrior:
     m, m_std
         Exponent of the wheel's diameter, in -3 .. 3; 1.
     geometry
-        How load and sinkage belong together: the contact integral, or the closed form (eq. 10).
+        Rule of contact: the contact integral, or the closed form (eq. 10).
 
     Raises EstimatorError where a number is outside its domain.
     """
@@ -98,7 +98,7 @@ class SoilPrior:
 
     @property
     def contact(self) -> ContactRule:
-        """Sinkage of a wheel under a load, by the geometry."""
+        """The sinkage of a wheel under a load, by the prior's geometry."""
         return CONTACT_RULES[self.geometry]
 
     def log_modulus(self, diameter: float) -> float:
@@ -108,7 +108,7 @@ class SoilPrior:
 
     @classmethod
     def from_soil(cls, soil: Soil, geometry: Geometry = "contact_integral") -> SoilPrior:
-        """Take the vehicle to be on a soil of this kind, not on this very soil.
+        """The prior of a vehicle on some soil of this kind, not on this very soil.
 
         The deviations are the spread within one kind in the published tables: the three dry sands of
         `soil.SOILS` differ by 0.9 in ln pressure (one standard deviation; a factor of 2 is 0.7) and
@@ -120,7 +120,7 @@ class SoilPrior:
         soil
             Its k, n and m are the means.
         geometry
-            How load and sinkage belong together.
+            Rule of contact.
         """
         n_std = min(0.3, 0.5 * soil.n, 0.5 * (3.0 - soil.n))
         return cls(soil, soil.log_reference_pressure, soil.n, soil.m, 0.7, n_std, 0.4, geometry)
@@ -133,14 +133,14 @@ class EstimatorSettings:
     Attributes
     ----------
     sinkage_std
-        m, noise of one reading of sinkage until it is learnt.
+        Noise of one reading of sinkage until it is learnt, m.
     sinkage_zero_std
-        m, of the zero that all sinkage sensors have in common.
+        Deviation of the zero that all sinkage sensors share, m.
     soil_scatter
-        Standard deviation of ln k from place to place of one soil until it is learnt; 6 % from run to run
-        is usual.
+        Standard deviation of ln k from place to place of one soil until it is learnt; 6 % from run to
+        run is usual.
     loads_measured
-        Whether each wheel's load is; else ground that is not plane loads wheels by what is not known.
+        Whether each wheel's load is measured; otherwise uneven ground changes the loads by unknown amounts.
 
     Raises EstimatorError where a number is outside its range.
     """

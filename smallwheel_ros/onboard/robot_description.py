@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fill parameters of wheels that are silent from the robot description; same for node and replay.
+"""Fill missing parameters of wheels from the robot description; the same for node and replay.
 
-A parameter that is given wins. What a description cannot fill is reported, with what was found in it
-and what was expected.
+A parameter that is given takes precedence. What a description cannot fill is reported, with what it
+contains and what was expected.
 """
 
 from __future__ import annotations
@@ -43,10 +43,14 @@ _HEAVIEST = 1e5  # kg, as vehicle.mass
 
 @dataclass(frozen=True)
 class Filled:
-    """What a description gives.
+    """Parameters from a robot description.
 
-    values: by full name of the parameter. lacking: a sentence for what could not be filled, and for
-    what the estimate cannot go by.
+    Attributes
+    ----------
+    values
+        By full name of the parameter.
+    lacking
+        A sentence for each parameter that could not be filled, and for what the estimate cannot use.
     """
 
     values: dict[str, Value] = field(default_factory=dict)
@@ -59,9 +63,9 @@ class Filled:
 
 
 def silent_parameters(given: Mapping[str, object]) -> list[str]:
-    """Return the full names of parameters that a description may fill and that are not given.
+    """Full names of parameters that a description may fill and that are not given.
 
-    given: values of parameters by full name; one that is None or absent is silent.
+    given: values of parameters by full name; one that is None or absent is not given.
     """
     try:
         wheels = wheel_names(given.get("wheels"))
@@ -80,9 +84,9 @@ def silent_parameters(given: Mapping[str, object]) -> list[str]:
 
 
 def described_mass(text: str) -> float | None:
-    """Sum of the masses of all links, kg; None where only wheels have one, or none has.
+    """Sum of the masses of all links, kg; None if only wheels have one, or none has.
 
-    Raises RobotDescriptionError if the text is no URDF.
+    Raises RobotDescriptionError if the text is not a URDF.
     """
     urdf = Urdf(text)
     turned = {joint.child for joint in urdf.joints.values() if joint.kind in TURNING}
@@ -97,9 +101,9 @@ def described_mass(text: str) -> float | None:
 
 
 def needs_description(given: Mapping[str, object]) -> list[str]:
-    """Return the names of parameters without which nothing works and that only a description fills.
+    """Names of missing parameters that are indispensable and that only a description can fill.
 
-    Empty where none is missing, and where anything else is wrong: that is reported at once.
+    Empty if none is missing, and if anything else is wrong, which is then reported at once.
     """
     needed = [name for name in silent_parameters(given) if name.endswith(_SIZE)]
     return needed if len(problems(given)) == len(needed) else []

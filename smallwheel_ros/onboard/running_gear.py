@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which joints of a robot description turn wheels, what steers these, and which way the base looks.
+"""Which joints of a robot description turn wheels, what steers these, and which way the base faces.
 
-Neither names nor shapes are needed for the first two: a wheel turns about a horizontal axis across the
-vehicle, has no such joint below it, and is among the lowest joints. What steers it is the nearest joint above
-it that turns about the vertical. The base's x is ahead (REP 103), unless wheels turn about it: then names
-have to tell.
+The first two need neither names nor shapes: a wheel turns about a horizontal axis across the
+vehicle, has no such joint below it, and is among the lowest joints. It is steered by the nearest
+joint above it that turns about the vertical. The base's x points ahead (REP 103), unless wheels
+turn about it: then names have to show it.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ _AHEAD = (
 
 
 class Steering(NamedTuple):
-    """What steers a wheel: a joint, its sign (1: positive to the left), what it makes of the wheel.
+    """How a joint steers a wheel: its name, its sign (1: positive to the left), and its geometry.
 
-    arm: m, the wheel's middle to the left of the joint's axis. zero: rad, position of the joint at which the
-    wheel points straight ahead.
+    arm: how far the wheel's middle is to the left of the joint's axis, m. zero: position of the joint
+    at which the wheel points straight ahead, rad.
     """
 
     joint: str
@@ -58,24 +58,24 @@ class Steering(NamedTuple):
 
 @dataclass
 class RunningGear:
-    """The joints that turn wheels. notes: joints that turn and are not used, and oddities."""
+    """The joints that turn wheels. notes: on turning joints that are not used, and on oddities."""
 
     wheels: list[Joint] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
 class VehicleHeading(NamedTuple):
-    """Which way a vehicle looks in its base frame.
+    """Direction in which a vehicle faces in its base frame.
 
-    quarters: turns of 90 degrees by which ahead lies to the left of the frame's x; None where nothing
-    tells it. note: why, where it is not 0.
+    quarters: turns of 90 degrees from the frame's x to ahead, positive to the left; None if unknown.
+    note: the reason, if quarters is not 0.
     """
 
     quarters: int | None
     note: str = ""
 
     def turned(self, vector: Array) -> Array:
-        """A direction or place of the base frame, (3,), as ahead, left, up."""
+        """A direction or place in the base frame, (3,), as components ahead, left and up."""
         cosine, sine = _AHEAD[self.quarters or 0]
         x, y, z = vector
         return np.array([cosine * x + sine * y, cosine * y - sine * x, z])
@@ -97,7 +97,7 @@ class _Turning(NamedTuple):
 
 
 def centre_of(urdf: Urdf, joint: Joint, base: str) -> Array:
-    """A wheel's middle in the base frame, shape (3,), m: that of its cylinder where it has one.
+    """A wheel's middle in the base frame, shape (3,), m: that of its cylinder if it has one.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def _is_steer(name: str, one: _Turning) -> bool:
 def steering_of(
     urdf: Urdf, joint: Joint, base: str, heading: VehicleHeading | None = None
 ) -> Steering | None:
-    """What steers the wheel of a joint; None where nothing does.
+    """The joint that steers a wheel; None if there is none.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def steering_of(
     base
         Name of the base frame's link.
     heading
-        Which way the vehicle looks; None: along the base frame's x.
+        Direction in which the vehicle faces; None: along the base frame's x.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def carried_by(urdf: Urdf, steering: str, wheels: Mapping[str, Joint], base: str
 
 
 def articulated(joint: str, wheels: Iterable[str]) -> str:
-    """Words on a joint that carries several wheels.
+    """A sentence about a joint that carries several wheels.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def articulated(joint: str, wheels: Iterable[str]) -> str:
 
 
 def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHeading:
-    """Which way the vehicle looks in its base frame, by the axes of its wheels' joints and by names.
+    """Direction in which the vehicle faces in its base frame, by its wheels' axes and names.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def heading_of(urdf: Urdf, wheels: Mapping[str, Joint], base: str) -> VehicleHea
     Raises
     ------
     RobotDescriptionError
-        Where a wheel's place is not known.
+        If a wheel's place is unknown.
     """
     centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
     axes = [axis_of(urdf, joint, base) for joint in wheels.values()]
@@ -339,7 +339,7 @@ def contradicting(
     base
         Name of the base frame's link.
     heading
-        Which way the vehicle looks.
+        Direction in which the vehicle faces.
     """
     centres = {name: centre_of(urdf, joint, base) for name, joint in wheels.items()}
     placed = called_by_place({n: _xy(heading.turned(c)) for n, c in centres.items()})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the estimate on board rests on besides the measurements: the parameters, and what follows from them.
+"""Settings of the estimate on board: the parameters, and what follows from them.
 
 `parameters.settings_from` makes them.
 """
@@ -38,10 +38,10 @@ class Steered:
     Attributes
     ----------
     arm
-        m, its middle to the left of the steering axis; None: not known.
+        How far its middle is to the left of the steering axis, m; None if unknown.
     linkage
-        m, for two wheels with one central angle: distance of their axle ahead of the transverse line that
-        the vehicle's turning centre lies on; 0: the wheel has a joint of its own.
+        For two wheels with one central angle, how far their axle is ahead of the line on which the
+        vehicle's turning centre lies, m; 0 if the wheel has a joint of its own.
     """
 
     arm: float | None = None
@@ -65,7 +65,7 @@ class OnboardSettings(DriveParameters):
     with_torque
         Names of rolling wheels whose torque is measured.
     with_imu
-        Whether the slope comes from an imu; else from odometry's pose.
+        Whether the slope comes from an imu; otherwise from the odometry's pose.
     effects
         Effects of the model other than pressure and sinkage, in their order.
     static_loads
@@ -73,15 +73,15 @@ class OnboardSettings(DriveParameters):
     steered
         Rolling wheels whose steering angle is measured, by name.
     velocity
-        Where the speed over ground comes from that slip is worked out with: odometry that the
-        wheels do not measure, a topic of its own, or none, since the wheels make the odometry.
+        Source of the speed over ground for slip: odometry not computed from the wheels, a topic of its
+        own, or none if the odometry is computed from the wheels.
     soil_told
-        Whether the user has named the soil; else it is any.
+        Whether the user has named the soil; otherwise it may be any.
     strength_measured
-        Whether the model file's strength was measured: then it is that of this ground from the start.
+        Whether the model file's strength was measured, so that it holds for this ground from the start.
     model_note
-        What to know of the model file, in words: rivals of which it runs with the mean, and wheels that were
-        not measured; empty: nothing.
+        A remark on the model file: rivals whose mean is used, and wheels that were not measured; empty
+        if none.
     """
 
     wheels: tuple[Wheel, ...]
@@ -107,7 +107,7 @@ class OnboardSettings(DriveParameters):
 
     @property
     def gravity_height(self) -> float:
-        """m, of the centre of gravity above ground, for static loads."""
+        """Height of the centre of gravity above ground for static loads, m."""
         rolling = [wheel.diameter for wheel in self.wheels if wheel.contact == ROLLING]
         mean = sum(rolling) / max(len(rolling), 1)
         return self.vehicle.gravity_height or _GRAVITY_HEIGHT * mean
@@ -119,12 +119,12 @@ class OnboardSettings(DriveParameters):
 
     @cached_property
     def law_unknown(self) -> bool:
-        """Whether sinkage stays unpredictable: no wheel measures it, and the soil is not named."""
+        """Whether sinkage cannot be predicted: no wheel measures it, and the soil is not named."""
         return self.without_soil_sensors and not self.soil_told
 
     @property
     def unknown_positions(self) -> str:
-        """Which rolling wheels have one place between them, and what that costs, in words; empty: none."""
+        """Which rolling wheels share one place, and what that costs, in words; empty if none."""
         at: dict[tuple[float, float], list[str]] = {}
         for wheel in self.wheels:
             if wheel.contact == ROLLING:
@@ -142,7 +142,7 @@ class OnboardSettings(DriveParameters):
 
     @cached_property
     def covariates(self) -> tuple[str, ...]:
-        """Columns other than the load that effects read: a row without them has no sinkage in the model."""
+        """Columns other than the load that effects read; a row without them has no predicted sinkage."""
         return covariates_of(self.effects)
 
     @cached_property
@@ -152,19 +152,19 @@ class OnboardSettings(DriveParameters):
 
     @property
     def unsteered_place(self) -> float:
-        """Mean place ahead (m) of the wheels that are not steered, which do not move aside; 0 without any."""
+        """Mean place ahead (m) of the wheels that are not steered and do not move sideways; 0 without any."""
         fixed = [w.longitudinal_position for w in self.rolling if w.name not in self.steered]
         return sum(fixed) / len(fixed) if fixed else 0.0
 
     @property
     def mean_diameter(self) -> float:
-        """Mean diameter of the wheels, m: what is known best of a soil is how it carries them."""
+        """Mean diameter of the wheels, m: how a soil carries these wheels is best known for this diameter."""
         mean = sum(wheel.diameter for wheel in self.wheels) / len(self.wheels)
         return round(mean, 6)  # it is printed
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """Names of everything that is listened to: `<wheel>/load`, `odom`, ..."""
+        """Names of all streams that are used: `<wheel>/load`, `odom`, ..."""
         wheels, rolling = self.wheels, [w for w in self.wheels if w.contact == ROLLING]
         by_topic = rolling and self.velocity == "topic"
         return (

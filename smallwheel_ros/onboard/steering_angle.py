@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Angle of a steered wheel: from the position of its joint, and whether it can be one."""
+"""Angle of a steered wheel, from the position of its joint, and whether it is plausible."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _STEP, _STANDS = 0.1, 250_000_000
 
 @dataclass(frozen=True)
 class SteeringReader:
-    """From the position of a joint (rad) to the angle of a wheel, positive to the left.
+    """Converts the position of a joint (rad) to the angle of a wheel, positive to the left.
 
     Attributes
     ----------
     sign, zero
-        Of the joint: its position straight ahead is zero (rad).
+        Sign of the joint, and its position straight ahead, rad.
     linkage
-        m, of an axle with one central angle: how far it is ahead of the line that the vehicle turns about;
-        0: the joint is the wheel's own.
+        For an axle with one central angle, how far it is ahead of the line that the vehicle turns
+        about, m; 0 if the joint is the wheel's own.
     left
-        m, of the wheel from the middle of the vehicle.
+        How far the wheel is to the left of the vehicle's middle, m.
     """
 
     sign: int
@@ -40,9 +40,9 @@ class SteeringReader:
     left: float = 0.0
 
     def angle(self, position: Array) -> Array:
-        """Angles (rad) of the wheel at positions of its joint, of the same shape.
+        """Angles (rad) of the wheel at positions of its joint, same shape.
 
-        Of a linkage tan d_i = L tan d / (L - y_i tan d): all wheels stand square to one point.
+        With a linkage tan d_i = L tan d / (L - y_i tan d): all wheels are square to one turning centre.
         """
         central: Array = self.sign * (position - self.zero)
         if not self.linkage:
@@ -53,10 +53,10 @@ class SteeringReader:
 
 
 class SteeringAngle:
-    """Angles of a wheel as they come.
+    """Checks the angles of a wheel.
 
-    wrong: why angles are not used, in words; empty: nothing is wrong. odd: what is odd of those that are.
-    new_steps: how often, in the newest messages, the angle came in a step.
+    wrong: why angles are not used, in words; empty if they are. odd: what is odd about those used.
+    new_steps: how often, in the newest messages, the angle jumped.
     """
 
     def __init__(self) -> None:
@@ -66,10 +66,10 @@ class SteeringAngle:
         self._last, self._since = math.nan, 0  # rad; ns, since when it has been the same
 
     def usable(self, stamps: Integers, angles: Array) -> NDArray[np.bool_]:
-        """Which of some messages have an angle, shape (messages,).
+        """Which messages have a usable angle, shape (messages,).
 
-        NaN is left to those who keep the rows. What is over a whole turn again and again is in degrees: then
-        what is under it is, too, and no message is used any more.
+        NaN is left to those who keep the rows. Angles that repeatedly exceed a whole turn are in degrees;
+        smaller ones then are too, and no message is used any more.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strength that the robot begins with: of a model file, of a soil of the library, or of any ground.
+"""The initial strength on board: that of a model file, of a soil of the library, or of any ground.
 
-The means are those that the bench predicts with, so that both give one pull. The deviations are what a fit
-has found, with what a field adds, or where nothing was measured the spread of what is published.
+Its means are those of the bench's predictions, so that both give the same pull. Its deviations are
+those of the fit plus those of a field, or, if nothing was measured, the spread of published values.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _FITTED = ("cohesion", "friction_angle", "log_shear_displacement", "rolling_shar
 
 
 def strength_of(model: CalibratedModel, soil: Soil) -> tuple[Strength, bool]:
-    """Strength of a soil of a model, and whether it was measured: whether its friction angle was fitted.
+    """Strength of a soil of a model, and whether it was measured, that is, its friction angle was fitted.
 
     Parameters
     ----------
     model
-        Names of its parameters, and their covariance.
+        Gives names of parameters, and their covariance.
     soil
         One of its soils.
     """

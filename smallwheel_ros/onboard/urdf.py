@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot description (URDF): its links and joints by name, and where they are.
+"""A robot description (URDF): its links and joints by name, and their poses.
 
-Poses are matrices, (4, 4), of what is in a frame to that frame; m.
+A pose is a matrix, (4, 4), that converts places in one frame to another; m.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LARGEST = 1e6  # m or rad: beyond any robot, and products of it stay finite
 
 
 class RobotDescriptionError(SmallwheelError):
-    """A robot description that cannot be read, or that lacks what is looked for."""
+    """A robot description that cannot be read, or lacks what is needed."""
 
 
 class Joint(NamedTuple):
@@ -50,7 +50,7 @@ class Joint(NamedTuple):
 
     @property
     def full_turn(self) -> bool:
-        """Whether it can go on turning, as a wheel does. Limits that are equal are taken for none."""
+        """Whether it can turn without end, as a wheel does. Equal limits are treated as none."""
         if self.kind == "continuous":
             return True
         limit, where = self.element.find("limit"), f"joint {self.name!r}"
@@ -59,9 +59,10 @@ class Joint(NamedTuple):
 
 
 class Urdf:
-    """The links and joints of a robot description, by name; not those of transmissions and plugins.
+    """The links and joints of a robot description, by name, without those of transmissions and plugins.
 
-    Raises RobotDescriptionError if the text is no URDF, or has two joints of a name or above one link.
+    Raises RobotDescriptionError if the text is not a URDF, or has two joints with one name or above one
+    link.
     """
 
     def __init__(self, text: str) -> None:
@@ -96,7 +97,7 @@ class Urdf:
             self.joints[name] = self._above[joint.child] = joint
 
     def chain(self, link: str) -> list[Joint]:
-        """Return the joints above a link, from the lowest up to the root link."""
+        """The joints above a link, from the lowest up to the root link."""
         chain: list[Joint] = []
         while link in self._above:
             if len(chain) > len(self.joints):
@@ -106,7 +107,7 @@ class Urdf:
         return chain
 
     def base(self, link: str) -> str:
-        """Return the frame that a wheel's place is measured from: base_link, or the root above a link."""
+        """The frame in which a wheel's place is given: base_link, or the root above a link."""
         return BASE if BASE in self.links else self.root(link)
 
     def pose(self, link: str, frame: str) -> Array:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How names of wheels, joints and topics are understood, and what wheels are called.
+"""How names of wheels, joints and topics are understood, and how wheels are named.
 
-A name tells the place of a wheel in full words, or in letters: FL, lf, L, R, F. A letter that has two
-meanings (R: rear, right) has the one that what stands beside it leaves.
+A name shows the place of a wheel in full words, or in letters: FL, lf, L, R, F. A letter with two
+meanings (R: rear, right) has the one that is compatible with its neighbours.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _THICK = 0.01  # m: less beside the middle is none
 
 
 def usual_names(count: int) -> list[str]:
-    """Names of so many wheels."""
+    """Names for a number of wheels."""
     return list(_OF.get(count, [f"wheel_{i}" for i in range(1, count + 1)]))
 
 
@@ -56,7 +56,7 @@ def words_of(name: str) -> set[str]:
 
 
 def place_of(name: str) -> set[str]:
-    """Words of a name that tell a wheel's place; nothing of an R that may be rear or right."""
+    """Words of a name that show a wheel's place; an R that may be rear or right is left out."""
     words, open_ = _read(name)
     return (words - {"rear", "right"} if open_ else words) & {*PLACES}
 
@@ -88,14 +88,14 @@ def _read(name: str) -> tuple[set[str], bool]:
 
 
 def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
-    """The name that looks most like that of a wheel's input; None where none does, or two alike.
+    """The name most similar to that of a wheel's input; None if none is, or if two are equally similar.
 
     Parameters
     ----------
     wheel
         The wheel's name.
     kind
-        What the input is, such as `sinkage`; "" of an input of the vehicle.
+        What the input is, such as `sinkage`; empty for an input of the vehicle.
     names
         Topics or joints to choose from.
     """
@@ -108,7 +108,7 @@ def best_match(wheel: str, kind: str, names: Iterable[str]) -> str | None:
 
 
 def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
-    """The only one of these names, or the one that looks most like an input of the vehicle.
+    """The only one of these names, or the one most similar to an input of the vehicle.
 
     Parameters
     ----------
@@ -134,17 +134,17 @@ def _likeness(wheel: str, kind: str, name: str) -> float:
 def wheels_named_by(
     names: Sequence[str], where: Mapping[str, tuple[float, float]] | None = None
 ) -> dict[str, str]:
-    """By wheel, the one of these topics or joints that is of it: each is of another wheel.
+    """Name each wheel after its topic or joint; each of these belongs to another wheel.
 
-    A wheel is called by its place: as its name tells it, or, where names tell less, as it is by `where`. Else
-    it is called by the words that tell the names apart.
+    A wheel is named by its place: as its topic's or joint's name shows it or, if names show less, as in
+    `where`; otherwise by the words in which the names differ.
 
     Parameters
     ----------
     names
         Topics or joints.
     where
-        By name, its place in m: x ahead and y to the left.
+        By name, its place, m: x ahead and y to the left.
     """
     words = _words_of_all(names)
     found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}
@@ -179,9 +179,9 @@ def _words_of_all(names: Sequence[str]) -> dict[str, set[str]]:
 
 
 def called_by_place(where: Mapping[str, tuple[float, float]]) -> dict[str, str] | None:
-    """Name wheels after their places; None where that gives no name of its own to each.
+    """Name wheels after their places; None if that does not give each a name of its own.
 
-    where: by whatever they are known by, x ahead and y to the left, m.
+    where: places by any identifier, x ahead and y to the left, m.
     """
     ahead = sorted(x for x, _ in where.values())
     wide = max(_THICK, *(abs(y) for _, y in where.values()))

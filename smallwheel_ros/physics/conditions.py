@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a wheel is exposed to: one row per measurement or prediction."""
+"""The conditions of a wheel: one row for each measurement or prediction."""
 
 from __future__ import annotations
 
@@ -19,16 +19,23 @@ CONTACTS = (ROLLING, PRESSED, PLATE)
 
 
 class ConditionsError(SmallwheelError):
-    """Conditions that do not fit together, or a covariate that is not there."""
+    """Conditions that contradict each other, or a covariate that is missing."""
 
 
 @dataclass(frozen=True)
 class Conditions:
     """Load, wheel and covariates of each row, in SI units; make one with `Conditions.of`.
 
-    load (N), diameter (m), width (m): shape (rows,). contact: one of `CONTACTS` per row.
-    soil: the soil's name per row, or None where there is but one. covariates: further columns by
-    name (slip, speed, pass_number, moisture, ...), each of shape (rows,).
+    Attributes
+    ----------
+    load, diameter, width
+        N, m, m; shape (rows,).
+    contact
+        One of `CONTACTS` for each row.
+    soil
+        Name of each row's soil; None if there is only one.
+    covariates
+        Further columns by name (slip, speed, pass_number, moisture, ...), each of shape (rows,).
     """
 
     load: Array

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contact integral of a rigid wheel: how load and sinkage belong together, exactly.
+"""The contact integral of a rigid wheel: the exact relation of load and sinkage.
 
 A wheel of radius r = D/2 and width b, sunk by z0, carries on the soil in front of its lowest point
 
@@ -69,13 +69,18 @@ class ShapeIntegral(NamedTuple):
 
 
 class ContactSinkage(NamedTuple):
-    """Sinkage of a wheel, and where the model no longer holds.
+    """Sinkage of a wheel, and where the model no longer holds; arrays of the broadcast shape.
 
-    sinkage: m. Where `sunk_to_axle`, the load is more than the wheel can carry sunk to its axle;
-    the sinkage there is a continuation by the power n + 1/2, of use to a fit that passes through
-    such a point but not a prediction.
-    slope_load, slope_exponent: d ln z / d ln(W / K) and d ln z / d n at constant K and W, to about
-    1e-8; the last is NaN where it was not asked for.
+    Attributes
+    ----------
+    sinkage
+        m. Where `sunk_to_axle`, it is a continuation by the power n + 1/2: useful to a fit that passes
+        through such a point, but not a prediction.
+    sunk_to_axle
+        Whether the load is more than the wheel can carry sunk to its axle.
+    slope_load, slope_exponent
+        d ln z / d ln(W / K), and d ln z / d n at constant K and W, to about 1e-8; the last is NaN unless
+        requested.
     """
 
     sinkage: Array
@@ -248,7 +253,7 @@ def contact_sinkage(
     exponent
         n > 0.
     with_exponent
-        Whether `slope_exponent` is wanted, which takes a third of the time.
+        Whether to compute `slope_exponent`, which takes a third of the time.
     """
     w, d, b, modulus_array, n = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (load, diameter, width, modulus, exponent))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables and equations that the paper prints, computed again, and what of them reproduces.
+"""The paper's tables and equations, computed again, and which of them reproduce.
 
 Meirion-Griffith and Spenko 2011, "A modified pressure-sinkage model for small, rigid wheels on
-deformable terrains", J. Terramechanics 48. Loads, measured sinkages and tables are the paper's;
-where it does not say at which load or exponent a number was computed, the reading that comes
-closest is spelled out and marked as inferred.
+deformable terrains", J. Terramechanics 48. Loads, measured sinkages and tables are the paper's.
+Where it does not say at which load or exponent a number was computed, the assumption that comes
+closest is stated and marked as inferred.
 
-What stands here as printed is typed from the paper once more, so that it checks the library's soils
+Printed values are typed from the paper once more, so that they check the library's soils
 (`physics.soil`); equations are written out once more, so that they check its functions.
 """
 
@@ -65,10 +65,10 @@ _UNITS = {"k": ("kN/m^(n+m+2)", 1e-3), "cohesion": ("kPa", 1e-3),
 
 @dataclass(frozen=True)
 class PaperLine:
-    """One number of the paper, what we get for it, and under which reading. Units as named.
+    """One number of the paper, our value, and the assumption under which it was computed. Units as named.
 
-    place: the table or equation. printed: the number that is printed, or that a printed equation gives; None
-    where the paper prints none.
+    place: the table or equation. printed: the number that is printed, or that a printed equation gives;
+    None if the paper prints none.
     """
 
     place: str
@@ -172,7 +172,7 @@ def _inputs() -> list[PaperLine]:
 
 
 def implied_sinkages() -> list[float]:
-    """Measured sinkages (m) at `LOADS` that Table 3's errors imply: eq. 7 over (1 - error)."""
+    """Measured sinkages (m) at `LOADS` that Table 3's errors imply: eq. 7 divided by (1 - error)."""
     return [sinkage(BEKKER, load) / (1.0 - error) for load, error in TABLE_3.items()]
 
 

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The laws of how size changes the pressure at one depth: of plates, and of wheels by the closed form.
+"""Laws of how size changes the pressure at one depth, for plates, and for wheels by the closed form.
 
 The laws share one form, with p_ref the pressure at a reference sinkage z_ref under a plate of the
-reference size, and one number s that says how size acts (rho: size over reference size):
+reference size, and one number s for the influence of size (rho: size over reference size):
 
     p = p_ref (z / z_ref)^n g(rho)
 
     Meirion-Griffith & Spenko  p = k z^n D^m                            g = rho^s, s = m, size D
-    Bernstein and Goriatchkin  p = k z^n                                g = 1: size does nothing
+    Bernstein and Goriatchkin  p = k z^n                                g = 1: no influence of size
     Bekker                     p = (kc/b + kphi) z^n                    g = 1 - s + s / rho, size b
     Reece                      p = (c kc' + gamma b kphi') (z / b)^n    g = (1 - s + s rho) rho^-n, size b
 
@@ -72,9 +72,18 @@ class Constant(NamedTuple):
 class PlateLaw(NamedTuple):
     """One law of size.
 
-    names: of the published constants; constants: these, from (K, reference size, n, s), with
-    K = p_ref / z_ref^n in Pa/m^n. size: D or b of each row. factor: g of (rho, n, s). tied_to_n: s at
-    which size has no influence, over n.
+    Attributes
+    ----------
+    names
+        Of the published constants.
+    constants
+        The published constants, from (K, reference size, n, s), with K = p_ref / z_ref^n in Pa/m^n.
+    size
+        D or b of each row.
+    factor
+        g of (rho, n, s).
+    tied_to_n
+        s at which size has no influence, over n.
     """
 
     id: Literal["meirion_griffith_spenko", "bekker", "reece", "bernstein_goriatchkin"]
@@ -125,7 +134,8 @@ class PlateLaw(NamedTuple):
     ) -> Array:
         """Sinkage (m) of each plate or wheel under its load, shape (rows,).
 
-        A wheel's by the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with K of its size.
+        A wheel's sinkage is by the closed form (Meirion-Griffith and Spenko 2011, eq. 7) with the K of its
+        size.
 
         Parameters
         ----------

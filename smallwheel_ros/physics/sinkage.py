@@ -36,8 +36,8 @@ def closed_form_sinkage(
     """Sinkage (m) of a rolling wheel by z0 = [3 W / (b (3 - n) K sqrt(D))]^(2/(2n+1)).
 
     Bekker 1956 (eq. 7): K = kc/b + kphi; Meirion-Griffith and Spenko 2011 (eq. 10): K = k D^m.
-    It stands on a parabola for the wheel and two terms of a series: for n < 3 and z0 << D only, and
-    1 to 10 % off the contact integral on real soils.
+    It assumes a parabola for the wheel and two terms of a series: it needs n < 3 and z0 << D, and
+    differs from the contact integral by 1 to 10 % on real soils.
 
     Parameters
     ----------
@@ -81,9 +81,9 @@ Geometry = Literal["contact_integral", "closed_form"]
 
 
 class ContactRule(NamedTuple):
-    """How load and sinkage of a rolling wheel belong together.
+    """The relation of load and sinkage of a rolling wheel.
 
-    sinkage: of load, diameter, width, modulus and exponent. shape: I(n, z/D) of `contact`.
+    sinkage: function of load, diameter, width, modulus and exponent. shape: I(n, z/D) of `contact`.
     """
 
     sinkage: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], ContactSinkage]
@@ -113,9 +113,9 @@ def closed_form(
 ) -> ClosedForm:
     """Sinkage and resistance by eq. 10 and eq. 14 (Meirion-Griffith and Spenko 2011), for many rows.
 
-    In logarithms, the three powers that the two equations need are two logarithms and two
-    exponentials, and D^m is met once. Rows are worked on in blocks, so that what lies between stays
-    in the processor's cache.
+    With logarithms, the three powers of the two equations take two logarithms and two exponentials, and
+    D^m is computed once. Rows are processed in blocks, so that intermediate results stay in the
+    processor's cache.
 
     Parameters
     ----------
@@ -209,10 +209,10 @@ def compaction_resistance(
 def loads_by_depth(
     sinkage: Array, diameter: Array, width: Array, modulus: Array, exponent: Array
 ) -> tuple[Array, Array]:
-    """Depths (m) of the soil below a wheel, and the load (N) that p = K z^n bears at each of them.
+    """Depths (m) of the soil below a wheel, and the load (N) that p = K z^n carries at each of them.
 
-    The sum of the loads is that of the contact integral; the sum of their products with any factor f of depth
-    that for p = K z^n f(z).
+    The sum of the loads is the contact integral's. The sum of their products with a factor f of depth
+    is the load for p = K z^n f(z).
 
     Parameters
     ----------
@@ -262,8 +262,8 @@ def solve_layered(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Sinkage (m) at which `load_at` gives the load, and where even `upper` carries too little.
 
-    Inverse quadratic steps (Chandrupatla 1997) in ln W over ln z, where a pressure law is nearly a straight
-    line; halves where it has a wall, as at a hard layer.
+    Uses inverse quadratic steps (Chandrupatla 1997) in ln W over ln z, in which a pressure law is
+    nearly a straight line, and bisection where it rises steeply, as at a hard layer.
 
     Parameters
     ----------

@@ -40,12 +40,24 @@ class SoilError(SmallwheelError):
 class Soil:
     """One soil under the law P = k z^n D^m (Meirion-Griffith and Spenko 2011, eq. 9).
 
-    k: Pa/m^(n+m), > 0. n: 1, in (0, 3). m: 1. cohesion: Pa. friction_angle: rad.
-    shear_displacement: the deformation modulus kappa of eq. 2, m. m = 0 gives the law of
-    Bernstein and Goriatchkin (eq. 8). `source` says where the numbers come from. rolling_share,
-    rim_friction, pressure_peak: eta, mu and c2 of `stresses`, 1: how a wheel shears this soil by rolling
-    alone, the friction of a bare rim that is driven over the soil's own, and how far ahead of the lowest
-    point the largest pressure is at slip 1. Their defaults are medians of rigs.
+    Attributes
+    ----------
+    k
+        Pa/m^(n+m), > 0.
+    n
+        1, in (0, 3).
+    m
+        1; 0 gives the law of Bernstein and Goriatchkin (eq. 8).
+    cohesion, friction_angle
+        Pa, rad.
+    shear_displacement
+        The deformation modulus kappa of eq. 2, m.
+    source
+        Where the numbers come from.
+    rolling_share, rim_friction, pressure_peak
+        eta, mu and c2 of `stresses`, 1: how a wheel shears this soil by rolling alone, the friction of
+        a bare rim driven over the soil's own, and how far ahead of the lowest point the largest
+        pressure is at slip 1. The defaults are medians of rigs.
     """
 
     name: str
@@ -118,7 +130,7 @@ def k_from_reference(log_reference_pressure: ArrayLike, n: ArrayLike, m: ArrayLi
 
 
 def effective_modulus(k: ArrayLike, m: ArrayLike, diameter: ArrayLike) -> Array:
-    """K = k D^m, Pa/m^n: the soil's modulus as a wheel of this diameter meets it (eq. 9).
+    """K = k D^m, Pa/m^n: the soil's modulus under a wheel of this diameter (eq. 9).
 
     Parameters
     ----------
@@ -153,10 +165,10 @@ _SHEAR_SHARE = 0.4  # Wong (2008) gives 10 to 25 mm for sand
 
 
 def usual_strength(soil: Soil) -> Strength:
-    """Strength of a soil of this kind under a wheel of any rig, not of this very soil and wheel.
+    """Strength of some soil of this kind under a wheel of any rig, not of this very soil and wheel.
 
-    Centred on the soil's own numbers. Their deviations are the spread of what is published of soils of one
-    kind, and among rigs.
+    It is centred on the soil's own numbers, with the spread of published values among soils of one kind
+    and among rigs as deviations.
     """
     return Strength(
         Quantity(soil.cohesion, math.hypot(_COHESION_STD, _COHESION_SHARE * soil.cohesion)),
@@ -202,7 +214,7 @@ SOILS: dict[str, Soil] = {
 class SoilLibrary(Mapping[str, Soil]):
     """The soils of the library: `soil("dry_sand")`, `soil["dry_sand"]`, `soil.dry_sand`, `list(soil)`.
 
-    Raises SoilError that lists what exists where a name is not known.
+    An unknown name raises SoilError, which lists the names that exist.
     """
 
     def __call__(self, name: str) -> Soil:

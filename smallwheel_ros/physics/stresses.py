@@ -2,8 +2,8 @@
 """Thrust, resistance, drawbar pull and torque of a rigid wheel, from the stresses along its contact.
 
 The sinkage comes first, from the law of depth and its effects or from a sensor; then the balance of
-forces. Angles from the lowest point, r the radius, R = r + lambda h where soil shears between rim and tip
-of lugs of height h:
+forces. Angles from the lowest point, r the radius, R = r + lambda h where lugs of height h make the
+soil shear between rim and tip:
 
     depth          d(t) = r (cos t - cos t1),  cos t1 = 1 - z/r,  0 <= t <= t1   (Bekker 1956)
     pressure       p(t) = A [d(t)/z]^n                            n of p = k z^n D^m; largest at the bottom,
@@ -20,11 +20,11 @@ of lugs of height h:
     drawbar pull   DP = H - B
     torque         T = b Int R^2 tau dt
 
-k is in none of them: the load says how large the pressure is, the sinkage over which arc it acts. What a
-wheel dug or ploughed loose carries like the rest: the arc is that of the whole sinkage. mu is the rim's
-friction over the soil's: under 1 for a bare rim that drives soil back; 1 between lugs, and where the rim is
-dragged over the soil, since soil sticks ahead of it and shears on soil. tau is 0 where that changes, so all
-forces are continuous in slip.
+None of them contains k: the load determines the size of the pressure, the sinkage the arc over
+which it acts. Soil that a wheel dug or ploughed loose carries like the rest: the arc is that of the
+whole sinkage. mu is the rim's friction over the soil's: under 1 for a bare rim that drives soil
+back; 1 between lugs, and where the rim is dragged over the soil, since soil sticks ahead of it and
+shears on soil. tau is 0 where that changes, so all forces are continuous in slip.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _BLOCK = 1024  # rows worked on at a time: the nodes' arrays then stay in the pr
 
 
 class ShearLaw(NamedTuple):
-    """What shear needs of soil and rim, numbers or arrays of shape (rows,).
+    """The shear law's parameters of soil and rim, numbers or arrays of shape (rows,).
 
     cohesion: c, Pa. friction_angle: phi, rad. shear_displacement: K, m. rolling_share: eta, 1.
     rim_friction: mu where the rim slides back over the soil, 1 (`rim_friction`).
@@ -83,7 +83,7 @@ class WheelForces(NamedTuple):
 
 
 def rim_friction(bare: ArrayLike, lug_height: ArrayLike) -> Array:
-    """mu of each row: what part of the soil's strength acts at the rim.
+    """mu of each row: the share of the soil's strength that acts at the rim.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def rim_friction(bare: ArrayLike, lug_height: ArrayLike) -> Array:
 
 
 def speed_ratio(slip: ArrayLike) -> Array:
-    """u = V/(R omega) of a slip, -1 .. 1; short of a wheel that stands or spins on the spot."""
+    """u = V/(R omega) of a slip, -1 to 1, limited so that a wheel never quite stands or spins on the spot."""
     i = np.asarray(slip, dtype=float)
     driven, skids = 1.0 - np.minimum(i, FASTEST), 1.0 / np.maximum(1.0 + i, LOCKED)
     return np.asarray(np.where(i >= 0.0, driven, skids))
@@ -138,11 +138,11 @@ def wheel_forces(
     factor
         Multiplies the pressure: takes depths (m) of shape (nodes, rows) and returns the same shape.
     peak
-        Place of the largest pressure as a share of the entry angle; from there to the exit the pressure falls
-        as it rose from the entry (Wong and Reece 1967).
+        Place of the largest pressure as a share of the entry angle; from there to the exit the pressure
+        falls as it rose from the entry (Wong and Reece 1967).
     pressure
-        Of the soil at the depth z, Pa, where that decides and not the load: the load that comes out is then
-        what the soil carries.
+        Of the soil at the depth z, Pa, if it and not the load is given: the resulting load is then what
+        the soil carries.
     """
     given = (load, sinkage, diameter, width, slip, exponent, lug_height, slip_angle, peak)
     columns = (*given, *shear, np.nan if pressure is None else pressure)
@@ -161,9 +161,22 @@ def wheel_forces(
 class Arc(NamedTuple):
     """Nodes along the contact of each row, (nodes, rows); angles from the lowest point.
 
-    weight: rad, of a sum over the arc. sine, cosine: of the node's angle. pressure: over its largest value.
-    rolled, slid: by rolling and by slip; eta and 1 - u times them add up to j/R. displacement: j/K. friction:
-    mu there. by_peak: slope of the pressure by `peak`; None: no row has one.
+    Attributes
+    ----------
+    weight
+        Of a sum over the arc, rad.
+    sine, cosine
+        Of the node's angle.
+    pressure
+        Over its largest value.
+    rolled, slid
+        Displacement by rolling and by slip; times eta and 1 - u they add up to j/R.
+    displacement
+        j/K.
+    friction
+        mu at the node.
+    by_peak
+        Slope of the pressure by `peak`; None if no row has one.
     """
 
     weight: Array
@@ -177,7 +190,7 @@ class Arc(NamedTuple):
     by_peak: Array | None = None
 
     def around(self, *stresses: Array) -> Array:
-        """Sums over the arc of each stress: what points up, forward, and around, (stresses, 3, rows)."""
+        """Sums over the arc of each stress' components up, forward, and around, (stresses, 3, rows)."""
         whole = self.weight * np.array(stresses)
         found = np.empty((len(stresses), 3, whole.shape[-1]))
         np.einsum("knr,nr->kr", whole, self.sine, out=found[:, 0])
@@ -187,7 +200,7 @@ class Arc(NamedTuple):
 
 
 class ArcRows(NamedTuple):
-    """What an arc needs of each row, (rows,), SI units; see `wheel_forces`."""
+    """The arc's inputs for each row, (rows,), SI units; see `wheel_forces`."""
 
     sinkage: Array
     diameter: Array
@@ -208,7 +221,7 @@ def arc_of(rows: ArcRows, factor: Callable[[Array], Array] | None = None) -> Arc
     rows
         Wheels on soils, SI units, shape (rows,) each.
     factor
-        Multiplies the pressure by the depth (m), shape (nodes, rows); None: 1.
+        Factor on the pressure as a function of depth (m), both of shape (nodes, rows); None: 1.
     """
     r, u = 0.5 * rows.diameter, speed_ratio(rows.slip)
     deep = np.clip(rows.sinkage / r, 1e-6, DEEPEST)
@@ -319,8 +332,8 @@ def closed_form_forces(
     """Drawbar pull W tan(delta - kappa t1) and torque W R sin(delta)/cos(delta - kappa t1).
 
     tan(delta) = (tan phi + c b r t1/W) m, with m the mean of mu (1 - exp(-|j|/K)) at kappa -+ sigma of the
-    arc: all of the pressure acts at its mean place. A check by hand, and quick enough for planners: of a
-    driven wheel to 0.004 of the load in the mean, of one that skids to 0.05.
+    arc: all of the pressure acts at its mean place. It can be checked by hand, and is quick enough for
+    planners; its mean error is 0.004 of the load for a driven wheel, 0.05 for one that skids.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thrust by the published forms, which take the contact for one number.
+"""Thrust by published forms that treat the contact as a whole.
 
 The model's own law of pull and torque is the balance of stresses along the contact (`stresses`).
 """

@@ -28,10 +28,16 @@ class Quantity(NamedTuple):
 class Wheel:
     """One wheel; sizes in m.
 
-    contact: 'rolling', or 'pressed' for a wheel that is pushed straight down and so meets the soil
-    on both sides of its lowest point. lateral_position: m left of the vehicle's middle; in a turn
-    the wheels of one side travel faster than those of the other. longitudinal_position: m ahead of
-    it.
+    Attributes
+    ----------
+    contact
+        'rolling', or 'pressed' for a wheel that is pushed straight down and so meets the soil on both
+        sides of its lowest point.
+    lateral_position
+        To the left of the vehicle's middle, m; in a turn the wheels of one side travel faster than
+        those of the other.
+    longitudinal_position
+        Ahead of the vehicle's middle, m.
     """
 
     name: str
@@ -75,7 +81,7 @@ class Strength:
     correlation: Array | None = None
 
     def wider(self, **by: float) -> Strength:
-        """The same with more deviation of some numbers, in their units, that goes with no other's."""
+        """A copy with larger deviations of some numbers, in their units, uncorrelated with the others."""
         numbers: dict[str, Any] = {}
         share = np.ones(5)  # of the deviations that correlations are of
         for name, more in by.items():

@@ -11,7 +11,17 @@ _ENOUGH, _MANY = 20, 0.2  # messages before anything is reported of a stream; sh
 
 
 class Refusal(NamedTuple):
-    """Something that could not be used: of which stream, a key to count by, and in words."""
+    """A message that could not be used.
+
+    Attributes
+    ----------
+    stream
+        That it belongs to.
+    reason
+        Key by which it is counted.
+    text
+        Explanation for people.
+    """
 
     stream: str
     reason: str
@@ -19,9 +29,9 @@ class Refusal(NamedTuple):
 
 
 class ProblemLog:
-    """Counts since the start, by stream and reason, and the words of what is new.
+    """Counts of problems by stream and reason since the start, and an explanation of each new one.
 
-    counts: all. words: an example of each. used: reasons that let the message be used all the same.
+    counts: of all. words: an example of each. used: reasons for which the message is used all the same.
     """
 
     def __init__(self, counts: Counter[tuple[str, str]], words: dict[tuple[str, str], str]) -> None:
@@ -32,20 +42,20 @@ class ProblemLog:
     def add(
         self, stream: str, reason: str, text: str, times: int = 1, *, unused: bool = True
     ) -> None:
-        """Count something about a stream or a topic.
+        """Count a problem with a stream or a topic.
 
         Parameters
         ----------
         stream
             Stream or topic.
         reason
-            Key.
+            Key by which it is counted.
         text
-            In words.
+            Explanation for people.
         times
-            How often.
+            How many messages had it.
         unused
-            Whether the message was left out.
+            Whether these messages were left out.
         """
         self.counts[stream, reason] += times
         self.words[stream, reason] = text
@@ -53,7 +63,7 @@ class ProblemLog:
             self._used.add((stream, reason))
 
     def take(self) -> list[Refusal]:
-        """Give what is new since the last call: each stream and reason once, with its newest words."""
+        """New problems since the last call: each stream and reason once, with its newest explanation."""
         new = [key for key, count in self.counts.items() if count != self._told[key]]
         self._told = self.counts.copy()
         return [Refusal(*key, self.words[key]) for key in new]
@@ -67,7 +77,7 @@ class ProblemLog:
         )
 
     def findings(self, received: Iterable[tuple[str, int]]) -> tuple[str, ...]:
-        """Streams of which much is refused, in words. received: of each, rows that were offered to it."""
+        """Report streams of which many rows are refused. received: rows offered to each stream."""
         found = []
         for name, rows in received:
             refused = self.refused(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a filter has believed, by number: counted for the whole drive, kept as long as rows need it."""
+"""Numbered states of a filter: all of a drive are counted, those that rows still need are kept."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ REMEMBERED = 4  # soils that were met, to which the vehicle may come back
 
 
 class Versions(dict[int, T]):
-    """Versions that are kept, by number. count: of all, the forgotten ones, too; newest: the last."""
+    """The kept states by number. count: of all so far, including dropped ones; newest: the last state."""
 
     def __init__(self, first: T) -> None:
         super().__init__({0: first})
         self.newest, self.count = first, 1
 
     def append(self, version: T) -> None:
-        """Take over the newest version."""
+        """Add a state, which becomes the newest."""
         self[self.count] = self.newest = version
         self.count += 1
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a model says of one wheel or of a grid of settings, with deviations."""
+"""Predictions of a model for one wheel or a grid of settings, with deviations."""

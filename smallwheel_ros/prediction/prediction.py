@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One wheel, or a grid of settings, on one soil, with deviations: what `smallwheel predict` gives."""
+"""Predictions for one wheel or a grid of settings on one soil, with deviations: `smallwheel predict`."""
 
 from __future__ import annotations
 
@@ -56,10 +56,16 @@ SHOWN = {
 
 @dataclass(frozen=True, repr=False)
 class PredictionTable(Result, shown="views.prediction"):
-    """Settings by name and what the model says of each row; arrays of shape (rows,), SI.
+    """Settings by name, and a model's predictions for each row; arrays of shape (rows,), SI.
 
-    notes: what the numbers rest on that was not measured. names: texts of the rows of a table, its run and
-    soil. measured: what such a table has measured, by `measured_sinkage`, `measured_sinkage_std` and so on.
+    Attributes
+    ----------
+    notes
+        What the predictions rest on that was not measured.
+    names
+        Texts of a table's rows: run and soil.
+    measured
+        Measurements of a table, by `measured_sinkage`, `measured_sinkage_std` and so on.
     """
 
     settings: Mapping[str, Array]
@@ -87,7 +93,7 @@ class PredictionTable(Result, shown="views.prediction"):
         return {"schema": 1, "rows": self.rows(), "notes": list(self.notes)}
 
     def plot(self, ax: Axes | None = None, quantity: str = "sinkage") -> Axes:
-        """Draw a quantity over the setting of most values, a curve for each combination of the others.
+        """Draw a quantity over the setting with the most values, a curve for each combination of the others.
 
         Parameters
         ----------
@@ -250,7 +256,7 @@ def _beyond_measured(measured: Measured, conditions: Conditions) -> list[str]:
 def predict_conditions(
     calibrated: CalibratedModel, conditions: Conditions
 ) -> tuple[UncertainPrediction, tuple[str, ...]]:
-    """A prediction with its deviations, and in words what it rests on that was not measured.
+    """A prediction with its deviations, and notes on what it rests on that was not measured.
 
     Parameters
     ----------

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a prediction may be off: of the law, and of one row of one new run.
+"""How far a prediction may be off: by the law, and for one row of one new run.
 
-    law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, and of
-            pull and torque what their law itself is off by (`ForceLaw`), of the others what theirs is off by
-            from setting to setting
-    run     besides that (tau dy / d ln k)^2, the soil of a new run, and its instruments' and rows' scatter
+    law     J C J', J the slopes of the prediction by the fitted parameters and C their covariance, plus the
+            error of the law itself: of pull and torque (`ForceLaw`), of the others from setting to setting
+    run     in addition (tau dy / d ln k)^2, the soil of a new run, and scatter of its instruments and rows
             (`RunScatter`)
 
-Of models that the data could not tell apart the number m is that of the one model that stands for them
-(`mixture.mixed`), as compare, node and replay have it; with their probabilities w its variance about it is
-sum w (s_i^2 + (m_i - m)^2).
+For models that the data could not tell apart, the prediction m is that of the one model that stands
+for them (`mixture.mixed`), as in compare, node and replay; with their probabilities w its variance
+is sum w (s_i^2 + (m_i - m)^2).
 """
 
 from __future__ import annotations
@@ -57,10 +56,14 @@ QUANTITIES = (
 
 @dataclass(frozen=True)
 class UncertainPrediction:
-    """A prediction and, by quantity, its standard deviations; arrays of shape (rows,), SI units.
+    """A prediction and its standard deviations by quantity; arrays of shape (rows,), SI units.
 
-    standard_deviation: of the law; empty where the model file has no covariance. run_deviation: of one row of
-    one new run; empty where the model does not know how runs and rows scatter.
+    Attributes
+    ----------
+    standard_deviation
+        Of the law; empty if the model file has no covariance.
+    run_deviation
+        Of one row of one new run; empty if the model does not know how runs and rows scatter.
     """
 
     prediction: Prediction
@@ -108,7 +111,7 @@ def predict_with_uncertainty(
 
 
 def predict_of(calibrated: CalibratedModel, conditions: Conditions) -> UncertainPrediction:
-    """Predict with both deviations, of the law and of one run; of a model with rivals as one for them all.
+    """Predict with both deviations, of the law and of one run; a model with rivals gives one prediction.
 
     Strength that the model's covariance lacks has the deviations of usual soils (`with_usual_strength`).
 
@@ -168,7 +171,7 @@ def with_parameter(model: Model, name: str, change: float) -> Model:
     Parameters
     ----------
     model
-        Stays as it is.
+        The model, which is not changed.
     name
         Of the parameter as in a model file: `SOIL.n`, `EFFECT.a`.
     change
@@ -300,11 +303,11 @@ def _assumed_strength(soil: Soil, names: tuple[str, ...]) -> dict[str, tuple[flo
 
 
 def with_usual_strength(calibrated: CalibratedModel) -> tuple[CalibratedModel, tuple[str, ...]]:
-    """The model with a covariance of the strength too, and a note of what of it was not measured.
+    """The model with deviations of its strength, and a note on which of these were not measured.
 
-    A fit without pull and torque leaves the strength where it was: pull would look as if that were known
-    exactly. What the covariance lacks gets the deviations among soils of one kind (`usual_strength`), as
-    in the estimator, and among rigs (`WHEEL_PARAMETERS`).
+    A fit without pull and torque leaves the strength unchanged, and pull would look as if it were known
+    exactly. What the covariance lacks is filled with the deviations among soils of one kind
+    (`usual_strength`), as in the estimator, and among rigs (`WHEEL_PARAMETERS`).
     """
     names, covariance, notes = calibrated.names, calibrated.covariance, []
     for soil in calibrated.model.soils:

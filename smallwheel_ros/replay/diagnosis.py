@@ -27,8 +27,16 @@ _NOTHING = 4.0 * ALARM
 class DriveDiagnosis:
     """Diagnosis of the model from a drive's steady stretches.
 
-    stretches: how many were used. verdict: as of `diagnose`; empty where there is none. effects, candidates:
-    ids that the model lacks, and of which it lacks one. lines: the same for people.
+    Attributes
+    ----------
+    stretches
+        Number of stretches used.
+    verdict
+        That of `diagnose`; empty if there is none.
+    effects, candidates
+        Ids that the model lacks, and ids of which it lacks one.
+    lines
+        The same for people.
     """
 
     stretches: int
@@ -38,7 +46,7 @@ class DriveDiagnosis:
     lines: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """As replay.json has it."""
+        """As in replay.json."""
         return {
             "stretches": self.stretches,
             "verdict": self.verdict or None,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many bags: each in a process of its own, on this machine or on a Dask cluster; then all in one table."""
+"""Many bags, each in a process of its own, on this machine or on a Dask cluster; then merged tables."""
 
 from __future__ import annotations
 
@@ -26,11 +26,18 @@ _LOOK = 0.2  # s between two looks whether somebody asked to stop
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one bag, as replays.json has it.
+    """Outcome of one bag, as in replays.json.
 
-    state: ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``. error: in
-    words, empty where there is none. done_before: by an earlier command. summary: as in replay.json,
-    None where there is none.
+    Attributes
+    ----------
+    state
+        ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``.
+    error
+        In words; empty if there is none.
+    done_before
+        Whether an earlier command replayed it.
+    summary
+        As in replay.json; None if there is none.
     """
 
     bag: str
@@ -82,7 +89,7 @@ def replay_all(
     specs
         The replays.
     stop
-        When it is set, those running end with what they have, and no further one begins.
+        Once set, running replays end with what they have, and no further one begins.
     jobs
         Processes at a time.
     scheduler

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bag of a replay: originals as they are, estimates as the node would have published them."""
+"""The bag of a replay: the original messages, and the estimates as the node would have published them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,19 @@ _SOIL_PERIOD = SECOND // 10  # as the node: by stamps, no more than ten times a 
 class NewBag(BagWriter):
     """A new bag in the storage format of the old one, so that the same programs read both.
 
-    frames: of each wheel's messages. has_twists: whether twists were written.
-    prefix: of the topics of the estimates: the node's name, or /replay before it where the bag has the
-    node's own estimates already. left_out: topics and types that are not copied, since their type cannot
-    be understood. damaged: messages that are not copied, since they cannot be converted.
+    Attributes
+    ----------
+    frames
+        Of each wheel's messages.
+    has_twists
+        Whether twists were written.
+    prefix
+        Of the topics of the estimates: the node's name, preceded by /replay if the bag already contains
+        estimates of the node.
+    left_out
+        Topics and types that are not copied, since their type is unknown.
+    damaged
+        Number of messages that are not copied, since they cannot be converted.
     """
 
     def __init__(
@@ -70,7 +79,7 @@ class NewBag(BagWriter):
         return self
 
     def copy_message(self, raw: RawMessage) -> None:
-        """Write a message of the bag, where its topic is copied."""
+        """Copy a message of the original bag if its topic is copied."""
         channel = self._channels.get((raw.topic, raw.type))
         if channel is None:
             return

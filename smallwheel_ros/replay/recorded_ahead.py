@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag has of the ground ahead, for the cost map of a replay."""
+"""Messages of a bag about the ground ahead, for the cost map of a replay."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ class RecordedAhead:
     Attributes
     ----------
     topics
-        Names and types of topics in the bag, and of each what decodes and what takes its messages.
+        Names and types of topics in the bag, each with its decoder and the function that takes its
+        messages.
     notes
-        Why one cannot be read.
+        Why a topic cannot be read.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class RecordedAhead:
         self._waiting: deque[RawMessage] = deque()
 
     def keep(self, message: RawMessage) -> None:
-        """Keep a message if it tells of the ground ahead."""
+        """Keep a message if it is about the ground ahead."""
         if message[:2] in self.topics:
             self._waiting.append(message)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as the node would have heard it: which topic is which input, and its messages through a pipeline."""
+"""A bag as the node would have received it: which topic is which input, and the pipeline's turns."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ _CLOCK = ("/clock", "rosgraph_msgs/msg/Clock")
 class Recording:
     """The inputs of a vehicle in an open bag, and its messages in the order in which they were recorded.
 
-    in_bag: gives the bag's name of a topic that the node knows. clock: whether stamps are judged by the
-    recording's /clock, without one by when they were recorded.
+    in_bag: converts the node's name of a topic to the bag's. clock: whether stamps are compared with
+    the recorded /clock, or, without one, with recording times.
 
     Attributes
     ----------
     used
         Topics and types that are inputs, and the clock.
     unusable
-        Those that would be, and why they cannot.
+        Topics and types that would be inputs, and why they cannot be read.
     time, read
-        Log time (ns) of the newest message, and how many there were.
+        Log time (ns) of the newest message, and number of messages read.
     frame
         Of the odometry.
     damage
-        Where the bag ended before its end.
+        Where a damaged bag ended early.
     stopped
-        To be set by whoever reads no further: what has been read still goes through.
+        Set it to read no further; what has been read is still processed.
     """
 
     def __init__(
@@ -102,12 +102,12 @@ class Recording:
         each: Callable[[RawMessage], object] | None = None,
         block: int = _BLOCK,
     ) -> Iterator[Iterator[Turn]]:
-        """The turns of the pipeline, block by block; the last when nothing more comes.
+        """The turns of the pipeline, block by block, to the end of the bag.
 
         Parameters
         ----------
         also
-            Topics that are read besides the inputs.
+            Topics to read in addition to the inputs.
         each
             Called with every message.
         block
@@ -173,7 +173,7 @@ class Recording:
         return self._pipeline.turns(last=last)
 
     def log_times(self, stamps: Integers) -> Integers:
-        """Log times (ns) at which the newest messages had these stamps: between ends of turns evenly."""
+        """Log times (ns) at which the newest messages had these stamps, interpolated between turns."""
         known, times = np.array(self._newest or [(self.time, self.time)], dtype=np.int64).T
         since = stamps - known[0]  # as floats, whole nanoseconds of a year are lost
         passed = np.interp(since, known - known[0], times - times[0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replay one bag: its messages go to the estimator as the node would give them, and all is written."""
+"""Replay of one bag: its messages go to the estimator as in the node, and all results are written."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def replay(
     spec
         Bag, parameters, folder and options.
     progress
-        Called now and then with the messages done and all.
+        Called from time to time with the number of messages done, and in all.
     report
         Writes a page, before the replay counts as done.
 

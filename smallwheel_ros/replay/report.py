@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a replayed drive: the way, the wheels, the soil, and what was not used."""
+"""The report of a replayed drive: path, wheels, soil, and messages that were not used."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of a replay: the folder with its files, what happened on the way, and all of it as values."""
+"""The result of a replay: the folder with its files, events on the way, and all of it as values."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def is_done(spec: ReplaySpec) -> bool:
-    """Whether the folder holds all that came of the same replay."""
+    """Whether the folder holds the complete result of the same replay."""
     summary = read_summary(spec.folder)
     if summary.get("state") not in ("complete", "ended_early"):
         return False
@@ -91,11 +91,11 @@ def is_done(spec: ReplaySpec) -> bool:
 
 @contextmanager
 def draft(spec: ReplaySpec) -> Iterator[Path]:
-    """Give a hidden folder in the spec's; what is in it takes the place of an earlier replay's in the end.
+    """A hidden folder in the spec's folder; on success its files replace those of an earlier replay.
 
-    Where the block raises, or its process dies, the earlier one stays as it was. Raises ReplayError if
-    the folder is the bag, would lose the bag, holds something else under the names needed, or cannot be
-    used.
+    If the block raises an error, or its process dies, the earlier files are unchanged. Raises
+    ReplayError if the folder is the bag, would overwrite the bag, holds something else under the names
+    needed, or cannot be used.
     """
     folder, bag = spec.folder, spec.bag.resolve()
     if folder.resolve() == bag:
@@ -142,12 +142,24 @@ def draft(spec: ReplaySpec) -> Iterator[Path]:
 class Replayed(Result, shown="replay.report"):
     """Result of a replay.
 
-    state: ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``. ended: in words, what is
-    wrong with the bag, or where the replay stopped; empty when complete. start, end: ns. messages_read,
-    message_count: of the topics that were read, and how many the bag says there are. prefix: of the
-    topics of the estimates in the new bag. left_out: topics and types that are not in the new bag, since
-    the type is not known. diagnosis: of the steady stretches, None where there are none. place: what keeps a
-    folder that is only for this result; it goes when the result does.
+    Attributes
+    ----------
+    state
+        ``complete``, ``ended_early`` (the bag is damaged) or ``interrupted``.
+    ended
+        What is wrong with the bag, or where the replay stopped, in words; empty when complete.
+    start, end
+        ns.
+    messages_read, message_count
+        Of the topics that were read: messages read, and those in the bag by its own count.
+    prefix
+        Of the topics of the estimates in the new bag.
+    left_out
+        Topics and types that are not in the new bag, since the type is unknown.
+    diagnosis
+        Of the steady stretches; None if there are none.
+    place
+        Keeps a temporary folder alive, which is deleted together with the result.
     """
 
     spec: ReplaySpec
@@ -173,14 +185,14 @@ class Replayed(Result, shown="replay.report"):
     place: TemporaryDirectory[str] | None = None
 
     def headline(self) -> str:
-        """How far the drive was, and how many estimates it gave."""
+        """The length of the drive, and the number of estimates."""
         seconds, metres = (self.end - self.start) / SECOND, self.happened.travel
         state = "" if self.state == "complete" else f", {self.state.replace('_', ' ')}"
         count = self.estimates.statuses.total()
         return f"{self.spec.bag.name}: {seconds:.1f} s, {metres:.1f} m, {count} estimates{state}"
 
     def rows(self) -> list[dict[str, Any]]:
-        """How well the measured sinkage of each wheel was met."""
+        """How closely the estimates match the measured sinkage of each wheel."""
         return [{"wheel": name, **counts} for name, counts in self._wheels().items()]
 
     def _wheels(self) -> dict[str, dict[str, Any]]:
@@ -218,9 +230,9 @@ class Replayed(Result, shown="replay.report"):
         return self._drawn(ax, quantity)
 
     def to_dict(self, folder: Path | None = None) -> dict[str, Any]:
-        """As replay.json has it: SI units, times in s since the bag's beginning.
+        """As in replay.json: SI units, times in s since the bag's beginning.
 
-        folder: where the files are; the spec's where it is not given.
+        folder: where the files are; the spec's folder if not given.
         """
         happened, received = (
             self.happened,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay goes by: the bag and the options, the node's parameters, which topic is which input."""
+"""The specification of a replay: bag, options, the node's parameters, and which topic is which input."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class ReplayError(SmallwheelError):
 class ReplaySpec:
     """What to replay and how; plain values, so that it can be sent to another process or machine.
 
-    Fields are arguments of `one_bag.replay`. folder: its output. remaps: full names. notes: what is to be
-    said of it beforehand.
+    The fields are arguments of `replay`. folder: its output. remaps: full names. notes: remarks to
+    print before.
     """
 
     bag: Path
@@ -76,7 +76,7 @@ class ReplaySpec:
     def fingerprint(self) -> str:
         """Identify this replay among all others by bag, parameters and options.
 
-        Of the bag the names, sizes, times and first megabyte of its files count.
+        The bag is identified by the names, sizes, times and first megabytes of its files.
         """
         digest = hashlib.sha256(__version__.encode())
         files = self.bag.iterdir() if self.bag.is_dir() else [self.bag]
@@ -127,10 +127,10 @@ def read_remaps(given: Iterable[str]) -> dict[str, str]:
 
 
 def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
-    """The replay with what its bag tells as the parameter file, which is put into its folder.
+    """The replay with a parameter file written from its bag into its folder.
 
-    Raises BagError, or InitError where the bag does not give enough, or
-    another parameter file is in the folder.
+    Raises BagError, or InitError if the bag does not contain enough, or another parameter file is in
+    the folder.
     """
     rover = rover_of_bag(like.bag)
     if rover.missing:
@@ -155,8 +155,8 @@ def with_assumed_config(like: ReplaySpec) -> ReplaySpec:
 def check_parameters(spec: ReplaySpec) -> list[str]:
     """Check the parameter file as far as that is possible without the bag.
 
-    Returns what in it is not known. Raises ParametersError if it cannot be read, or a parameter is wrong
-    or is missing and can come from no bag.
+    Returns the unknown parameters. Raises ParametersError if the file cannot be read, or a parameter is
+    wrong, or is missing and cannot come from a bag.
     """
     values = read_parameters(spec.config)
     if not (_description_topic(values) and needs_description(values)):
@@ -165,7 +165,7 @@ def check_parameters(spec: ReplaySpec) -> list[str]:
 
 
 def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, list[str]]:
-    """Read the parameter file, and from the bag's robot description what the file does not give.
+    """Read the parameter file, and missing parameters from the bag's robot description.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def read_settings(spec: ReplaySpec, reader: BagReader) -> tuple[NodeSettings, li
     Returns
     -------
     settings, notes : NodeSettings, list of str
-        Notes are unknown parameters, and what was taken from the description.
+        Notes name unknown parameters, and values from the description.
 
     Raises
     ------
@@ -228,8 +228,8 @@ def _described(
 class Input:
     """A topic that the node listens to, for one stream of the estimate (`Pipeline.streams`).
 
-    topic: after remaps. detail: which part of the message, in words. lacking: why the bag does not give
-    it, in words; empty where it does.
+    topic: after remaps. detail: the part of the message, in words. lacking: why the bag does not
+    provide it, in words; empty if it does.
     """
 
     stream: str
@@ -251,7 +251,7 @@ def inputs_of(
     reader: BagReader,
     unusable: Mapping[Key, str],
 ) -> tuple[Input, ...]:
-    """For each stream of the estimate its topic, or the reason why it has none.
+    """For each stream of the estimate, its topic, or the reason why it has none.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def _detail(stream: str, settings: NodeSettings) -> str:
 
 
 def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagReader) -> None:
-    """Check that a wheel has what an estimate needs.
+    """Check that some wheel has everything that an estimate needs.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ def check_enough(wheels: Iterable[str], inputs: Sequence[Input], reader: BagRead
     Raises
     ------
     ReplayError
-        If none has; it lists what is missing and what to do.
+        If no wheel has; it lists what is missing and what to do.
     """
     missing = [item for item in inputs if item.lacking]
     lost = {item.stream for item in missing}

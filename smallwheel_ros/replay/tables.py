@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two tables of a drive: its estimates, and its steady stretches as measurements.
 
-Readings that a sensor takes one after the other are no independent evidence: they share the spot.
-So each row of measurements is the median of a wheel's readings over a stretch of way no shorter than a
-turn of the largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or
-speed changed are left out, since a row is to be one steady measurement. So are those of a turn before
-and after a change of soil: some wheels are on the other one. The pass number is that of the middle half
-of a stretch's readings. Where the drive tells it for most rows, those without are left out, since a
-table of measurements has no blank one; else the column is.
+Consecutive readings of a sensor are not independent evidence, since they share the spot. Each row
+of measurements is therefore the median of a wheel's readings over a stretch no shorter than a turn
+of the largest wheel, and the rows of one stretch are one run. Stretches in which load, slip or
+speed changed are left out, since a row must be one steady measurement; so are those within a
+wheel's turn of a change of soil, where some wheels are on the other soil. The pass number is that
+of the middle half of a stretch's readings. If it is known for most rows, rows without it are left
+out, since a table of measurements has no blank there; otherwise the column is.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ _DEPTH = 0.5e-3  # m of new depth that make a stretch of a pressed wheel's way
 
 @cache
 def columns() -> tuple[str, ...]:
-    """Return the table's columns in their order.
+    """The table's columns in their order.
 
-    They are the fields of both messages; not the flags of what is valid, since an unknown cell is blank.
+    They are the fields of both messages without the flags of validity, since unknown cells are blank.
     """
     mobility = [name for name in plain_fields(MOBILITY) if name not in VALID]
     soil = [f"soil_{name}" for name in plain_fields(SOIL)]
@@ -66,17 +66,27 @@ def columns() -> tuple[str, ...]:
 
 
 def deviations(soil: SoilEstimate) -> dict[str, float]:
-    """Return the standard deviations of k, n and m, which the message has as a covariance."""
+    """Standard deviations of k, n and m, for which the message has a covariance."""
     spread = np.sqrt(np.maximum(soil.covariance.diagonal(), 0.0)).tolist()
     return {f"{name}_standard_deviation": value for name, value in zip("knm", spread, strict=True)}
 
 
 class EstimatesTable(AbstractContextManager["EstimatesTable"]):
-    """Writes NAME.csv and, where pyarrow is installed, NAME.parquet, block by block.
+    """Writes NAME.csv and, if pyarrow is installed, NAME.parquet, block by block.
 
-    stem: path without suffix. start: the bag's first log time, ns. counts: by wheel, how many estimates
-    there were and had what, and the `squares` of measured minus predicted sinkage, m^2. statuses: how
-    many estimates had which. mobility: slip and margin of every estimate, block by block.
+    Attributes
+    ----------
+    stem
+        Path without suffix.
+    start
+        The bag's first log time, ns.
+    counts
+        By wheel, the number of estimates with each kind of value, and the sum `squares` of measured minus
+        predicted sinkage squared, m^2.
+    statuses
+        Number of estimates by status.
+    mobility
+        Slip and margin of every estimate, block by block.
     """
 
     def __init__(self, stem: Path, start: int, wheels: Sequence[str]) -> None:
@@ -100,10 +110,10 @@ class EstimatesTable(AbstractContextManager["EstimatesTable"]):
         )
 
     def told(self) -> dict[str, dict[str, float | None]]:
-        """Summary of slip and margin over the drive: share of estimates that know each, and its values.
+        """Summary of slip and margin over the drive: share of estimates that know each, and typical values.
 
-        Of slip the median and what 95 % are under; of the margin the median and the median of its
-        standard deviations. None: not known.
+        For slip, the median and the 95 % quantile of its size; for the margin, the median and the median of
+        its standard deviations. None if unknown.
         """
         rows = pd.concat(self.mobility) if self.mobility else pd.DataFrame(columns=list(_MOBILITY))
         slip, margin, spread = (rows[name].dropna().astype(float) for name in _MOBILITY)
@@ -243,11 +253,11 @@ class TwistsTable:
         self._rows: list[Twists] = []
 
     def add(self, rows: Twists) -> None:
-        """Take rows."""
+        """Add rows."""
         self._rows.append(rows)
 
     def write(self, stem: Path) -> None:
-        """Write them, if there are any. Raises ReplayError."""
+        """Write the rows, if there are any. Raises ReplayError."""
         if not self._rows:
             return
         rows = Twists.joined(self._rows)
@@ -258,7 +268,7 @@ class TwistsTable:
 
 
 class VehicleTable:
-    """Rows of VehicleMobility, written like those of the twist; what is not known is blank, without flags."""
+    """Rows of VehicleMobility, written like those of the twist; unknown values are blank, without flags."""
 
     def __init__(self, start: int) -> None:
         self._start = start
@@ -283,14 +293,14 @@ class VehicleTable:
         self._blocks.append(block.drop(columns=list(VEHICLE_VALID)))
 
     def risk(self) -> dict[str, float | None]:
-        """The risk of getting stuck: the share of rows that know it, their median, and the highest."""
+        """The risk of getting stuck: share of rows that know it, its median, and its maximum."""
         rows = [block["risk_of_getting_stuck"] for block in self._blocks]
         risk = pd.concat(rows) if rows else pd.Series(dtype=float)
         known = risk.dropna()
         return _figures(len(known), len(risk), {"median": known.median(), "highest": known.max()})
 
     def write(self, stem: Path) -> None:
-        """Write them, if there are any. Raises ReplayError."""
+        """Write the rows, if there are any. Raises ReplayError."""
         if self._blocks:
             _write_table(pd.concat(self._blocks, ignore_index=True), stem)
 
@@ -310,10 +320,18 @@ def _write_table(table: pd.DataFrame, stem: Path) -> None:
 
 
 class SteadyStretches:
-    """Takes readings as they come, and gives the rows of a table of measurements at the end.
+    """Collects readings, and returns the rows of a table of measurements at the end.
 
-    pull_std: deviation (N) of a measured drawbar pull, None where none is measured. gravity: m/s^2. unsteady:
-    stretches that were left out, at_changes and unusable: readings.
+    Attributes
+    ----------
+    pull_std
+        Deviation of a measured drawbar pull, N; None if none is measured.
+    gravity
+        m/s^2.
+    unsteady
+        Number of stretches that were left out.
+    at_changes, unusable
+        Numbers of readings that were left out.
     """
 
     def __init__(
@@ -344,7 +362,7 @@ class SteadyStretches:
         rows
             Readings, in order of time.
         changing
-            At which of them the soil changed just then, shape (rows,).
+            Whether the soil was changing at each reading, shape (rows,).
         """
         if not len(rows):
             return
@@ -393,7 +411,7 @@ class SteadyStretches:
             self._done.append(_medians(table[ended], [*self._wheels]))
 
     def table(self) -> pd.DataFrame:
-        """Return the rows; nothing more will come."""
+        """The rows, at the end of the drive."""
         self._reduce(self._soil + 1, 0)
         if not self._done:
             return pd.DataFrame()

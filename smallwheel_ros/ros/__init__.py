@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node; its modules are the only ones that import rclpy and the generated messages.
+"""The node; only the modules of this folder import rclpy and the generated messages.
 
-Here is what needs ROS only when it runs: `smallwheel node` runs the node in this process,
+The functions here need ROS only when they run: `smallwheel node` runs the node in this process,
 `NodeProcess` in one of its own, for demo, examples and tests.
 """
 
@@ -91,9 +91,18 @@ def config_file(name: str) -> Path:
 class NodeProcess:
     """The node in a process of its own; use it in a `with` statement, which ends it.
 
-    parameters: parameter files, later ones win. log: file for what it prints. overrides: further
-    parameters as ROS writes them, such as {"use_sim_time": "true"}. environment: variables that differ
-    from this process's. process_id: number of the process, once it is started.
+    Attributes
+    ----------
+    parameters
+        Parameter files; later ones take precedence.
+    log
+        File for the node's output.
+    overrides
+        Further parameters as ROS writes them, such as {"use_sim_time": "true"}.
+    environment
+        Variables that differ from this process's.
+    process_id
+        Number of the process, once it is started.
     """
 
     def __init__(
@@ -134,7 +143,7 @@ class NodeProcess:
             self._process.wait()
 
     def death(self) -> str | None:
-        """Say how it ended, with its last words; None while it lives."""
+        """How it ended, with its last output; None while it runs."""
         code = self._process.poll()
         if code is None:
             return None

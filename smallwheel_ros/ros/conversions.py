@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between messages and values; nothing is worked out here."""
+"""Conversions between messages and values, without any computation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from smallwheel_ros.pipeline.intake.inputs import angles_of
 
 
 def message_class(kind: str) -> Any | None:
-    """Return the ROS class of a type like nav_msgs/msg/Odometry; None: it is not installed."""
+    """The ROS class of a type like nav_msgs/msg/Odometry; None if it is not installed."""
     try:
         package, _, name = kind.split("/")
         return getattr(importlib.import_module(f"{package}.msg"), name)

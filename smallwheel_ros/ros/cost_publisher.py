@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node hears of the ground ahead, and the grids of its cost map that it publishes."""
+"""The node's inputs about the ground ahead, and the grids of its cost map that it publishes."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ class CostPublisher:
     Parameters
     ----------
     publishers
-        Of each of `COST_TOPICS`.
+        One for each of `COST_TOPICS`.
     report
-        Takes what is wrong with a grid that cannot be used.
+        Called with the reason why a grid cannot be used.
 
     Attributes
     ----------
     published
-        How often grids of costs were sent.
+        Number of times that grids of costs were sent.
     ahead
-        Takes what others send of the ground ahead.
+        Gives messages about the ground ahead to the map.
     """
 
     def __init__(
@@ -66,12 +66,12 @@ class CostPublisher:
         self._ground = GroundMapper(self.map, settings.onboard.wheels)
 
     def take(self, estimates: Estimates, vehicle: VehicleEstimates, frame: str) -> VehicleEstimates:
-        """Take rows of estimates into the map; return the vehicle's rows with margins of terrain classes.
+        """Write rows of estimates into the map; return the vehicle's rows with margins of terrain classes.
 
         Parameters
         ----------
         estimates
-            Newer than those before.
+            Rows newer than those of earlier calls.
         vehicle
             Rows of the vehicle of the same turn.
         frame
@@ -89,7 +89,7 @@ class CostPublisher:
         return vehicle
 
     def on_classes(self, message: Any) -> None:
-        """Take a grid of terrain classes; one that comes by two subscriptions counts once."""
+        """Use a grid of terrain classes; one that arrives by two subscriptions counts once."""
         if message == self._last:
             return
         self._last = message
@@ -102,7 +102,7 @@ class CostPublisher:
             self._stamp = max(self._stamp, nanoseconds_of(message.header.stamp))
 
     def on_transforms(self, message: Any) -> None:
-        """Take transforms (tf2_msgs/TFMessage): grids are sent again once their frame has moved."""
+        """Use transforms (tf2_msgs/TFMessage): grids are sent again once their frame has moved."""
         of_grid = self._sent[0].header.frame_id if self._sent else None
         for found in message.transforms:
             frame = found.child_frame_id
@@ -115,7 +115,7 @@ class CostPublisher:
                 self._look_at_corner(pose)
 
     def on_static_transforms(self, message: Any) -> None:
-        """Take transforms that are sent once: of frames that are not known yet, they are kept."""
+        """Use static transforms, which are sent once; those of unknown frames are kept."""
         for found in message.transforms:
             pose = pose_of(found.transform)
             if math.isfinite(sum(pose)):
@@ -135,14 +135,14 @@ class CostPublisher:
             self._corrected = True
 
     def clear(self) -> None:
-        """Forget the ground: the soil is another one, or time has gone back."""
+        """Forget the ground, since the soil is another one or time went back."""
         self._ground.clear()
         self._stamp = 0
 
     def publish(self, now: int) -> None:
-        """Publish the grids if they have changed, and the same ones again after 5 s or a correction by tf.
+        """Publish the grids if they have changed; unchanged ones again after 5 s or a correction by tf.
 
-        now (ns): their stamp before any measurement.
+        now: their stamp before any measurement, ns.
         """
         again = self._corrected or time.monotonic() >= self._sent_at + _AGAIN_AFTER
         grids = self.map.grids() if self.map.changed else None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The entries of /diagnostics; docs/node.md says what each means and what to do.
+"""The entries of /diagnostics; docs/node.md explains each and what to do.
 
-Their names are without that of the node, which is put before them when they are published.
+Their names here lack the node's name, which is added when they are published.
 """
 
 from __future__ import annotations
@@ -110,14 +110,14 @@ def _soil(pipeline: Pipeline) -> DiagnosticStatus:
 
 
 def strength_values(estimate: StrengthEstimate, lacking: Mapping[str, str]) -> dict[str, str]:
-    """The measured strength, and in words what is not determined of it.
+    """The measured strength, and what is not determined of it, in words.
 
     Parameters
     ----------
     estimate
         The strength, SI units and radians.
     lacking
-        By source that is not in use, in words: what it needs, and what it would add.
+        For each source that is not in use, what it needs and what it would add, in words.
 
     Returns
     -------

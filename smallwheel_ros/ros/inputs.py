@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node listens to: messages wait in the middleware for a turn that takes and decodes them."""
+"""The node's subscriptions: messages wait in the middleware until a turn takes and decodes them."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _never(_: bytes) -> None:
 class Inputs:
     """A node's subscriptions and their state.
 
-    arrived: when the newest message came, by time.monotonic().
+    arrived: when the newest message arrived, by time.monotonic().
     """
 
     def __init__(self, node: Node, settings: NodeSettings, pipeline: Pipeline) -> None:
@@ -123,7 +123,7 @@ class Inputs:
         take_static: Callable[[Any], None],
         take_elevation: Callable[[Any], None],
     ) -> None:
-        """Subscribe to all topics; where one subscription fails, to none.
+        """Subscribe to all topics, or to none if one subscription fails.
 
         Parameters
         ----------
@@ -176,15 +176,16 @@ class Inputs:
             raise
 
     def stop(self) -> None:
-        """Listen no more."""
+        """Unsubscribe from all topics."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions, self._raw = [], {}
 
     def take(self) -> bool:
-        """Decode what has come since the last turn, and give it to the streams; return whether any has.
+        """Decode what has arrived since the last turn, and give it to the streams; return whether any has.
 
-        All of it goes in the order in which it came. A simulated clock goes first: else it would be late.
+        Messages are processed in the order of arrival, but a simulated clock first, as it would be late
+        otherwise.
         """
         for clock in (s for s in self._node.subscriptions if s.topic_name == "/clock"):
             for message, _ in _queued(clock, raw=False):
@@ -209,7 +210,7 @@ class Inputs:
     # --- What to say of them
 
     def log(self, problems: Iterable[Refusal]) -> None:
-        """Log problems by topic, each kind once in 10 s; what two streams of a topic share, once."""
+        """Log problems by topic, each kind once in 10 s; one that two streams of a topic share, once."""
         shared = set()
         for problem in problems:
             key, now = (problem.stream, problem.reason), time.monotonic()
@@ -229,13 +230,13 @@ class Inputs:
         return stream if found is None else found.topic
 
     def say_what_is_expected(self) -> None:
-        """Log what is waited for, unless everything has come before."""
+        """Log which inputs are expected, unless all have arrived before."""
         if not self._all_here:
             for line in input_lines(self._topics):
                 self._node.get_logger().info(line)
 
     def say_when_all_are_here(self) -> None:
-        """Log, once, that every input has delivered, and what is estimated from now on."""
+        """Log, once, that every input has arrived, and what is estimated from now on."""
         if self._all_here or not all(map(self._is_here, self._listened)):
             return
         self._all_here = True
@@ -253,9 +254,9 @@ class Inputs:
         return newest if newest > 0 else None
 
     def say_what_is_missing(self) -> None:
-        """Log what is still waited for and why, in a line for all of one type and reason.
+        """Log which inputs are missing and why, in one line for each type and reason.
 
-        What has been reported is not reported again.
+        A missing input is not reported twice.
         """
         groups: dict[str, list[str]] = {}
         for topic, why in self._missing():
@@ -377,7 +378,7 @@ def part_of_message(stream: str, settings: NodeSettings) -> str:
 
 
 def input_lines(topics: Mapping[str, Topic]) -> list[str]:
-    """What is waited for: a line for each group of topics, by their full names, that measure the same."""
+    """The expected inputs: a line for each group of topics, by full names, that measure the same."""
     groups: dict[tuple[str, str], list[str]] = {}
     for resolved, topic in topics.items():
         measured = (stream.rpartition("/")[2] for stream in topic.streams)

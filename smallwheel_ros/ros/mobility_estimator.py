@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node `mobility_estimator`: its life, parameters and services; `session` does its work.
+"""The node `mobility_estimator`: its lifecycle, parameters and services; `session` does its work.
 
 It is a lifecycle node that configures and activates itself unless the parameter autostart is false.
-Where it cannot be configured it says why in one message; with autostart it then ends with exit code
-2, otherwise it stays unconfigured and reports it in its diagnostics.
+If it cannot be configured, one message says why; with autostart it then ends with exit code 2,
+otherwise it stays unconfigured and reports the reason in its diagnostics.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     @_says_why
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Listen, and publish the soil as it is believed before any measurement."""
+        """Subscribe to all inputs, and publish the soil as believed before any measurement."""
         result = super().on_activate(state)
         assert self._session is not None
         self._session.activate()
@@ -130,21 +130,21 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
     @_says_why
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Listen no more; what was learnt is kept for the next activation."""
+        """Unsubscribe; what was learnt is kept for the next activation."""
         assert self._session is not None
         self._session.deactivate()
         return super().on_deactivate(state)
 
     @_says_why
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget everything."""
+        """Forget the session with everything learnt."""
         result = super().on_cleanup(state)
         self._forget()
         return result
 
     @_says_why
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End for good."""
+        """End the node."""
         self._forget()
         return super().on_shutdown(state)
 
@@ -155,7 +155,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
         return _SUCCESS
 
     def save_at_end(self) -> None:
-        """Save what was learnt, where the node saves by itself: a signal ends it."""
+        """Save what was learnt, if the node saves automatically, when a signal ends it."""
         if self._is_active():
             assert self._session is not None
             self._session.save_at_end()
@@ -239,7 +239,7 @@ class MobilityEstimator(LifecycleNode):  # type: ignore[misc]  # rclpy has no ty
 
 
 def namesakes(node: LifecycleNode) -> str:
-    """Say that there are other nodes of this one's name, and what to do; empty: there is none."""
+    """Say that other nodes have the same name, and what to do; empty if there are none."""
     own = (node.get_name(), node.get_namespace())
     if node.get_node_names_and_namespaces().count(own) < 2:
         return ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that the node publishes of a turn, each at its rate; and what its messages hold."""
+"""Everything that the node publishes of a turn, each at its rate, and the contents of its messages."""
 
 from __future__ import annotations
 
@@ -115,10 +115,10 @@ def _of_wheel(newest: Estimates, i: int, wheel: Wheel, frame: str) -> list[Marke
 
 
 class Outputs:
-    """The publishers of a configured node; `destroy` them in the end.
+    """The publishers of a configured node; call `destroy` at the end.
 
-    newest: the newest row of each wheel. cost: the cost map. report: takes topic, reason and words of
-    something that went wrong.
+    newest: the newest row of each wheel. cost: the cost map. report: called with topic, reason and
+    explanation of a problem.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Outputs:
         self._publishers = {}
 
     def report_deaf_subscribers(self) -> None:
-        """Report each subscriber, once, that asks for QoS that is not offered: it gets nothing."""
+        """Report, once each, subscribers whose requested QoS is not offered, so that they get no message."""
         deaf: dict[tuple[str, bytes], int] = {}
         for publisher in self._publishers.values():
             topic = publisher.topic_name
@@ -178,7 +178,7 @@ class Outputs:
         self._soil_sent = self._soil_waits = None
 
     def publish(self, turn: Turn, frame: str) -> None:
-        """Publish the results of a turn, and keep those that go out at rates of their own.
+        """Publish the results of a turn, and keep those that are published at rates of their own.
 
         Parameters
         ----------
@@ -265,7 +265,7 @@ class Outputs:
             self._publish_soil(soil, rejected, stamp, frame)
 
     def publish_soil(self, frame: str) -> None:
-        """Publish the soil as it is believed now, stamped with the clock: before a measurement."""
+        """Publish the present soil, stamped with the clock, before a measurement."""
         now = self._node.get_clock().now().nanoseconds
         self._publish_soil(self._pipeline.soil, self._pipeline.rejected, now, frame)
 
@@ -278,7 +278,7 @@ class Outputs:
         self.cost.publish(self._node.get_clock().now().nanoseconds)
 
     def publish_speed_limit(self) -> None:
-        """Publish how far to slow down, where a topic is configured: the last publisher counts."""
+        """Publish the speed limit, if a topic is configured for it: Nav2 uses the last publisher's."""
         topic, kind = self._settings.speed_limit_topic, message_class(SPEED_LIMIT)
         if not topic or kind is None:
             return
@@ -291,13 +291,13 @@ class Outputs:
             self._report(topic, "two_publishers", text)
 
     def publish_markers(self, frame: str) -> None:
-        """Publish the markers if anybody looks at them."""
+        """Publish the markers if there is a subscriber."""
         publisher = self._publishers["~/markers"]
         if len(self.newest) and publisher.get_subscription_count():
             publisher.publish(markers(self.newest, self._settings.onboard.wheels, frame))
 
     def delete_markers(self) -> None:
-        """Take the markers away that were published: viewers keep them for ever otherwise."""
+        """Delete the published markers, which viewers would keep for ever."""
         publisher = self._publishers["~/markers"]
         if publisher.is_activated:
             publisher.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from the one table: declared with descriptors, checked, never silently ignored.
+"""ROS parameters from one table: declared with descriptors, checked, never silently ignored.
 
-They are read when the node is configured. While it is active none can be set: what the estimate goes by
-then is what its log says that it was configured with. What is not given is taken from the robot's
-description.
+They are read when the node is configured. None can be set while it is active, so that the estimate
+always uses what the log of the configuration says. Parameters that are not given are taken from the
+robot's description.
 """
 
 from __future__ import annotations
@@ -65,16 +65,22 @@ def parameter_lines(changed: Mapping[str, object]) -> list[str]:
 
 
 class NodeParameters:
-    """The parameters of a node, which must be made to declare all overrides by itself.
+    """The parameters of a node, which must declare all overrides automatically.
 
-    Whatever was given is kept as it is until now; here each known parameter is declared with its
-    type, range and description. A value that does not fit is not declared but remembered, so that
-    the node can say in its own words what is wrong, and somebody can mend it while it runs.
+    Each known parameter is declared with its type, range and description. A value that does not fit is
+    not declared but remembered, so that the node can say in its own words what is wrong, and a user can
+    correct it while the node runs.
 
-    is_active: whether the node works by the parameters now: then none can be set. filled: called,
-    with names and values in words, when parameters that were not given have got another value. unknown: a
-    sentence for each given parameter that is unknown. problems: a sentence for each parameter that
-    was given a value that it cannot have, by its name.
+    Attributes
+    ----------
+    is_active
+        Whether the node uses the parameters now, so that none can be set.
+    filled
+        Called, with names and values in words, when parameters that were not given have got another value.
+    unknown
+        A sentence for each given parameter that is unknown.
+    problems
+        By its name, a sentence for each parameter with an impossible value.
     """
 
     def __init__(
@@ -105,19 +111,19 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._judge)
 
     def values(self) -> dict[str, object]:
-        """Return the value of each known parameter, None where there is none."""
+        """The value of each known parameter; None where there is none."""
         return {name: _plain(self._node.get_parameter_or(name).value) for name in self._table}
 
     def changed(self) -> dict[str, object]:
-        """Return the value of each known parameter that is not at its default."""
+        """The value of each known parameter that is not at its default."""
         return {name: v for name, v in self.values().items() if v != self._table[name].default}
 
     def given(self) -> dict[str, object]:
-        """Return the value of each parameter that was given."""
+        """The value of each parameter that was given."""
         return {name: value for name, value in self.values().items() if name in self._given}
 
     def fill(self, values: Mapping[str, Value]) -> str:
-        """Take values for parameters that were not given; return why that is impossible, or ""."""
+        """Set parameters that were not given; return why that is impossible, or an empty text."""
         silent = silent_parameters(self.given())
         self._described = {name: value for name, value in values.items() if name in silent}
         changes = [
@@ -138,7 +144,7 @@ class NodeParameters:
         return ""
 
     def read(self) -> NodeSettings:
-        """Return what the parameters say; models and effects are read from their files.
+        """The settings that the parameters give; models and effects are read from their files.
 
         Raises
         ------
@@ -227,10 +233,10 @@ def _descriptor(parameter: NodeParameter) -> ParameterDescriptor:
 
 
 class RobotDescription:
-    """Listens to the robot description, and gives the parameters what it says.
+    """Listens to the robot description, and passes its values to the parameters.
 
-    It does not listen where every parameter is given that a description can fill. lacking: a sentence
-    for what the newest description could not fill.
+    It does not listen if every parameter that a description can fill is given. lacking: a sentence for
+    each parameter that the newest description could not fill.
     """
 
     def __init__(self, node: Node, table: NodeParameters) -> None:
@@ -252,7 +258,7 @@ class RobotDescription:
 
     @property
     def waiting(self) -> str:
-        """What is waited for before the node can be configured, in words; empty: nothing."""
+        """What the node waits for before it can be configured, in words; empty if nothing."""
         if not self._topic or self._arrived or self._table.problems:
             return ""
         needed = needs_description(self._table.given())

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Play a bag over DDS into the running node, no faster than it answers, and keep what it says.
+"""Play a bag over DDS into the running node, no faster than it answers, and record its answers.
 
-The node listens best effort, so nothing in DDS slows a fast player down: it holds back while the node's
-estimates are far behind what it plays, and no message is lost. `ros2 bag play` can do more, where it is
-installed.
+The node subscribes with best effort, so nothing in DDS slows a fast player down: this one waits
+while the node's estimates are far behind, and no message is lost. `ros2 bag play` can do more,
+where it is installed.
 """
 
 from __future__ import annotations
@@ -55,10 +55,20 @@ class PlayError(SmallwheelError):
 class PlayedRecording:
     """What the node published: rows of fields with `stamp` (ns) and `frame_id`, and messages.
 
-    mobility: of all wheels, by stamps in the end. vehicle: of the vehicle.
-
-    warnings: stamp of the newest estimate, and text, of each alarm in the diagnostics. cost: the newest
-    grid. sent: by its stamp, when each sinkage was played (s). latencies: s from that to its answer.
+    Attributes
+    ----------
+    mobility
+        Of all wheels, sorted by stamp at the end.
+    vehicle
+        Of the vehicle.
+    warnings
+        Stamp of the newest estimate, and text, for each alarm in the diagnostics.
+    cost
+        The newest grid.
+    sent
+        When each sinkage was played, by its stamp, s.
+    latencies
+        Time from that to its answer, s.
     """
 
     mobility: list[dict[str, Any]] = field(default_factory=list)
@@ -76,26 +86,26 @@ class PlayedRecording:
 
     @property
     def unanswered(self) -> int:
-        """Sinkages that no estimate has come for."""
+        """Number of sinkages without an estimate so far."""
         return self.sinkages - len(self.mobility)
 
     def on_mobility(self, message: Any) -> None:
-        """Keep an estimate."""
+        """Record an estimate."""
         self.mobility.append(_row(message))
         sent = self.sent.pop(self.mobility[-1]["stamp"], None)
         if sent is not None:
             self.latencies.append(time.monotonic() - sent)
 
     def on_vehicle(self, message: Any) -> None:
-        """Keep the vehicle's messages."""
+        """Record a message of the vehicle."""
         self.vehicle.append(_row(message))
 
     def on_soil(self, message: Any) -> None:
-        """Keep a soil."""
+        """Record a soil."""
         self.soil.append(_row(message))
 
     def on_diagnostics(self, message: Any) -> None:
-        """Keep the alarms."""
+        """Record the alarms."""
         self.diagnosed += 1
         self.diagnostics |= {status.name: status.message for status in message.status}
         newest = self.mobility[-1]["stamp"] if self.mobility else 0
@@ -106,7 +116,7 @@ class PlayedRecording:
         ]
 
     def on_cost(self, message: Any) -> None:
-        """Keep the newest grid."""
+        """Record the newest grid."""
         self.cost = grid_from(message)
 
 
@@ -120,9 +130,9 @@ def drive_through(
     bag
         The bag.
     rate
-        Times as fast as recorded, at most.
+        Largest factor on the recorded speed.
     alive
-        Says why the node is dead; None while it lives.
+        Returns why the node has ended; None while it runs.
 
     Raises
     ------
@@ -280,16 +290,16 @@ class _Player:
 
 
 def play_bag(bag: Path, rate: float, wait: float) -> tuple[int, str]:
-    """Publish a bag at its pace as soon as somebody listens to it.
+    """Publish a bag at a pace, as soon as its topics have subscribers.
 
     Parameters
     ----------
     bag
         The bag.
     rate
-        Times as fast as recorded.
+        Factor on the recorded speed.
     wait
-        Time after which it is published all the same, s.
+        Time after which it is published even without subscribers, s.
 
     Returns
     -------

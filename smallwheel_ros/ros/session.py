@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a configured node has, from its configuration to its cleanup."""
+"""Everything that a configured node has, from its configuration to its cleanup."""
 
 from __future__ import annotations
 
@@ -115,12 +115,19 @@ class _Job:
 
 
 class Session:
-    """The estimate of a configured node, with its topics; it is made whole or raises.
+    """The estimate of a configured node, with its topics; it is made completely, or raises.
 
-    One timer is all that works: at each turn it decodes what has come, takes it through the pipeline, and
-    publishes. wall: a clock that goes on while /clock stands still. warnings: what is reported once about the
-    configuration. restored: what saved soil and cost map it goes on from, in words; empty where there is
-    none.
+    One timer does all the work: each turn decodes what has arrived, takes it through the pipeline, and
+    publishes.
+
+    Attributes
+    ----------
+    wall
+        A clock that runs while /clock stands still.
+    warnings
+        Reported once about the configuration.
+    restored
+        The saved soil and cost map that it continues from, in words; empty if there is none.
 
     Raises
     ------
@@ -154,7 +161,7 @@ class Session:
 
     @property
     def active(self) -> bool:
-        """Whether it listens and publishes."""
+        """Whether it is subscribed and publishes."""
         return self._timer is not None
 
     @property
@@ -171,7 +178,7 @@ class Session:
     # --- Transitions, services
 
     def activate(self) -> None:
-        """Listen, and publish the soil as it is believed before any measurement."""
+        """Subscribe to all inputs, and publish the soil as believed before any measurement."""
         cost, outputs, inputs = self._outputs.cost, self._outputs, self._inputs
 
         def guarded(name: str, work: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -202,7 +209,7 @@ class Session:
         outputs.publish_soil(self._frame)
 
     def deactivate(self) -> None:
-        """Listen no more; what was learnt is kept for the next activation."""
+        """Unsubscribe; what was learnt is kept for the next activation."""
         if self._timer is not None:
             self._turn()
             self.save_at_end()
@@ -212,13 +219,13 @@ class Session:
         self._timer = None
 
     def destroy(self) -> None:
-        """Take all topics away."""
+        """Remove all publishers and subscriptions."""
         self.deactivate()
         self._outputs.cost.empty()
         self._outputs.destroy()
 
     def save(self) -> tuple[bool, str]:
-        """Save the soil; return whether that worked, and in words what came of it."""
+        """Save the soil; return whether that worked, and a sentence for the user."""
         self._turn()
         saved, words = self._soil_file.save(self._pipeline, self._outputs.cost.map)
         if saved and self._autosave is not None:
@@ -236,7 +243,7 @@ class Session:
             self._report("~/save_soil", "not_saved", self._autosave.problem)
 
     def save_at_end(self) -> None:
-        """Save what has changed, at once: nothing more will come."""
+        """Save what has changed, at once, since the node ends."""
         if self._autosave is not None:
             self._safely(
                 "~/save_soil", self._autosave.finish, self._pipeline, self._outputs.cost.map
@@ -254,7 +261,7 @@ class Session:
         return True, json.dumps(found)
 
     def clear_cost(self) -> tuple[bool, str]:
-        """Forget the cost of the ground, and nothing of the soil; publish that at once."""
+        """Forget the cost of the ground but not the soil, and publish that at once."""
         cost = self._outputs.cost
         whole = cost.map.whole()
         if whole is None:

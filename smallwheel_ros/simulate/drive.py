@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated drives of a small rover: what its sensors record, and the answer apart from it.
+"""Simulated drives of a small rover: what its sensors record, and separately the true values.
 
-The ground and the vehicle are those of the worlds (`world_ground`, `vehicle`), with several soils in a row.
-Hidden effects act twice. The depth and resistance of a wheel without slip hold the vehicle back. What its
-instrument shows is worked out from each wheel's load, slip and speed by the stress at the points of its
-contact (`truth`). Digging in deepens the rut and does not hold the rover back: with the resistance of the
-greater depth as well, a rover that begins to slip in loose sand is stuck for good in many drives, and nothing
-would be left to record.
+Ground and vehicle are those of the worlds (`world_ground`, `vehicle`), with several soils in a row. Hidden
+effects act twice. Depth and resistance of a wheel without slip slow the vehicle down. The
+instrument's reading comes from each wheel's load, slip and speed by the stress at the points of its
+contact (`truth`). Digging in deepens the rut but does not slow the rover: with the resistance of
+the greater depth as well, a rover that begins to slip in loose sand would be stuck for good in many
+drives, with nothing left to record.
 """
 
 from __future__ import annotations
@@ -59,10 +59,16 @@ _GAP = 1.5  # s in which the sinkage of the second wheel is missing, where anyth
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive: rows of its sensors by stream (`sensors`), and what was true.
+    """One drive: rows of its sensors by stream (`sensors`), and the true values.
 
-    truth: of its sinkage, what an instrument without noise would show. stretch: index of the stretch that
-    each wheel is on, shape (times, wheels). outliers: which rows of a stream are gross errors.
+    Attributes
+    ----------
+    truth
+        True values; the sinkage is what an instrument without noise would show.
+    stretch
+        Index of the stretch under each wheel, shape (times, wheels).
+    outliers
+        Which rows of a stream are gross errors.
     """
 
     settings: DriveSettings
@@ -75,10 +81,10 @@ class Drive:
     outliers: Mapping[str, NDArray[np.bool_]]
 
     def answer(self) -> dict[str, Any]:
-        """Return what the bag must not contain: soils, hidden effects, true values over time.
+        """True values that the bag must not contain: soils, hidden effects, true values over time.
 
-        Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units. Slip is 0
-        where a wheel stands.
+        Times are seconds after `epoch_ns`, the zero of the bag's header stamps; otherwise SI units. Slip is
+        0 where a wheel stands.
         """
         truth, time = self.truth, self.truth.time
         settings = asdict(self.settings) | {"wheels": [asdict(w) for w in self.rover.wheels]}
@@ -138,7 +144,8 @@ def simulate_drive(settings: DriveSettings) -> Drive:
     Raises
     ------
     SimulationError
-        If a setting is outside its range, a wheel sinks to its axle, or no ground lets the rover get on.
+        If a setting is outside its range, a wheel sinks to its axle, or the rover gets stuck on any
+        ground drawn.
     """
     settings = settings.check()
     rover, distance = settings.wheels, settings.distance
@@ -165,7 +172,7 @@ def simulate_drive(settings: DriveSettings) -> Drive:
 
 
 def in_ground(soil: TruthSoil) -> TrueSoil:
-    """The same soil as the ground of a world has it."""
+    """A soil in the form that the ground of a world uses."""
     pressure = math.log(soil.k) + soil.n * math.log(SINKAGE) + soil.m * math.log(DIAMETER)
     strength = RimStrength(soil.cohesion, soil.friction_angle, soil.shear_deformation)
     return TrueSoil(pressure, soil.n, soil.m, strength)

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects that the truth can have in it and the user does not know of.
+"""Hidden effects that the truth can contain.
 
 Each acts on the stress at the points of the contact, and has a form of its own, other than the
-published forms which the library fits: a tool that finds the effect only where it knows the exact
-formula has found nothing.
+published forms which the library fits: a tool that finds an effect only if it knows the exact
+formula proves nothing.
 
 An effect is a row of `EFFECTS`: its formula, its typical size, the stage of the truth in which it acts, and
 what it does there. In the formulas A is the amplitude, i slip, and s the share of the contact's length that
-the soil at a point has passed (0 at the entry, 1 at the lowest point). With slip i it was carried i s of that
-length by the rim: Wong and Reece's (1967) shear displacement less its part at no slip, over the length of the
-contact.
+the soil at a point has passed (0 at the entry, 1 at the lowest point). With slip i it was carried i
+s of that length by the rim: Wong and Reece's (1967) shear displacement less its part at no slip,
+over the length of the contact.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from smallwheel_ros.simulate.truth import Array, Circumstances, Contact, TruthSo
 
 @dataclass(frozen=True)
 class HiddenLaw:
-    """One effect: its formula, its amplitude at strength 1, and what it does in one stage.
+    """One effect: its formula, its amplitude at strength 1, and its action in one stage.
 
-    That stage of the truth calls it with the effect's amplitude, its own arguments, and the effect's
-    other numbers by name:
+    That stage of the truth calls the action with the effect's amplitude, the stage's own arguments, and
+    the effect's other numbers by name:
 
     | stage | arguments | gives |
     | --- | --- | --- |
@@ -58,7 +58,7 @@ class HiddenLaw:
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect in the truth. numbers: besides the amplitude, as its formula names them."""
+    """One effect in the truth. numbers: besides the amplitude, by the names in its formula."""
 
     name: str
     law: HiddenLaw
@@ -72,7 +72,7 @@ class HiddenEffect:
 
 
 def acting(effects: Sequence[HiddenEffect], stage: str) -> Iterator[Callable[..., Any]]:
-    """Give what effects do in a stage, in their order.
+    """The actions of effects in one stage, in their order.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A command's options out of the fields of its settings: each is declared once, with its default."""
+"""Options of a command from the fields of its settings: each is declared once, with its default."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 class Option(NamedTuple):
     """Describes a field of settings as an option: ``rows: Annotated[int, Option("Repeats.")] = 3``.
 
-    within: its lowest and highest value, and their unit. words: what `click.option` cannot take from
-    the field's default.
+    within: its lowest and highest value, and their unit. words: arguments for `click.option` that do
+    not follow from the field's default.
     """
 
     text: str | None = None
@@ -25,7 +25,7 @@ class Option(NamedTuple):
 
 
 def options_of(settings: type) -> dict[str, Option]:
-    """Return the options among the fields of settings (a dataclass), by name."""
+    """The options among the fields of settings (a dataclass), by name."""
     hints = get_type_hints(settings, include_extras=True)
     found = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
     return {name: option for name, option in found.items() if isinstance(option, Option)}
@@ -63,5 +63,5 @@ def settings_options(settings: type, first: Sequence[str] = ()) -> Callable[[Com
 
 
 def names(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
-    """The names of a list with commas; a callback of click."""
+    """Split a comma-separated list of names; a callback of click."""
     return tuple(name.strip() for name in text.split(",") if name.strip())

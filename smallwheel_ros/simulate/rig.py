@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A single-wheel rig: tables of steady measurements whose truth is known.
 
-Units in the tables' headers are mixed on purpose, as people's tables are.
+The units in the tables' headers are mixed on purpose, as in people's tables.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def draw_design(
 
 
 def typical_run(design: RigDesign) -> RunSettings:
-    """Everything in the middle of its range."""
+    """Settings with everything at the middle of its range."""
     middle = {name: (low + high) / 2 for name, (low, high) in design.ranges.items()}
     low, high = design.ranges["speed"]
     return middle | {
@@ -212,7 +212,7 @@ def _draw_run(design: RigDesign, rng: np.random.Generator) -> RunSettings:
 
 @dataclass(frozen=True)
 class RigTruth:
-    """Soil, effects and settings that made a table; `measure` takes more measurements of it."""
+    """Soil, effects and settings from which a table was made; `measure` makes more measurements of it."""
 
     settings: RigSettings
     soil: TruthSoil
@@ -221,7 +221,7 @@ class RigTruth:
     runs: tuple[RunSettings, ...]
 
     def answer(self) -> dict[str, Any]:
-        """Return what the table must not contain, in SI units and radians."""
+        """True values that the table must not contain, in SI units and radians."""
         return {
             "kind": "rig",
             "settings": asdict(self.settings),
@@ -233,7 +233,7 @@ class RigTruth:
 
 @dataclass(frozen=True)
 class Rig:
-    """A simulated table (headers with units, ready to be written) and the truth that it was made from."""
+    """A simulated table (headers with units, ready to be written), and the truth from which it was made."""
 
     table: pd.DataFrame
     truth: RigTruth
@@ -269,11 +269,11 @@ def measure(
     truth
         The rig: its soil, hidden effects and noise.
     runs
-        For each run its settings by column name, SI units and radians. What is not given is as in
-        the middle of the rig's range.
+        For each run its settings by column name, SI units and radians. A missing one is at the middle
+        of the rig's range.
     first_run
-        Number of the first of them, which also picks its random stream; None goes on after the
-        truth's own runs.
+        Number of the first run, which also selects its random stream; None continues after the truth's
+        own runs.
 
     Returns
     -------

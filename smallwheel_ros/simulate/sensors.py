@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors of a world's vehicle make of the truth: rows of stamps (ns) and values, by stream.
+"""Sensor readings of a world's vehicle from the truth: rows of stamps (ns) and values, by stream.
 
-Columns are those of the library's streams: of the odometry speed, yaw rate, x, y, cosine and sine of the yaw,
-variances of the first two (0: not stated), pitch and roll, and of a rover that steers speed aside; of the imu
-yaw rate, specific force, and where up is. A sinkage comes with its variance.
+Columns are those of the library's streams. The odometry has speed, yaw rate, x, y, cosine and sine
+of the yaw, variances of the first two (0: not stated), pitch and roll, and, for a rover that
+steers, sideways speed. The imu has yaw rate, specific force, and the direction of up. A sinkage
+comes with its variance.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _SHAKES, _SHAKEN = 1.2, 0.05  # m/s^2 of a driven vehicle, and s over which they
 
 
 def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
-    """Correlated errors of deviation 1, a first-order autoregression.
+    """Correlated errors of deviation 1, by a first-order autoregression.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def lasting(normal: Callable[[int], Array], count: int, keep: float) -> Array:
 
 
 class MeasuredRows:
-    """The sensors of a drive. outliers: of each wheel, which of its sinkages are gross errors."""
+    """The sensor readings of a drive. outliers: for each wheel, which of its sinkages are gross errors."""
 
     def __init__(
         self, world: World, rover: SimulatedRover, truth: Truth, rng: np.random.Generator
@@ -61,7 +62,7 @@ class MeasuredRows:
         self.half = np.array([0.5 * w.diameter for w in rover.wheels])
 
     def normal(self, size: int | tuple[int, ...] | None = None) -> Any:
-        """The numbers from which all noise is computed: of deviation 1, or as large as the noise is to be."""
+        """Random numbers for all noise, scaled to its deviation where that is given."""
         return self.sensors.noise_factor * self.rng.standard_normal(size)
 
     def rows(self) -> Rows:

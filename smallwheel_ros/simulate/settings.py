@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which rig or drive to simulate, and which hidden effects: options, their ranges, and how they are refused.
+"""Which rig or drive to simulate, and with which hidden effects: options, their ranges, and refusals.
 
-The name of an effect may carry the size that it has, in SI units of its formula: `load_offset=-4`. Then
-nothing of it is drawn, and `strength` has no say in it.
+The name of an effect may include its size, in SI units of its formula: `load_offset=-4`. Its
+numbers are then not drawn, and `strength` does not apply to it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from smallwheel_ros.simulate.world import ROVERS, Sensors, SimulatedRover
 
 
 class SimulationError(SmallwheelError):
-    """A simulation that cannot be made: which setting, what was given, what was expected."""
+    """An impossible simulation: which setting, what was given, what was expected."""
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str = "") -> None:
@@ -88,9 +88,9 @@ FRACTION = {"metavar": "FRACTION"}  # of options that are a share
 
 
 def check_settings(settings: Any) -> tuple[str, ...]:
-    """Return the hidden effects without `none`.
+    """The hidden effects of the settings, without `none`.
 
-    Raises SimulationError, naming the setting, what it was, and what was expected.
+    Raises SimulationError that names the setting, what was given, and what was expected.
     """
     for name, option in options_of(type(settings)).items():
         value, within = getattr(settings, name), option.within
@@ -122,9 +122,9 @@ def check_hidden(texts: Sequence[str]) -> tuple[str, ...]:
 
 
 class Asked(NamedTuple):
-    """A hidden effect as it is asked for.
+    """A requested hidden effect.
 
-    column: the extra column that drives it; None: none of its own. size: None: it is drawn.
+    column: the extra column that drives it; None if it has none. size: None if it is drawn.
     """
 
     name: str
@@ -153,7 +153,7 @@ class Asked(NamedTuple):
 
 
 def in_drives(text: str) -> bool:
-    """Whether a drive's bag has sensors for what an effect depends on and for what it acts on."""
+    """Whether a drive's bag has sensors for what an effect depends on and for what it changes."""
     name, column, _ = Asked.of(text)
     if column is not None:
         return False
@@ -223,7 +223,7 @@ SENSORS = Sensors(
 
 @dataclass(frozen=True)
 class Stretch:
-    """A soil from `start` (m along the way) to the next stretch."""
+    """A soil from `start` (m along the path) to the next stretch."""
 
     start: float
     soil: TruthSoil
@@ -233,11 +233,10 @@ class Stretch:
 class DriveSettings:
     """What drive to simulate: the options of `smallwheel simulate drive`.
 
-    The same seed gives the same drive, to the byte. `wheels` may be a rover of your own, and `stretches`,
-    where given, are driven over instead of `terrain`; `sensors`, of which the noise and the share of
-    outliers are those of the settings, may be your own, too. A `finish` is what the drive ends in after
-    `distance`, stuck: a slope that steepens, or slippery ground. With dropouts above 0 one wheel's
-    sinkage is also missing for 1.5 s.
+    The same seed gives the same drive, to the byte. `wheels` may be a rover of your own; `stretches`,
+    if given, replace `terrain`; `sensors` may be your own too, with noise and share of outliers from
+    the settings. After `distance`, a `finish` gets the rover stuck: a slope that steepens, or slippery
+    ground. With dropouts above 0 one wheel's sinkage is also missing for 1.5 s.
     """
 
     seed: Seed = 0

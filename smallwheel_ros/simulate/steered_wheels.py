@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wheels that are steered: which way they point, and what each travels when the vehicle moves.
+"""Steered wheels: which way they point, and how far each travels when the vehicle moves.
 
-Every wheel is turned square to the point that the vehicle turns about. A bend changes slowly; a wheel that
-has to turn far is turned while the vehicle stands.
+Every wheel is turned square to the point that the vehicle turns about. A bend changes slowly; a
+wheel that has to turn far is turned while the vehicle stands.
 """
 
 from __future__ import annotations
@@ -102,11 +102,11 @@ class SteeredWheels:
 
     @property
     def share(self) -> Array:
-        """What each wheel travels along its heading for a metre of the vehicle along its course."""
+        """Distance that each wheel travels along its heading for a metre of the vehicle along its course."""
         return np.asarray(np.cos(self.angle - self.crab))
 
     @property
     def lever(self) -> Array:
-        """What each wheel travels along its heading while the vehicle turns by a radian, m."""
+        """Distance that each wheel travels along its heading while the vehicle turns by a radian, m."""
         ahead, left = np.cos(self.angle), np.sin(self.angle)
         return np.asarray((self.x - self.pivot) * left - self.y * ahead)

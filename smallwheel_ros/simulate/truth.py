@@ -104,7 +104,7 @@ class Contact:
 
     @property
     def passed(self) -> Array:
-        """Share of the contact's length that soil at a point has under it: 0 at entry, 1 lowest."""
+        """Share of the contact's length that soil has passed under: 0 at the entry, 1 at the lowest point."""
         length = np.maximum(np.sin(self.entry), 1e-12)[:, None]
         share: Array = 1.0 - np.sin(self.angle) / length
         return share
@@ -196,14 +196,14 @@ def sinkage_under(load: Array, diameter: Array, carried: Callable[[Array], Array
 def bracketed_root(
     function: Callable[[Array], Array], low: Array, high: Array, tolerance: float
 ) -> Array:
-    """Where rising functions are zero, one for each element, by regula falsi (Illinois rule).
+    """Zeros of rising functions, one for each element, by regula falsi (Illinois rule).
 
-    Never leaves the bracket; gives its nearer end where a function has no zero in it.
+    Never leaves the bracket; returns its nearer end if a function has no zero in it.
 
     Parameters
     ----------
     function
-        Rising in its argument, each element by itself, shape (n,).
+        Rising in its argument, each element independent of the others, shape (n,).
     low, high
         Ends of the brackets, shape (n,).
     tolerance
@@ -302,10 +302,10 @@ class Circumstances:
 
     @classmethod
     def of(cls, /, **settings: Any) -> Circumstances:
-        """Broadcast numbers and arrays to one length; what is not given is at its plain value.
+        """Broadcast numbers and arrays to one length; what is not given has its plain value.
 
-        Plain: no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, the middle of what is hidden.
-        What is none of the attributes is a covariate.
+        The plain values are no slip, 0.1 m/s, fresh soil, no slip angle, no grousers, the middle of hidden
+        variables. A name that is not an attribute is a covariate.
         """
         plain = {"slip": 0.0, "speed": 0.1, "pass_number": 1.0}
         plain |= {"slip_angle": 0.0, "grouser_height": 0.0, "hidden": 0.0}

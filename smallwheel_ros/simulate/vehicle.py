@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vehicle in time on the ground of a world: what its wheels do, and whether it gets on.
+"""Motion of a vehicle in time on the ground of a world: its wheels, and whether it gets stuck.
 
-Rims are commanded. Each wheel has a sinkage of its own, that of its load and what its rim has dug in time: a
-wheel that slips digs, and climbs out only by travelling on. The speed follows from the balance of all wheels
-with inertia; a differential gives both wheels of an axle one torque, so that the lighter one spins.
+Rims are commanded. Each wheel has its own sinkage, from its load and from what its rim has dug over
+time: a wheel that slips digs, and climbs out only by travelling on. The speed follows from the
+balance of all wheels with inertia. A differential gives both wheels of an axle the same torque, so
+that the lighter one spins.
 """
 
 from __future__ import annotations
@@ -39,12 +40,24 @@ _HARD_RESISTANCE, _HARD_GRIP, _HARD_STIFF = 0.02, 0.7, 0.03  # on hard ground
 
 @dataclass(frozen=True)
 class Truth:
-    """What was true by time; arrays of shape (times,), those of wheels (times, wheels).
+    """True values over time; arrays of shape (times,), those of wheels (times, wheels).
 
-    place: m along the way; path: m of travel; rate: rad/s of turning. rim: m/s; slip: NaN where a rim stands.
-    load, thrust, resistance: N; torque: N m; held: pull at the reference slip, N. stuck: s at which slip had
-    been over 0.8 for half a second, to stay, or None. steering, crab: rad to the left of the heading,
-    of each wheel, and of the way.
+    Attributes
+    ----------
+    place, path
+        Place along the course, and distance travelled, m.
+    rate
+        Yaw rate, rad/s.
+    rim, slip
+        m/s, 1; slip is NaN where a rim stands.
+    load, thrust, resistance, torque
+        N, N, N, N m.
+    held
+        Pull at the reference slip, N.
+    stuck
+        Time at which slip had been over 0.8 for half a second, for good, s; None if never.
+    steering, crab
+        Angle of each wheel, and of the course, to the left of the heading, rad.
     """
 
     time: Array
@@ -137,12 +150,12 @@ class Truth:
 
     @property
     def acceleration(self) -> Array:
-        """Speed that is gained, m/s^2."""
+        """Rate of change of the speed, m/s^2."""
         return np.asarray(np.gradient(self.speed, self.time))
 
     @property
     def course(self) -> tuple[Array, Array, Array]:
-        """Where it is in the frame odom: x, y, and height, m."""
+        """Position in the frame odom: x, y, and height, m."""
         step = self.speed * TICK
         level, way = step * np.cos(self.climb), self.yaw + self.crab
         parts = level * np.cos(way), level * np.sin(way), step * np.sin(self.climb)
@@ -151,17 +164,17 @@ class Truth:
 
     @property
     def margin(self) -> Array:
-        """Of the vehicle: pull of all wheels at the reference slip over the load of all."""
+        """Margin of the vehicle: pull of all wheels at the reference slip over the load of all."""
         return np.asarray(self.held.sum(axis=1) / self.load.sum(axis=1))
 
     @property
     def reserve(self) -> Array:
-        """Margin less the tangent of the slope in the way of travel."""
+        """Margin minus the tangent of the slope in the direction of travel."""
         return np.asarray(self.margin - np.tan(self.climb))
 
     @property
     def middle_slip(self) -> Array:
-        """Slip of the middle wheel, 0 where nothing rolls along."""
+        """Slip of the middle wheel, 0 where nothing rolls."""
         known = np.nan_to_num(self.slip)
         turning = np.isnan(self.slip).all(axis=1) | (np.abs(self.speed) < 0.02)
         rolls = np.abs(self.rim).mean(axis=1) > 0.03
@@ -170,7 +183,7 @@ class Truth:
 
 
 class SimulatedVehicle:
-    """Drives the legs of a world's way."""
+    """Drives the legs of a world's route."""
 
     def __init__(
         self, world: World, rover: SimulatedRover, ground: TrueGround, rng: np.random.Generator
@@ -251,7 +264,7 @@ class SimulatedVehicle:
             self.failed = self.time > until
 
     def step(self, rim: float, turning: float) -> None:
-        """Go on by one tick.
+        """Advance by one tick.
 
         Parameters
         ----------
@@ -359,7 +372,7 @@ class SimulatedVehicle:
 
     @property
     def hardly(self) -> bool:
-        """Whether it was stuck, or slipped by more than a third."""
+        """Whether it got stuck, or slipped by more than a third."""
         return self.stuck is not None or self.most > _HARDLY
 
     # --- Forces, over the loads
@@ -448,12 +461,12 @@ class SimulatedVehicle:
 
 
 def stamps_of(time: Array) -> NDArray[np.int64]:
-    """Stamps (ns since 1970) of times since the beginning of a drive (s)."""
+    """Stamps (ns since 1970) for times since the beginning of a drive (s)."""
     return EPOCH + np.round(1e9 * time).astype(np.int64)
 
 
 def truth_of(vehicle: SimulatedVehicle) -> Truth:
-    """What was true of a drive that is over."""
+    """True values of a completed drive."""
     columns: list[Any] = [np.array(column) for column in zip(*vehicle.rows, strict=True)]
     names = [field.name for field in fields(Truth)]
     return Truth(**dict(zip(names, [*columns, vehicle.stuck], strict=True)))

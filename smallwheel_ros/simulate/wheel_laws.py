@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of what a wheel does to soil, none of which is the library's.
+"""Laws of what a wheel does to soil, all different from the library's.
 
-Of rims, as curves over depth and slip:
-
-`rim_curves`: Wong and Reece (1967), shear stress by the displacement along the whole rim, under the
-pressure of the depth alone. `peaked_curves`: pressure that peaks ahead of the lowest point, shear that falls
-after its peak, soil that carries less where the wheel moved it; by trapezoids. What a wheel digs in time is
-another law (`vehicle`). Of wheels in steady states: `WheelsOnSoil`, with hidden effects.
+Curves over depth and slip, for rims: `rim_curves`: Wong and Reece (1967), shear stress by the
+displacement along the whole rim, with the pressure of the depth alone. `peaked_curves`: pressure
+that peaks ahead of the lowest point, shear that falls after its peak, soil that carries less where
+the wheel moved it; by trapezoids. Digging over time is another law (`vehicle`). Wheels in steady
+states: `WheelsOnSoil`, with hidden effects.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _NODES = 801
 
 
 class Curves(NamedTuple):
-    """Over the load, by depth and slip: thrust, resistance, and the torque as a force at the rim."""
+    """Thrust, resistance, and torque as a force at the rim, over the load, by depth and slip."""
 
     thrust: Array
     resistance: Array
@@ -40,8 +39,8 @@ class Curves(NamedTuple):
 class RimStrength:
     """Strength of a soil under a rim.
 
-    rolling: share of the displacement by rolling that shears soil, as a tread yields. residual: what is left
-    of the shear stress far beyond its peak (Wong 1979), over that.
+    rolling: share of the displacement by rolling that shears soil, as a tread yields. residual: shear
+    stress far beyond its peak (Wong 1979), over that peak.
     """
 
     cohesion: float
@@ -99,10 +98,16 @@ def rim_curves(
 
 @dataclass(frozen=True)
 class Sand:
-    """A sand and a rim as they are in truth; SI units. k: of all wheels, or of each, shape (rows,).
+    """A sand and a rim with true values; SI units.
 
-    rim: friction of a smooth rim, of that of the soil. dug, skid, lugs: of what slip digs over the diameter,
-    skid ploughs, and lugs dig over their height.
+    Attributes
+    ----------
+    k
+        For all wheels, or for each, shape (rows,).
+    rim
+        Friction of a smooth rim over the soil's.
+    dug, skid, lugs
+        Depth that slip digs and that skid ploughs, over the diameter, and that lugs dig, over their height.
     """
 
     k: Array | float
@@ -118,9 +123,18 @@ class Sand:
 class Stresses:
     """The shape of the stresses.
 
-    peak: where the pressure peaks, c1 and c2 of Wong and Reece. rear: of the entry angle, at the rear. moved:
-    share of its pressure that soil carries which the wheel dug. hump: how far shear falls after its peak.
-    bias: of the load, on the pull.
+    Attributes
+    ----------
+    peak
+        Where the pressure peaks: c1 and c2 of Wong and Reece.
+    rear
+        Rear angle, as a share of the entry angle.
+    moved
+        Share of its pressure that soil dug by the wheel still carries.
+    hump
+        How far shear falls after its peak.
+    bias
+        On the pull, as a share of the load.
     """
 
     peak: tuple[float, float] = (0.0, 0.0)
@@ -288,10 +302,10 @@ def shear_stress(stress: Array, contact: Contact, soil: TruthSoil, at: Circumsta
 
 
 class Response(NamedTuple):
-    """True values, each of shape (rows,); NaN in all of them where a wheel sinks to its axle.
+    """True values, each of shape (rows,); all are NaN where a wheel sinks to its axle.
 
-    What is `shown` is what an instrument without noise shows: it differs by the instrument's fault
-    and, for sinkage, by soil that comes up again behind the wheel.
+    `shown` values are those of an instrument without noise: they differ by the instrument's fault and,
+    for sinkage, by soil that rises again behind the wheel.
     """
 
     depth: Array  # m, lowest point of the wheel below the untouched surface
@@ -396,8 +410,8 @@ class WheelsOnSoil:
     def response(self) -> Response:
         """Compute the truth for each row.
 
-        Sinkage is where the stress over the contact carries the load, resistance the horizontal
-        component of the same stress. Bulldozing comes on top, at that depth.
+        At the sinkage the stress over the contact carries the load; the resistance is the horizontal
+        component of the same stress. Bulldozing is added at that depth.
         """
         at = self.at
         rut = self.rut()
@@ -420,7 +434,7 @@ class WheelsOnSoil:
         )
 
     def firmness(self) -> float:
-        """How much firmer the effects on stiffness make the soil: as a factor on the load it carries.
+        """Factor by which effects on stiffness raise the load that the soil carries.
 
         Taken at the sinkage without them, averaged over the rows.
         """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a simulated drive is made from: a rover, the legs of its way, its ground and its sensors."""
+"""The specification of a simulated drive: a rover, the legs of its route, its ground and its sensors."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ class SimulatedRover:
 
     @property
     def pivot(self) -> float:
-        """Where ahead (m) the line across is that moves along the heading alone, but for crab steering.
+        """How far ahead (m) of base_link the line is that moves along the heading alone, crab steering apart.
 
-        That of the wheels that are not steered; without any it is that of base_link.
+        It is the line of the wheels that are not steered; without any it is at base_link.
         """
         fixed = [wheel.x for wheel in self.wheels if not wheel.steered]
         return sum(fixed) / len(fixed) if self.steers and fixed else 0.0
 
 
 def wheels_on_axles(*axles: tuple[float, float, float, float]) -> tuple[RoverWheel, ...]:
-    """Wheels of axles from front to rear: place, half of the track, diameter and width, m."""
+    """Wheels of axles from front to rear, each given by place, half of the track, diameter and width, m."""
     names = ("front", "rear") if len(axles) == 2 else ("front", "middle", "rear")
     return tuple(
         RoverWheel(f"{name}_{side}", diameter, width, x, sign * half)
@@ -64,7 +64,7 @@ _SIX = (0.36, 0.27, 0.20, 0.10), (0.0, 0.31, 0.20, 0.10), (-0.36, 0.27, 0.20, 0.
 
 
 def steered(wheels: tuple[RoverWheel, ...], *axles: str) -> tuple[RoverWheel, ...]:
-    """The same wheels, those of some axles steered.
+    """The wheels with those of some axles steered.
 
     Parameters
     ----------
@@ -96,9 +96,10 @@ ROVERS = {
 
 @dataclass(frozen=True)
 class Leg:
-    """Turn on the spot (rad), drive so far (m, backward below 0) along a bend (1/m), then stand (s).
+    """Turn on the spot (rad), drive a distance (m, backward if negative) along a bend (1/m), stand (s).
 
-    crab: rad to the left of its heading, in which a vehicle of which all wheels are steered drives.
+    crab: angle (rad) of the course to the left of the heading, for a vehicle all of whose wheels are
+    steered.
     """
 
     metres: float = 0.0
@@ -112,14 +113,33 @@ class Leg:
 class Sensors:
     """What the vehicle measures, how often (Hz) and how well; SI units.
 
-    sinkage, load, torque, pull: whether it is measured, the pull as often as the load; without loads they are
-    the weight's. current: torque by a motor's current, which is 0 at standstill. noise_factor: on
-    all noise. sinkage_told: share of the sinkage in its variance, besides the noise; the true one is 0.03.
-    load_scale: of each wheel. encoder_steps: in a turn of a wheel, one of them. odometry: `own` is made of
-    pictures or echoes, `wheels` of the joints, `filter` of joints and imu, `half` a filter of wheels and
-    pictures, `pose` tells places alone. lag, noise: s and m/s, of the odometry; alike: s over which its
-    errors are alike, of `own`; told: deviation of its speed, as told, over the true one; pitch: whether its
-    orientation has that. imu: `` none, `level` all right, `driven` shakes and has no orientation.
+    Attributes
+    ----------
+    sinkage, load, torque, pull
+        Whether it is measured; the pull as often as the load. Without loads they are the weight's.
+    current
+        Whether torque comes from a motor's current, which is 0 at standstill.
+    noise_factor
+        On all noise.
+    sinkage_told
+        Share of the sinkage in its stated variance, besides the noise; the true one is 0.03.
+    load_scale
+        Of each wheel.
+    encoder_steps
+        Steps in a turn of a wheel.
+    odometry
+        `own` comes from pictures or echoes, `wheels` from the joints, `filter` from joints and imu,
+        `half` from a filter of wheels and pictures; `pose` has places alone.
+    lag, noise
+        Of the odometry, s and m/s.
+    alike
+        Time over which errors of `own` are correlated, s.
+    told
+        Stated deviation of its speed over the true one.
+    pitch
+        Whether its orientation has the pitch.
+    imu
+        `` none; `level` without faults; `driven` shakes and has no orientation.
     """
 
     sinkage: bool = True
@@ -163,17 +183,43 @@ class Sensors:
 
 @dataclass(frozen=True)
 class World:
-    """What the ground and the vehicle of a drive are like; lengths in m, speeds in m/s, angles in rad.
+    """The ground and the vehicle of a drive; lengths in m, speeds in m/s, angles in rad.
 
-    legs: of the way. floor: all ground is hard. law: of `wheel_laws`. slope: deviation of the waves. swing:
-    of the loads from one diagonal to the other, over its usual size. grip, own_grip, scatter: deviations of
-    ln grip, of places and of what each wheel finds, and of ln k. drift: of ln k, after 5 m. digging: m of
-    sinkage per m by which a rim gets ahead, drawn between. dragging: resistance that no law of sinkage gives,
-    over load, drawn between. rut: factor on the sinkage of a wheel in a track, once. right: ln of a factor on
-    k under the right wheels. skid: how much of a turn comes, where all turns are made by skidding.
-    differential: whether the wheels of an axle share its torque. spare: share of the weight on a wheel that
-    is not listed. sticks: whether it may get stuck. patience: s for which rims spin before the driver gives
-    up.
+    Attributes
+    ----------
+    legs
+        Of the route.
+    floor
+        Whether all ground is hard.
+    law
+        Of `wheel_laws`.
+    slope
+        Deviation of the waves.
+    swing
+        Of the loads from one diagonal to the other, over its usual size.
+    grip, own_grip, scatter
+        Deviations of ln grip from place to place, of ln grip under each wheel, and of ln k.
+    drift
+        Of ln k, after 5 m.
+    digging
+        Sinkage for each metre by which a rim turns further than the wheel travels, 1, drawn between the
+        two.
+    dragging
+        Resistance over load that is in no law of sinkage, drawn between the two.
+    rut
+        Factor on the sinkage of a wheel in a track, once.
+    right
+        ln of a factor on k under the right wheels.
+    skid
+        Share of a turn that is reached, where all turns are made by skidding.
+    differential
+        Whether the wheels of an axle share its torque.
+    spare
+        Share of the weight on a wheel that is not listed.
+    sticks
+        Whether the vehicle may get stuck.
+    patience
+        Time for which rims spin before the driver gives up, s.
     """
 
     name: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground of a world along the way: soil, grip, slopes, hard places and bumps, in cells of 2 cm."""
+"""The ground of a world along the route: soil, grip, slopes, hard places and bumps, in cells of 2 cm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HARDER = 8.0  # times as much as above, below a hardpan
 
 @dataclass(frozen=True)
 class TrueSoil:
-    """The law without places: ln pressure at 10 mm under 0.2 m, n, m; and the strength."""
+    """The law of a soil without local scatter: ln pressure at 10 mm under 0.2 m, n, m; and the strength."""
 
     pressure: float
     n: float
@@ -35,7 +35,7 @@ class TrueSoil:
 
 @dataclass(frozen=True)
 class Started:
-    """A feature with its numbers drawn: size, place of its beginning, its edge and its end, m."""
+    """A feature with its numbers drawn: size, where it begins and ends, and the length of its edges, m."""
 
     what: str
     size: float
@@ -44,7 +44,7 @@ class Started:
     end: float
 
     def at(self, place: Array) -> Array:
-        """How much of it there is at places."""
+        """Its amount at places (m)."""
         into = np.clip((place - self.start) / self.edge, 0.0, 1.0)
         out = np.clip((self.end + self.edge - place) / self.edge, 0.0, 1.0)
         found: Array = self.size * into * out
@@ -53,12 +53,28 @@ class Started:
 
 @dataclass
 class TrueGround:
-    """Arrays of shape (cells,), and (wheels, cells) for what each wheel finds.
+    """Ground in cells along the route: arrays of shape (cells,), or (wheels, cells) for each wheel's own.
 
-    soils: what is driven over, each from its place in `starts` (m) on; kind: index of it. common: ln of the
-    factor on k that is no texture; modulus: that of k; exponent: n. load (N): of the level, with slopes and
-    twist. rest (m): sinkage under it, untouched by slip and ruts; dragging: resistance over load that the
-    law of pressure does not give. grip: ln. floor: hard. bumps: m, left and right.
+    Attributes
+    ----------
+    soils, starts, kind
+        Soils, where each begins (m), and the index of each cell's soil.
+    common
+        ln of the factor on k that is not texture.
+    modulus, exponent
+        k and n.
+    load
+        On the level, with slopes and twist, N.
+    rest
+        Sinkage under that load, without slip and ruts, m.
+    dragging
+        Resistance over load that the law of pressure does not give.
+    grip
+        ln of it.
+    floor
+        Whether the cell is hard.
+    bumps
+        Left and right, m.
     """
 
     world: World
@@ -88,7 +104,7 @@ class TrueGround:
         return self.soils[0]
 
     def kinds(self, places: Array) -> NDArray[np.intp]:
-        """Index of the soil at places (m); the first one reaches back without end."""
+        """Index of the soil at places (m); before the start it is the first one."""
         return np.maximum(np.searchsorted(self.starts, places, side="right") - 1, 0)
 
     def cells(self, places: Array) -> NDArray[np.intp]:
@@ -97,7 +113,7 @@ class TrueGround:
         return np.asarray(cells, dtype=np.intp)
 
     def value(self, what: str, places: Array) -> Array:
-        """Sum of the features of one kind at places along the path.
+        """Sum of all features of one kind at places along the path.
 
         Parameters
         ----------
@@ -167,7 +183,7 @@ def make_ground(
     Parameters
     ----------
     world
-        What the world is to be like.
+        Specification of the world.
     rover
         The rover that drives on it.
     soils
@@ -223,7 +239,7 @@ def make_ground(
 
 
 def settle(ground: TrueGround) -> None:
-    """Work out how deep each wheel stands in each cell."""
+    """Compute how deep each wheel stands in each cell."""
     cells = ground.at.size
     for j, wheel in enumerate(ground.rover.wheels):
         pressure, m = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An effect that was added to a model, as people see it."""
+"""The page of an effect that was added to a model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def page(found: Added, pictures: bool = True) -> Page:
     Parameters
     ----------
     found
-        What adding the effect did.
+        Result of adding the effect.
     pictures
         Whether to draw the errors.
     """
@@ -54,7 +54,7 @@ def draw(axes: Axes, found: Added, channel: str | None = None) -> None:
     axes
         Where to draw.
     found
-        What adding the effect did.
+        Result of adding the effect.
     channel
         The first one if not given.
     """

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of which a result consists. A page of them is text on the terminal, HTML, and pictures.
+"""Blocks, which pages are made from; a page is text on the terminal, HTML, and pictures.
 
-A table is rows as the result's JSON has them (SI units) and columns that say how each is shown, so that the
-number of a file and that of a page cannot differ. HTML is rendered from blocks by web/page.html.
+A table has rows as in the result's JSON (SI units), and columns that define how each value is
+shown, so that the numbers of a file and of a page cannot differ. HTML is rendered from blocks by
+web/page.html.
 """
 
 from __future__ import annotations
@@ -26,9 +27,18 @@ Show = Callable[[Any], str]
 
 
 class Column(NamedTuple):
-    """A column of a table. cell: a key of the rows, or what a row says; show: that as text.
+    """A column of a table.
 
-    right: set to the right, as numbers are. bar: the share (0 to 1) that is drawn in the background.
+    Attributes
+    ----------
+    cell
+        A key of the rows, or a function of the row.
+    show
+        Converts the cell to text.
+    right
+        Whether it is right-aligned, as numbers are.
+    bar
+        Gives the share (0 to 1) that is drawn in the background.
     """
 
     header: str
@@ -42,7 +52,7 @@ class Column(NamedTuple):
         return self.show(row.get(self.cell) if isinstance(self.cell, str) else self.cell(row))
 
     def share(self, row: Row) -> float | None:
-        """What is drawn in the cell's background, per cent; None without a bar."""
+        """Length of the bar in the cell's background, per cent; None without a bar."""
         share = self.bar(row) if self.bar else None
         return None if share is None else round(100.0 * share)
 
@@ -147,7 +157,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Callout:
-    """What must not be missed: a headline and some sentences."""
+    """A message that must not be missed: a headline and some sentences."""
 
     kind: ClassVar = "callout"
     headline: str
@@ -171,7 +181,7 @@ class Table:
 
     @property
     def shown(self) -> list[Column]:
-        """The columns in which something stands."""
+        """The columns that are not empty."""
         return [c for c in self.columns if any(c.text(row) not in ("", "-") for row in self.rows)]
 
     def lines(self) -> list[str]:
@@ -187,7 +197,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """Plots beside each other, on the page and, under that name, as a picture. label: in words."""
+    """Plots side by side on the page, and a picture file of that name. label: a description in words."""
 
     kind: ClassVar = "figure"
     name: str
@@ -201,7 +211,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Details:
-    """Blocks that open on a click: what few readers need."""
+    """Blocks that open on a click, for the few readers who need them."""
 
     kind: ClassVar = "details"
     summary: str
@@ -224,11 +234,18 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Models:
-    """Models of which a reader chooses: a text on each, and what it leaves over any setting.
+    """Models that a reader can choose, each with a text and plots of its residuals over any setting.
 
-    choices: with several, any of them are set together, else one is picked. views: by the values chosen,
-    joined by commas. leaves: points and frames of the plots, see `views.leftovers`. stills: the same as
-    pictures, which are not in the page.
+    Attributes
+    ----------
+    choices
+        With several, any of them are set together; otherwise one is picked.
+    views
+        By the chosen values, joined by commas.
+    leaves
+        Points and frames of the plots, see `views.leftovers`.
+    stills
+        The same as pictures, which are not in the page.
     """
 
     kind: ClassVar = "models"
@@ -249,18 +266,18 @@ Block = Text | Callout | Table | Figure | Details | Models
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it."""
+    """A heading and the blocks under it."""
 
     title: str
     blocks: Sequence[Block] = ()
 
     def lines(self) -> list[str]:
-        """The section on the terminal; none where there is nothing to say."""
+        """The section on the terminal; no lines if it is empty."""
         return [line for block in self.blocks for line in block.lines()]
 
 
 def walked(blocks: Iterator[Block] | Sequence[Block]) -> Iterator[Block]:
-    """The blocks, and those inside of them."""
+    """The blocks, including those inside other blocks."""
     for block in blocks:
         yield block
         if isinstance(block, Details):

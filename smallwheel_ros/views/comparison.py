@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A comparison as people see it: the data, the models, where they fail, what to keep in mind."""
+"""The page of a comparison: the data, the models, where they fail, and caveats."""
 
 from __future__ import annotations
 
@@ -216,7 +216,7 @@ def _brief(header: str) -> Column:
 
 
 def model_blocks(found: Comparison) -> list[Block]:
-    """What each model is, its errors, and what it could not predict."""
+    """Each model, its errors, and the rows that it could not predict."""
     models, place, line = found.models, found.measurements.place, found.measurements.line
     blocks: list[Block] = [
         Text(items=[f"{words(m.contender.name)}: {m.contender.description}." for m in models]),
@@ -276,9 +276,9 @@ def _error_panel(found: Comparison, channel: str) -> Panel:
 
 
 def left_blocks(found: Comparison) -> list[Block]:
-    """What a model leaves, one that the reader picks next to the best of those that predict every channel.
+    """Residuals of a model that the reader picks, beside those of the best that predicts every channel.
 
-    A regression has no pull: where that is measured, plots next to it would lack it.
+    A regression has no pull, so it is not used for comparison where pull was measured.
     """
     errors = {str(i): m.held_out or m.in_sample for i, m in enumerate(found.models)}
     if not found.channels:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A diagnosis as people see it: its page comes from its document, and of the models that can be set."""
+"""The page of a diagnosis, from its document and from the models that can be chosen."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def page(found: Diagnosis, pictures: bool = True, models: Models | None = None) 
     pictures
         Whether to draw.
     models
-        Effects to set and unset; the steps to the verdict if not given.
+        The block in which effects are set and unset; the steps to the verdict if not given.
     """
     document, data = found.document, found.measurements
     models = models_block(found) if pictures and models is None else models
@@ -122,7 +122,7 @@ def draw(axes: Axes, found: Diagnosis, channel: str | None = None) -> None:
 
 
 def text(found: Diagnosis) -> str:
-    """The answer in one screen: the verdict, errors before and after, what to do next."""
+    """The answer on one screen: the verdict, errors before and after, what to do next."""
     document = found.document
     blocks = [verdict_block(found), *_before_and_after(document)]
     lines = [line for block in blocks for line in ("", *block.lines())][1:]
@@ -161,7 +161,7 @@ def _before_and_after(document: Document) -> list[Block]:
 
 
 def verdict_block(found: Diagnosis) -> Callout:
-    """The verdict, what speaks for it, and what to do next."""
+    """The verdict, the evidence for it, and what to do next."""
     document = found.document
     first, *lines = verdict_sentences(document, found.following)
     clear = document["verdict"] in ("missing_effect", "adequate")
@@ -169,7 +169,7 @@ def verdict_block(found: Diagnosis) -> Callout:
 
 
 def channel_blocks(document: Document) -> list[Block]:
-    """What was measured, and what the base model leaves of it."""
+    """The measured channels, and the residuals of the base model."""
     rows = [{"channel": name} | found for name, found in document["channels"].items()]
     columns = [
         Column("channel", "channel", words), count("rows", "rows"),
@@ -199,7 +199,7 @@ def region_blocks(document: Document) -> list[Block]:
 
 
 def left_figure(found: Diagnosis) -> list[Block]:
-    """Held-out errors over the settings at which the model fails, before and after what was named."""
+    """Held-out errors over the settings at which the model fails, without and with the named effects."""
     if not found.steps:
         return []
     first, *added = found.steps
@@ -220,7 +220,7 @@ def left_figure(found: Diagnosis) -> list[Block]:
 
 
 def ranking_blocks(document: Document) -> list[Block]:
-    """Every effect that was tested, and its fitted numbers; the curves of what has no name."""
+    """Every effect that was tested, with its fitted parameters, and the curves without a name."""
     tested = [row for row in document["ranking"] if row["status"] != "not_testable"]
     likely = [
         r for r in tested if r["status"] != "not_significant" or (r["probability"] or 0.0) >= _SHOWN
@@ -275,7 +275,7 @@ def _numbers(ranking: Sequence[Row]) -> list[Row]:
 
 
 def stairs(document: Document) -> list[Panel]:
-    """The held-out error after each effect that was added, a panel for each channel."""
+    """The held-out error after each added effect, a panel for each channel."""
     panels = []
     for name, steps in _steps_by_channel(document).items():
         how = display(name, CHANNEL_UNITS[name])
@@ -299,7 +299,7 @@ def _steps_by_channel(document: Document) -> dict[str, dict[str, float | None]]:
 
 
 def step_blocks(document: Document) -> list[Block]:
-    """The staircase of held-out errors, and what the best explanation leaves."""
+    """The steps of held-out errors, and what the best explanation leaves unexplained."""
     channels, steps = _steps_by_channel(document), document["steps"]
     # With too little data nothing was held out: there is one error, in sample, and no stairs.
     if document["verdict"] == "insufficient_data" or not channels:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects to set and unset in the page of a diagnosis: every choice in it was fitted beforehand.
+"""Effects to set and unset on the page of a diagnosis: every choice was fitted beforehand.
 
-In the page are the base model, the steps to the verdict, each rival, or what comes closest, beside what is
-named and, with `every`, each effect alone and each effect beside those that the verdict names: what one click
-from the base or from the verdict leads to.
+The page has the base model, the steps to the verdict, and each rival, or what comes closest, beside
+what is named. With `every`, it also has each effect alone and each effect beside the named ones:
+all that one click from the base or from the verdict leads to.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fit as people see it."""
+"""The page of a fit."""
 
 from __future__ import annotations
 

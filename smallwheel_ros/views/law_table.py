@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table of laws on measured data: for the terminal as each table is done, as a page, JSON and rows."""
+"""A table of laws on measured data: for the terminal after each table, and as a page, JSON and rows."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ def text(found: Benchmark) -> str:
 
 
 def table_text(table: LawTable) -> str:
-    """One set of rows, as it is printed as soon as it is done."""
+    """One table of errors, as printed as soon as it is done."""
     blocks = [b for channel in table.judged for b in _of_channel(table, channel)]
     lines = [line for b in blocks if not isinstance(b, Details) for line in b.lines()]
     return "\n".join([f"{table.file} ({table.licence})", *lines, _effects(table)])
 
 
 def ending(found: Benchmark) -> str:
-    """What is printed below the tables: the summary, where ours loses, what was not used."""
+    """The text below the tables: the summary, where our law loses, and which files were not used."""
     made = page(found)
     shown = {
         s.title: s.lines() for s in made.sections if s.title in ("Where ours loses", "Not used")

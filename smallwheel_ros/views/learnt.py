@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A learnt law as people see it: from its document, and from the laws that fit as well."""
+"""The page of a learnt law, from its document and from the laws that fit as well."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def page(found: Learnt, pictures: bool = True) -> Page:
     Parameters
     ----------
     found
-        What was learnt.
+        The learnt laws.
     pictures
         Whether to draw the law.
     """
@@ -91,14 +91,14 @@ def page(found: Learnt, pictures: bool = True) -> Page:
 
 
 def draw(axes: Axes, found: Learnt) -> None:
-    """Draw what each setting needs, and the law.
+    """Draw the correction that each setting needs, and the law.
 
     Parameters
     ----------
     axes
         Where to draw.
     found
-        What was learnt.
+        The learnt laws.
     """
     draw_panel(axes, _panel(found))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What models leave of the measurements: over a setting, and measured against predicted."""
+"""Residuals of models: over a setting, and as measured against predicted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PREDICTED = ""  # in place of a setting: the prediction
 
 
 class Means(NamedTuple):
-    """Means of parts of a setting, and twice their standard errors over runs (NaN under three runs)."""
+    """Means over parts of a setting, and twice their standard errors over runs (NaN under three runs)."""
 
     x: Array
     y: Array
@@ -35,7 +35,7 @@ class Means(NamedTuple):
 
 
 class Left(NamedTuple):
-    """What one model leaves. name, colour: of the key."""
+    """Residuals of one model. name, colour: in the key."""
 
     errors: CvErrors
     name: str
@@ -76,19 +76,19 @@ def means(x: Array, y: Array, run: Index) -> Means:
 
 
 def shown_channel(name: str) -> Display:
-    """How values of a channel are shown."""
+    """Unit and scale in which values of a channel are shown."""
     return display(name, CHANNEL_UNITS[name])
 
 
 def thinned(rows: Index, most: int = _POINTS) -> Index:
-    """The rows that a picture shows: all, or as many as it can take, drawn at random.
+    """The rows that a picture shows: all of them, or a random sample of the largest number allowed.
 
     Parameters
     ----------
     rows
         Numbers of rows, shape (n,).
     most
-        Rows at most.
+        Largest number of rows.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def measured_panel(measured: Array, models: Sequence[Left], channel: str) -> Pan
 
 
 def settings_of(data: Measurements) -> list[str]:
-    """The settings that were varied, or the load where none was."""
+    """The settings that were varied, or the load if none was."""
     return list(varied_settings(data)) or ["load"]
 
 
@@ -209,7 +209,7 @@ def leftovers(
     base_name
         Its name.
     floors
-        Error of a true model by channel, SI; None where it is not known.
+        Error of a true model by channel, SI; None if unknown.
     first
         Setting that is shown first.
 

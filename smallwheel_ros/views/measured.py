@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A table of measurements as people see it, before anything is computed from it."""
+"""A table of measurements as shown to people, before anything is computed from it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def text(data: Measurements) -> str:
-    """A line for each column, and what was understood, assumed and is suspicious."""
+    """A line for each column, and how the table was understood, what was assumed, and what is suspicious."""
     lines = [data.headline()]
     for name, values in data.columns().items():
         if np.asarray(values).dtype.kind != "f" or not np.isfinite(values).any():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Notes of a fit as people read them: those of one kind are one line with a list."""
+"""Notes of a fit for people: notes of one kind are one line with a list."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _TIED = re.compile(r"(?P<name>\S+ and \S+) are tied \((?P<how>[^)]*)\): (?P<rest
 
 
 def grouped(notes: Iterable[str]) -> list[str]:
-    """The notes as sentences, without repetitions, in the order in which each kind comes first."""
+    """The notes as sentences, without repetitions, ordered by the first note of each kind."""
     kinds: dict[tuple[str, str], list[str]] = {}
     for note in dict.fromkeys(map(str, notes)):
         if about := _ABOUT.fullmatch(note):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page of blocks: text on the terminal, one HTML file that fetches nothing, and its figures as pictures."""
+"""A page of blocks: text on the terminal, one self-contained HTML file, and its figures as pictures."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _STYLE = re.compile(r'style="([^"]*)"')
 
 @dataclass(frozen=True)
 class Page:
-    """Sections under a title; those without blocks are left out. The first is the answer."""
+    """Sections under a title, without empty ones. The first section is the answer."""
 
     title: str
     sections: Sequence[Section]
@@ -46,7 +46,7 @@ class Page:
     footer: str = ""
 
     def text(self) -> str:
-        """As a command prints it: each section under its title, the first without."""
+        """The page as a command prints it: each section under its title, the first without one."""
         (_, answer), *others = [(s.title, lines) for s in self.sections if (lines := s.lines())]
         parts = [[self.subtitle, *answer] if self.subtitle else answer]
         parts += [[title, *(f"  {line}" for line in lines)] for title, lines in others]
@@ -109,7 +109,7 @@ def _powers(text: str) -> str:
 
 
 def embedded(data: Any) -> str:
-    """JSON that nothing can break out of: no letter of it begins or ends anything in HTML."""
+    """JSON safe to embed in HTML: none of its characters can begin or end a tag."""
     text = json.dumps(
         each(data, _short), allow_nan=False, ensure_ascii=False, separators=(",", ":")
     )

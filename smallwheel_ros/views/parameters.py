@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fitted numbers as people read them, in degrees and millimetres."""
+"""Fitted parameters as shown to people, in degrees and millimetres."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def parameter_rows(fit: FitResult, derived: bool = False) -> list[Row]:
     fit
         The fit.
     derived
-        Whether to list what follows from them, too.
+        Whether to include derived numbers.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One description of a plot, drawn by matplotlib: on axes of a notebook, as PNG, as SVG in a page.
+"""One description of a plot, drawn by matplotlib: on axes of a notebook, as PNG, or as SVG in a page.
 
-`views.svg` makes elements of a page of what is drawn here.
+`views.svg` makes SVG elements of the plots drawn here.
 """
 
 from __future__ import annotations
@@ -38,9 +38,17 @@ _ACROSS = 3  # panels of a row
 
 @dataclass(frozen=True)
 class Layer:
-    """What is drawn of one thing. name: in the key; low, high: a band of a line, whiskers of others.
+    """One element of a plot.
 
-    kind band: around 0, or around the diagonal, from low to high; means: squares; way: coloured by value.
+    Attributes
+    ----------
+    name
+        In the key.
+    low, high
+        Band of a line; whiskers of other elements.
+    kind
+        How it is drawn: `band` around 0 or around the diagonal, from low to high; `means` as squares; `way`
+        coloured by value.
     """
 
     kind: Literal["points", "means", "line", "band", "way"]
@@ -57,7 +65,7 @@ class Layer:
 
 
 class Span(NamedTuple):
-    """A stretch of the x-axis with a name, one shade for each kind."""
+    """A named stretch of the x-axis, with one shade for each kind."""
 
     start: float
     end: float
@@ -66,7 +74,7 @@ class Span(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A place on the x-axis at which something happened."""
+    """An event at a place on the x-axis."""
 
     x: float
     colour: str
@@ -74,7 +82,7 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True)
 class Bar:
-    """A bar: name, value, its standard error, a second value that is pale. None: not known."""
+    """A bar: name, value, its standard error, and a second, pale value. None if unknown."""
 
     name: str
     value: float | None
@@ -85,10 +93,22 @@ class Bar:
 
 @dataclass(frozen=True)
 class Panel:
-    """A plot: labels of its axes, title, layers or bars. level: a dashed line across bars, with its name.
+    """A plot: labels of its axes, title, layers or bars.
 
-    log: the y-axis; equal: one scale for both axes; spans: at the back; marks: lines across. height: inch;
-    wide: as two others.
+    Attributes
+    ----------
+    level
+        A dashed line across bars, with its name.
+    log
+        Whether the y-axis is logarithmic.
+    equal
+        Whether both axes have one scale.
+    spans, marks
+        Shades in the background; vertical lines.
+    height
+        inch.
+    wide
+        Whether it takes the width of two plots.
     """
 
     x: str = ""
@@ -110,7 +130,7 @@ class Panel:
 
     @property
     def label(self) -> str:
-        """In words, for readers without sight."""
+        """A description in words, for readers who cannot see it."""
         what = f"{self.y} over {self.x}" if self.y else self.x
         values = ", ".join(f"{bar.name} {number(bar.value)}" for bar in self.bars)
         return ": ".join(part for part in (self.title, what, values) if part)
@@ -159,7 +179,7 @@ def decorate(axes: Axes, panel: Panel) -> None:
     Parameters
     ----------
     axes
-        What is styled.
+        The axes to style.
     panel
         The plot, for its labels and title.
     """

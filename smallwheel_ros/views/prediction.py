@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Predictions as a table, and as plots: a quantity over one setting, a curve for each of the others."""
+"""Predictions as a table and as plots: a quantity over one setting, a curve for each value of the others."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _DASHES = ("-", "--", "-.", ":")  # curves may lie on each other
 
 
 def text(table: PredictionTable) -> str:
-    """The table as the command prints it, with what the numbers rest on."""
+    """The table as the command prints it, with notes on what the numbers rest on."""
     rows = table.rows()
     shown = [q for q in SHOWN if q in rows[0]]
     units = {name: unit_of(name) for name in table.settings}
@@ -56,7 +56,7 @@ def text(table: PredictionTable) -> str:
 
 
 def panels(table: PredictionTable) -> list[Panel]:
-    """Sinkage, resistance and, where there is slip, pull."""
+    """Sinkage, resistance and, if there is slip, pull."""
     known = [q for q in _PANELS if getattr(table.result.prediction, q) is not None]
     return [_panel(table, quantity) for quantity in known]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The whole story of a table in one page: its diagnosis, and models side by side."""
+"""The complete report on a table in one page: its diagnosis, and models side by side."""
 
 from __future__ import annotations
 

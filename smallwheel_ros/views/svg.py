@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plots as SVG elements of a page: matplotlib's, in the page's colours, dark or light, and in its type.
+"""Plots as SVG elements of a page, by matplotlib, in the page's dark or light colours and its font.
 
-Nothing is drawn by a script.
+No script draws anything.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def svg(panel: Panel) -> str:
 
 
 def frame(panel: Panel) -> tuple[str, list[float]]:
-    """An SVG element with room for points, and how values become its units: (ax, bx, ay, by).
+    """An empty SVG element for points, and the conversion of values to its units: (ax, bx, ay, by).
 
     x of the element is ax + bx * value.
     """

@@ -187,23 +187,33 @@ def tried(found: Diagnosis) -> set[str]:
     return {f for m in found.search.models.values() for f in m.families if "unknown:" not in f}
 
 
-def test_that_no_law_does_is_said_only_of_a_library_that_was_tried(warmed: Measurements) -> None:
+def test_that_no_law_does_is_said_of_a_library_of_which_every_law_was_tried(
+    warmed: Measurements,
+) -> None:
     found = diagnose(warmed)
-    assert {"sinkage_gain", "covariate:warmth"} <= tried(found)
-    said, _, left = found.document["reason"].partition("not tried: ")
-    assert "no law of the library that was tried does" in said
-    assert left == "resistance offset, rig friction and sinkage offset"
-    assert not {"resistance_offset", "rig_friction", "sinkage_offset"} & tried(found)
-    kept = {name: forms for name, forms in REGISTRY.families.items() if name in tried(found)}
-    smaller = diagnose(warmed, effects=replace(REGISTRY, families=kept))
-    assert tried(smaller) >= set(kept)
-    assert smaller.document["reason"].endswith("and no law of the library does")
+    testable = {c.family for c in found.search.field.competitors if c.kind != "unknown"}  # type: ignore[union-attr]
+    assert {"resistance_offset", "rig_friction", "sinkage_gain", "covariate:warmth"} <= testable
+    assert testable <= tried(found)
+    assert found.document["reason"].endswith("and no law of the library does")
+
+
+def test_a_zero_that_the_base_imitates_is_named_and_no_other_instrument() -> None:
+    """26 runs by quadrature of the contact, n 0.89, soil that scatters by 5 %, sinkages 5 mm too large.
+
+    The base takes n = 2.1 for it, and there neither more nor less of a zero seems to help.
+    """
+    path = Path(__file__).parents[1] / "data" / "zero_of_5_mm.csv"
+    found = diagnose(path)
+    assert found.missing_effects == ["sinkage_offset"]
+    offset = next(p for p in found.fit.parameters if p.full_name == "sinkage_offset.offset")
+    assert offset.std is not None
+    assert abs(offset.value - 5e-3) < 2.0 * offset.std < 1.2e-3
 
 
 def test_a_law_that_was_taken_out_was_not_tried(warmed: Measurements) -> None:
     found = diagnose(warmed, without=("resistance_offset", "rig_friction"))
     assert "no law of the library does" not in found.document["reason"]
-    assert "not tried: resistance offset, rig friction" in found.document["reason"]
+    assert found.document["reason"].endswith("not tried: resistance offset and rig friction")
 
 
 def test_a_sensor_that_follows_a_column_of_no_law_is_unknown(warmed: Measurements) -> None:

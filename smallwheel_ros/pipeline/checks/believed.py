@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tables on both sides of the checks: raw rows of all streams, and what of them is believed.
+"""Rows as they arrive, and as the stages after the checks read them.
 
-`BelievedRows` is what every later stage reads measurements through. It holds rows and no stage: what it
-gives at an instant is that of the rows around it, NaN where their stream is doubted then.
+`BelievedRows` is the only way in which later stages read measurements. A value at an instant is
+interpolated or held from the rows around it, and is NaN where its stream is doubted at that instant. It
+holds data only, no stage.
 """
 
 from __future__ import annotations
@@ -33,9 +34,14 @@ _TURNING = SECOND // 10  # ns over which the rate of a steering angle is taken: 
 
 @dataclass(frozen=True)
 class RawRows:
-    """Raw rows of all streams by name: those that came last, and what is kept of earlier ones.
+    """Raw rows of all streams by name: the newly arrived ones, and those kept from earlier.
 
-    until: stamp (ns) up to which all is there. silent: streams that are not waited for any more.
+    Attributes
+    ----------
+    until
+        Stamp up to which all rows have arrived, ns.
+    silent
+        Streams that are no longer waited for.
     """
 
     streams: Mapping[str, Samples]
@@ -45,11 +51,24 @@ class RawRows:
 
 @dataclass(frozen=True)
 class Trust:
-    """Accuracy of the speed at some instants.
+    """Accuracy and independence of the ground speed at some instants.
 
-    variance: m^2/s^2; lag: s, how much later it comes than what the wheels do, or may come; of_wheels:
-    whether it is computed from the wheels; may_be: whether that is not known yet; since: s for which
-    the message has been the same; way: m by the rims meanwhile; mean: s before its stamp at which it holds.
+    Attributes
+    ----------
+    variance
+        Of the speed, m^2/s^2.
+    lag
+        How much later the speed comes than the motion of the wheels, or may come, s.
+    of_wheels
+        Whether the speed is computed from the wheels.
+    may_be
+        Whether that is still unknown.
+    since
+        How long the message has been the same, s.
+    way
+        Path of the rims meanwhile, m.
+    mean
+        How long before its stamp the speed holds, s.
     """
 
     variance: Array
@@ -62,10 +81,10 @@ class Trust:
 
 
 class RimSpeeds(NamedTuple):
-    """Speeds (m/s) of the rims at instants: mean of all, mean size, and half of right less left.
+    """Speeds (m/s) of the rims at instants: mean, mean magnitude, and half of right minus left.
 
-    Of steered wheels, likewise, vx of the rigid motion nearest to them, mean size, and its yaw rate times
-    half of the width that they stand on.
+    With steered wheels they are those of the rigid motion that fits the rims best: vx, the mean
+    magnitude, and the yaw rate times half of the track width.
     """
 
     mean: Array
@@ -82,21 +101,23 @@ class BelievedRows:
     settings
         Of the vehicle.
     rules
-        How far values are held.
+        For how long after its stamp a value is used.
     streams
         Raw rows by stream, as kept.
     moves
-        Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured, (rows, 3).
+        Speed (m/s), yaw rate (rad/s) and speed aside (m/s, NaN: unknown) over ground as measured,
+        (rows, 3).
     felt
         Rows of the imu, z up, (rows, 7).
     trusted
         What has been learnt of the speed with each of its messages, (rows, 11).
     doubted
-        Which streams are not believed, from which stamp on.
+        Which streams are doubted, each from a stamp on.
     since, done
-        New is what lies in (since, done], ns: there all is there, and all doubts are known.
+        The new rows lie in (since, done], ns: all of them have arrived, and all doubts about them are
+        known.
     began, anew
-        Stamps (ns) at which a doubt begins; and from which on nothing counts that was learnt of the soil.
+        Stamps (ns) at which a doubt begins, and at which the soil has to be learnt anew.
     """
 
     settings: OnboardSettings
@@ -149,7 +170,7 @@ class BelievedRows:
         Returns
         -------
         dict of ndarray
-            By name, shape (instants, width), SI; NaN where there is no value, or it is doubted.
+            By name, shape (instants, width), SI; NaN where there is no value, or the stream is doubted.
         """
         own = {MOVES: self.moves, FELT: self.felt, **self.streams}
         found = {
@@ -223,14 +244,14 @@ class BelievedRows:
         return angle, rate
 
     def motion_of_rims(self, instants: Integers, rims: Array) -> Array:
-        """Rigid motion nearest to the rims of wheels that are steered: vx, vy, yaw rate, (3, instants).
+        """The rigid motion that fits the rims of steered wheels best: vx, vy and yaw rate, (3, instants).
 
         Parameters
         ----------
         instants
             Shape (instants,), ns.
         rims
-            Of each wheel that rolls, shape (wheels, instants), m/s.
+            Speed of the rim of each wheel that rolls, shape (wheels, instants), m/s.
         """
         angle, rate = self.steering(instants)
         rolling = self.settings.rolling
@@ -240,25 +261,25 @@ class BelievedRows:
         return rigid_motion(rims + rate * arm[:, None], x, y, angle)
 
     def unsteered_rims(self, rims: Array) -> Array:
-        """Mean speed (m/s) of the rims that are not steered, from which some odometries are computed.
+        """Mean speed (m/s) of the rims that are not steered; some odometries are computed from these alone.
 
         Parameters
         ----------
         rims
-            Of each wheel that rolls, shape (wheels, instants), m/s.
+            Speed of the rim of each wheel that rolls, shape (wheels, instants), m/s.
         """
         rolling, steered = self.settings.rolling, self.settings.steered
         return mean_of_known(rims[[wheel.name not in steered for wheel in rolling]])
 
     def rims(self, instants: Integers, rims: Array) -> RimSpeeds:
-        """Speeds of the rims at instants, by those of each.
+        """Mean and turning speed of the vehicle's rims at instants.
 
         Parameters
         ----------
         instants
             Shape (instants,), ns.
         rims
-            Of each wheel that rolls, shape (wheels, instants), m/s.
+            Speed of the rim of each wheel that rolls, shape (wheels, instants), m/s.
         """
         size = mean_of_known(np.abs(rims))
         side = np.array([wheel.lateral_position for wheel in self.settings.rolling])
@@ -293,7 +314,7 @@ class BelievedRows:
         return np.asarray(np.minimum(self.moves.periods(moves)[row], self.rules.widest))
 
     def motion_anew(self) -> list[int]:
-        """Which of `anew` are of what tells of motion: speed over ground, rims, imu."""
+        """The stamps of `anew` at which a stream of motion (ground speed, rims, imu) was the cause."""
         tells = {
             self.source,
             IMU,
@@ -319,7 +340,7 @@ class BelievedRows:
         return stamps, self._of(IMU, stamps, values)
 
     def new_motion(self) -> dict[str, Rows]:
-        """Rows of all streams in (since, done], an odometry that shows no slip NaN too."""
+        """Rows of all streams in (since, done], NaN where doubted or where an odometry shows no slip."""
         found = {name: self.new(name) for name in self.streams}
         if ODOMETRY in found:
             stamps, values = found[ODOMETRY]
@@ -328,14 +349,14 @@ class BelievedRows:
 
 
 def arms_of(settings: OnboardSettings) -> Array:
-    """Middle of each rolling wheel to the left of its steering axis, m; 0 where that is not known."""
+    """How far the middle of each rolling wheel is to the left of its steering axis, m; 0 if unknown."""
     steered = settings.steered
     arms = [steered[w.name].arm if w.name in steered else 0.0 for w in settings.rolling]
     return np.array([arm or 0.0 for arm in arms])
 
 
 def mean_of_known(wheels: Array) -> Array:
-    """Mean over the first axis of those that are known, NaN where none is."""
+    """Mean over the first axis, without NaN; NaN where all are NaN."""
     known = np.isfinite(wheels)
     count = known.sum(axis=0)
     total = np.where(known, wheels, 0.0).sum(axis=0)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which streams are not believed, and from which stamp on: what every stage reads raw rows through.
+"""Which streams are doubted, and from which stamp on; every stage reads raw rows through this.
 
-Checks put it down at fixed stamps, for rows after these. So what follows from a row depends on its stamp, not
-on where blocks are cut; and since nothing is assembled but of what is believed here, a doubt reaches all
-that is derived.
+Checks record a doubt at a fixed stamp, and it holds for the rows after that. What follows from a row thus
+depends on its stamp and not on where blocks are cut. Since nothing is assembled from doubted rows, a doubt
+reaches everything that is derived from them.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ SHOWS_NO_SLIP = "odometry/speed"
 
 @dataclass(frozen=True)
 class Doubted:
-    """Sets of streams that are not believed, each after a stamp (ns) and up to the next.
+    """The set of doubted streams over time: each set holds after its stamp (ns) and up to the next one.
 
-    stamps: of all but the first set, which is that of the time before them.
+    stamps: of all sets but the first, which holds before any stamp.
     """
 
     stamps: tuple[int, ...] = ()
@@ -74,9 +74,9 @@ NO_DOUBT = Doubted()
 
 
 class Doubts:
-    """What checks put down of doubted streams.
+    """The doubts that the checks have recorded.
 
-    now: as of the newest stamp. began: stamps from which on a stream is doubted that was not before.
+    now: the streams doubted at the newest stamp. began: stamps at which a new doubt began, ns.
     """
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ class Doubts:
         self.began: list[int] = []
 
     def hold(self, stamp: int, streams: Set[str]) -> None:
-        """From now on, after a stamp, doubt these streams and no others.
+        """Doubt these streams and no others after a stamp.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class Doubts:
             self.began.append(stamp)
 
     def forget(self, before: int) -> None:
-        """Keep what holds after a stamp (ns)."""
+        """Drop doubts that were over before a stamp (ns)."""
         old = sum(stamp < before for stamp in self.now.stamps)
         self.now = Doubted(self.now.stamps[old:], self.now.streams[old:])
         self.began = [stamp for stamp in self.began if stamp >= before]

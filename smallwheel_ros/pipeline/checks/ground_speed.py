@@ -1,22 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed over ground and what the imu feels, as real robots send them, and how far each is to be believed.
+"""Ground speed and imu samples of real robots, and how far each is to be believed.
 
-    speed     the twist's; while every twist is exactly 0, that of the pose over 0.5 s, or two periods, along
-              the heading, in the middle of both
-    spread    what the speed does while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and
-              the same of three messages in a row, as shares of sqrt(v^2 + 1): it is the more the faster a
-              vehicle drives, since stamps are off. The larger of what 0.8 of them keep to. Of poses also by
-              their stamps: how far one is from the line between its neighbours, over the rims' speed, is how
-              much its stamp is off
-    lag       by how much the turning and the speed follow gyro and rims: largest correlation, the newest;
-              until anything follows, it may be half a second
-    of wheels the way by odometry is a constant times that of the rims, to 0.005 of it: it shows no slip;
-              until 5 m of way are there it may be, unless it is further off, or no constant near 1
-    against   of all the way so far nearly all goes against the rims: it looks back, or the joints do, and
-              which is not known. Not where the vehicle may slide down a slope: then it is believed
-    imu       turned over where its z axis looks down
+    speed     the twist's. While every twist is exactly 0: the speed of the pose along the heading
+    over 0.5 s,
+              or over two periods, at the middle of that time
+    spread    of the speed while the rims turn evenly: (v(t) - 2 v(t - 1 s) + v(t - 2 s)) / sqrt 6, and the
+              same over three consecutive messages, relative to sqrt(v^2 + 1), since errors of stamps matter
+              more the faster a vehicle drives. The larger of the two, at the size that 0.8 of them keep to.
+              For poses also the error of the stamp: distance of a pose from the line between its
+              neighbours, over the rims' speed
+    lag       the delay at which turning and speed correlate best with gyro and rims, the newest one found;
+              until one is found it may be half a second
+    of wheels the odometry's way is a constant multiple of the rims', to 0.005: it shows no slip. For the
+              first 5 m it may be one, unless it departs by more, or the constant is not near 1
+    against   nearly all of the way so far runs against the rims: either the odometry or the joints look
+              backward, and which is unknown. Not where the vehicle may slide down a slope: then the
+              speed is believed
+    imu       turned over where its z axis points down
 
-Each row depends on messages up to its own stamp alone, and sums go on over cuts.
+Each value depends only on messages up to its own stamp, and the sums go on over cuts.
 """
 
 from __future__ import annotations
@@ -72,12 +74,21 @@ _UNTRIED = (
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of odometry and imu, for those that report it.
+    """What is known of odometry and imu, for the rules that report it.
 
-    share: of the way by which an odometry that is computed from the wheels is no multiple of them; NaN: of
-    its own. no_twist: m by the pose while no twist has come; NaN: one has. down: whether z of the imu looks
-    down. against: m that went against the rims, where nearly all did; else 0. slides: nearly all did, and the
-    vehicle may slide down a slope.
+    Attributes
+    ----------
+    share
+        By which share of the way an odometry computed from the wheels departs from a multiple of the rims';
+        NaN for an odometry of its own.
+    no_twist
+        Way by the pose while no twist has come, m; NaN once one has.
+    down
+        Whether z of the imu points down.
+    against
+        Way that ran against the rims, m, if that is nearly all of it; else 0.
+    slides
+        Whether nearly all of it did, and the vehicle may be sliding down a slope.
     """
 
     share: float = math.nan
@@ -114,8 +125,8 @@ class _Sums:
 class GroundSpeed:
     """Ground speed and imu samples, with what has been learnt of their accuracy, lag and independence.
 
-    moves: speed (m/s), yaw rate (rad/s) and, of a vehicle that steers, speed aside (m/s). felt: the imu's
-    rows, z up. posed: whether speed is that of the pose.
+    moves: speed (m/s), yaw rate (rad/s) and, for a vehicle that steers, sideways speed (m/s). felt: the
+    imu's rows, z up. posed: whether the speed is taken from the pose.
     """
 
     def __init__(self, settings: OnboardSettings, doubts: Doubts | None = None) -> None:
@@ -138,13 +149,13 @@ class GroundSpeed:
         self._of_unsteered, self._goes_against = OfWheels(), Against()
 
     def take(self, raw: Mapping[str, Samples]) -> None:
-        """Take what came: raw rows by stream."""
+        """Add the rows that arrived, by stream."""
         self._raw = raw
         self._turn_over()
         self._speeds()
 
     def bound(self, raw: RawRows) -> int:
-        """Stamp (ns) up to which speeds are there: those of poses are in the middle between two."""
+        """Stamp (ns) up to which speeds are known: one from poses holds at the middle between two of them."""
         waits = self._own.newest != NEVER and self.source not in raw.silent
         return min(raw.until, self.moves.newest) if self.posed and waits else raw.until
 
@@ -167,7 +178,7 @@ class GroundSpeed:
         began
             Stamps at which a doubt began in this block, ns.
         anew
-            Stamps from which on nothing counts that was learnt before, ns.
+            Stamps at which what was learnt before is dropped, ns.
         """
         own = self.moves.samples, self.felt.samples, self._trust.samples
         return BelievedRows(

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is learnt of an odometry by gyro and rims: how late it is, and whether it comes from the wheels.
+"""How late an odometry is against gyro and rims, and whether it comes from the wheels.
 
-It may go against them, too: it looks back, or the joints do.
-
-Sums that go on over cuts: each row depends on those before it alone.
+An odometry may also run against the rims, where it or the joints look backward. All sums go on over cuts:
+a result depends only on the rows before it.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ _RADII = (
 
 
 class Lag:
-    """How much later a speed comes than what it follows: the largest correlation over `LAGS`."""
+    """How much later a speed comes than the motion it follows: the delay in `LAGS` of largest correlation."""
 
     def __init__(self) -> None:
         self._sums, self._found = np.zeros((6, LAGS.size)), math.nan
@@ -64,7 +63,7 @@ class Lag:
     def take(self, late: Array, early: Array) -> Array:
         """The lag of the speed at each row.
 
-        A lag that was found stays when nothing follows any more: on ground that gives way a speed
+        A lag once found is kept when the speed no longer follows: on ground that gives way a speed
         does not follow the rims, without being any later.
 
         Parameters
@@ -77,7 +76,7 @@ class Lag:
         Returns
         -------
         ndarray
-            Shape (rows,), s; NaN until something has followed.
+            Shape (rows,), s; NaN until one is found.
         """
         good = np.isfinite(late) & np.isfinite(early).all(axis=1)
         good &= (np.abs(early) > _TURNS).any(axis=1)
@@ -106,7 +105,7 @@ class Lag:
 
 
 class OfWheels:
-    """Whether an odometry is computed from the wheels, or may be, and the share of path that is not."""
+    """Whether an odometry is, or may be, computed from the wheels, and what share of its path is not."""
 
     def __init__(self) -> None:
         self._total, self._last = np.zeros((2, 4))
@@ -114,20 +113,20 @@ class OfWheels:
         self._made, self._may_be, self._share = False, True, math.nan
 
     def take(self, before: Array, way: Array, parts: Array) -> tuple[Flags, Flags, Array]:
-        """Whether the odometry is computed from the wheels, by its agreement with the last pieces.
+        """Judge by its agreement with the rims over the last pieces of path.
 
         Parameters
         ----------
         before, way
             Path of the rims before and at each row, shape (rows,), m.
         parts
-            Path by the rims and by the odometry (m), and the turns of both, shape (rows, 4).
+            Path by the rims and by the odometry (m), and the turns (rad) by both, shape (rows, 4).
 
         Returns
         -------
         made, may_be, share : ndarray
-            Shape (rows,): whether it comes from the wheels; whether it may; by which share of the
-            path it does not.
+            Shape (rows,): whether the odometry is computed from the wheels; whether it may be; the share of
+            the path by which it differs from the wheels'.
         """
         total = np.cumsum(np.concatenate([self._total[None], parts]), axis=0)[1:]
         found, may_be = np.empty((2, way.size), dtype=bool)
@@ -155,11 +154,12 @@ class OfWheels:
 class Against:
     """Whether nearly all of the path so far runs against the rims, and whether the vehicle may slide back.
 
-    Backward by the speed while the rims drive ahead is either what looks back, speed or joints, which shows
-    no slip; or a vehicle that slides down a slope while its wheels drive up, which shows all of it. An imu
-    that stood before feels which way the vehicle goes. Where it does not, the slope along the way says it:
-    no vehicle slides up, or along level ground. Where nothing tells the slope, what looks back goes as far
-    as the rims, but for its delay: a slide that does cannot be told from it.
+    Where the speed is backward while the rims drive ahead, either speed or joints have the wrong sign,
+    and show no slip; or the vehicle slides down a slope while its wheels drive up, and the speed shows
+    all of the slip. An imu that has been standing before feels which way the vehicle goes. Otherwise the
+    slope along the way decides: no vehicle slides uphill or on level ground. Without a slope, a speed of
+    the wrong sign is recognised by its size, which is that of the rims apart from its delay: a slide that
+    is just as fast cannot be told from it.
     """
 
     def __init__(self) -> None:
@@ -168,27 +168,31 @@ class Against:
     def take(
         self, rims: Array, turn: Array, speed: Array, passed: Array, rise: Array, felt: Array
     ) -> tuple[Array, Flags]:
-        """Way that went against the rims up to each row, and whether it may be that of a slide.
+        """Way that ran against the rims up to each row, and whether it may have been a slide.
 
         Parameters
         ----------
         rims
-            Their mean speed, m/s, shape (rows,).
+            Their mean speed, shape (rows,), m/s.
         turn
-            Half of right less left, m/s, NaN without sides: where one side goes back nothing is asked.
+            Half of right minus left rims, shape (rows,), m/s; NaN without sides. Rows on which one side
+            turns backward are not judged.
         speed
-            Over ground, m/s.
+            Over ground, shape (rows,), m/s.
         passed
-            Time for which each row counts, s.
+            Time for which each row counts, shape (rows,), s.
         rise
-            Sine of the slope, nose up; NaN: not known.
+            Sine of the slope, nose up, shape (rows,); NaN if unknown.
         felt
-            By the imu, m/s^2 ahead, less what its own orientation has of the slope; NaN: not known.
+            Felt by the imu ahead, less the slope by its own orientation, shape (rows,), m/s^2; NaN if
+            unknown.
 
         Returns
         -------
-        against, slides : ndarray
-            Shape (rows,), m, 0 where it is not nearly all, or may be a slide; and whether it may be one.
+        against : ndarray
+            Shape (rows,), m; 0 where it is not nearly all of the way, or may be a slide.
+        slides : ndarray
+            Shape (rows,), bool: whether it may be a slide.
         """
         with np.errstate(invalid="ignore"):
             moves = np.minimum(np.abs(rims), np.abs(speed)) > MOVES
@@ -215,19 +219,26 @@ class Against:
 
 
 class _Start:
-    """How much of the change of speed over a drive's first start an imu feels that stood before it."""
+    """Which share of the change of speed in the first start is felt by an imu that stood before it."""
 
     def __init__(self) -> None:
         self._drives, self._stood = False, np.zeros(3)
         self._changed, self._shares = np.zeros(2), np.zeros(2)
 
     def take(self, rims: Array, speed: Array, passed: Array, felt: Array) -> tuple[Array, Flags]:
-        """Share that is felt up to each row, 0: it cannot be said; and whether it may be, later.
+        """Share that is felt up to each row, 0 if unknown; and whether it may be known later.
 
         Parameters
         ----------
         rims, speed, passed, felt
-            As of `Against`.
+            As in `Against.take`, shape (rows,).
+
+        Returns
+        -------
+        feels : ndarray
+            Shape (rows,): 1 for a speed of the right sign, -1 for one of the wrong sign.
+        waits : ndarray
+            Shape (rows,), bool.
         """
         good = np.isfinite(rims + speed + felt)
         dt = np.where(good, passed, 0.0)

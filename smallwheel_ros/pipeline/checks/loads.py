@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of `checks` about load cells and sinkage sensors; loads that are given are not asked."""
+"""Rules of `checks` about load cells and sinkage sensors; configured (static) loads are not judged."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ SOFTEST, HARDEST = (
 
 
 class HeldColumn:
-    """Path on which one wheel shows a bit-identical number while most others keep changing."""
+    """Path over which one wheel shows a bit-identical number while most others keep changing."""
 
     def __init__(self, what: str, vehicle: CheckedWheels) -> None:
         self.what, self.names = what, vehicle.names
         self.ways, self.counts = ([Run() for _ in vehicle.names] for _ in range(2))
 
     def take(self, window: Window) -> list[Said]:
-        """Zero counts as a number like any other."""
+        """A repeated zero counts like any other repeated number."""
         table, found = getattr(window, f"{self.what}s"), []
         if table is None or window.rims is None:
             return []
@@ -60,14 +60,14 @@ class HeldColumn:
 
 
 class Weight:
-    """All loads together carry the vehicle: median of their sum over m g."""
+    """Whether the loads add up to the weight: median of their sum over m g."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle, self.sums = vehicle, Medians()
         self.each = Medians()
 
     def take(self, window: Window) -> list[Said]:
-        """After the first metre."""
+        """Judged after the first metre."""
         table, vehicle = window.loads, self.vehicle
         if table is None or not vehicle.mass > 0.0:
             return []
@@ -99,7 +99,7 @@ class Weight:
 
 
 class Swapped:
-    """Which sinkage follows which load from stretch to stretch: changes of ln of means of 0.2 m."""
+    """Which wheel's sinkage follows which wheel's load: changes of the logarithms of means over 0.2 m."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names, n = vehicle.names, len(vehicle.names)
@@ -110,7 +110,7 @@ class Swapped:
         self.count, self.sums, self.products = 0, np.zeros(2 * n), np.zeros((2 * n, 2 * n))
 
     def take(self, window: Window) -> list[Said]:
-        """A piece is over two pieces before the newest one is."""
+        """A piece of path is used two pieces later, when no row of it is missing any more."""
         if window.loads is None or window.sinkages is None or window.rims is None:
             return []
         for row, table in ((0, window.loads), (2, window.sinkages)):
@@ -166,14 +166,14 @@ class Swapped:
 
 
 class Impossible:
-    """No wheel rolls above the ground, nor under it: median sinkage of rows on which the vehicle moved."""
+    """Median sinkage while the vehicle moves: no wheel rolls above the ground or sunk past its axle."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
         self.middles = [Medians() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """After the first metre."""
+        """Judged after the first metre."""
         table, found = window.sinkages, []
         if table is None or window.rims is None:
             return []
@@ -197,9 +197,9 @@ class Impossible:
 
 
 def impossible_soil(k: float, n: float, m: float, width: float) -> str:
-    """Explain why no soil has the law p = k z^n b^m; then a sensor is at fault.
+    """Explain why no soil follows p = k z^n b^m with these numbers, so that a sensor must be at fault.
 
-    It is judged at 1 cm of sinkage, where exponents do not carry the number away.
+    Judged at 1 cm of sinkage, so that the pressure does not depend on extrapolation by the exponents.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def impossible_soil(k: float, n: float, m: float, width: float) -> str:
     Returns
     -------
     str
-        In words; empty where some soil has it.
+        In words; empty where a soil may have these numbers.
     """
     with np.errstate(over="ignore"):
         pressure = float(np.float64(k) * np.float64(0.01) ** n * np.float64(width) ** m)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of `checks` about odometry and imu: where they come from, when they come, how they are mounted."""
+"""Rules of `checks` about odometry and imu: their source, delay and mounting."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ USUAL = 0.1  # rad: slopes on which vehicles stop, and mountings; in one heading
 
 
 class NoTwist:
-    """Way of the pose while the twist is 0 throughout."""
+    """Path by the pose while every twist is 0."""
 
     def take(self, window: Window) -> list[Said]:
         """Reported while no twist has come at all."""
@@ -51,10 +51,10 @@ class NoTwist:
 
 
 class ZDown:
-    """Whether most of the imu's rows say that z looks down: then its gyro is turned over for all rules."""
+    """Whether most rows of the imu have z pointing down; all rules then read its gyro turned over."""
 
     def take(self, window: Window) -> list[Said]:
-        """Reported while z looks down."""
+        """Reported while z points down."""
         text = (
             "z of the imu looks down: it is turned over; publish it in base_link's axes for others"
         )
@@ -62,13 +62,13 @@ class ZDown:
 
 
 class RepeatedTwists:
-    """Way of the rims on messages that are, bit for bit, the one before."""
+    """Path of the rims over messages that are, bit for bit, the same as the one before."""
 
     def __init__(self, source: str) -> None:
         self.source, self.run = source, Run()
 
     def take(self, window: Window) -> list[Said]:
-        """A source that is 0 throughout has no message that moves."""
+        """A source that is 0 throughout is not judged: none of its messages moves."""
         rows = window.imu if self.source == IMU else window.odometry
         if rows is None or window.rims is None or not np.nan_to_num(rows.x).any():
             return []
@@ -85,10 +85,10 @@ class RepeatedTwists:
 
 
 class OfWheelsRule:
-    """Whether the odometry is computed from the wheels; then no rule uses it as evidence."""
+    """Whether the odometry is computed from the wheels; then no other rule uses it as evidence."""
 
     def take(self, window: Window) -> list[Said]:
-        """Its positions are used all the same."""
+        """Its positions stay in use."""
         known = window.memory.known
         if not known.of_wheels:
             return []
@@ -100,7 +100,7 @@ class OfWheelsRule:
 
 
 class Late:
-    """Lag at which changes of the odometry's speed over 0.5 s follow those of the rims best."""
+    """The lag at which changes of the odometry's speed over 0.5 s follow those of the rims best."""
 
     STEP, SMOOTH, OVER = 0.05, 9, 10  # s; samples of a mean; of a change
     LAGS = np.arange(-10, 21)  # steps
@@ -111,7 +111,7 @@ class Late:
         self.sides = [side for side in (vehicle.y > 0, vehicle.y <= 0) if side.any()]
 
     def take(self, window: Window) -> list[Said]:
-        """Sums of products for each lag, while the wheels of each side agree: one that spins leads all."""
+        """Sums products for each lag while the wheels of each side agree: a spinning one runs ahead."""
         moves, step = window.moves, self.STEP
         if window.rims is None or len(moves.t) < 3 or window.memory.known.of_wheels:
             return []
@@ -159,13 +159,13 @@ def _smoothed(values: Array, count: int) -> Array:
 
 
 class Jumps:
-    """Steps of the pose that neither its own speed nor a wheel makes."""
+    """Steps of the pose that match neither its own speed nor that of any wheel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.count, self.most = 0, 0.0
 
     def take(self, window: Window) -> list[Said]:
-        """Gaps of 1 s and more are not judged."""
+        """Gaps of 1 s or more are not judged."""
         o = window.odometry
         if o is None or window.rims is None:
             return []
@@ -194,7 +194,7 @@ class FeltGravity:
         self._seconds, self._sum = 0.0, np.zeros(3)
 
     def take(self, window: Window) -> list[Said]:
-        """An imu that also gives an orientation stays in use: the slope comes from that."""
+        """An imu that also gives an orientation stays in use, because the slope is taken from that."""
         imu = window.imu
         if imu is None:
             return []
@@ -210,10 +210,10 @@ class FeltGravity:
 
 
 class Tilt:
-    """What the imu shows at standstills: a zero stays with the imu, a slope stays with the ground.
+    """The tilt that the imu shows at standstills: a zero turns with the vehicle, a slope does not.
 
-    ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: ground; p, r: zeros), with `USUAL` as
-    the deviation of each before; the scatter is that of least squares.
+    Model: ahead = e cos a + n sin a + p, left = n cos a - e sin a + r (e, n: slope of the ground; p, r:
+    zeros of the imu; a: heading), fitted by least squares with prior deviations `USUAL`.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
@@ -224,7 +224,7 @@ class Tilt:
         )  # of a stand that is not over: begin, end, heading; count, ahead, left
 
     def take(self, window: Window) -> list[Said]:
-        """A stand of over a second counts once it is over."""
+        """A standstill of over a second counts once it has ended."""
         imu, moves = window.imu, window.moves
         if imu is None or window.rims is None or len(moves.t) < 3:
             return []

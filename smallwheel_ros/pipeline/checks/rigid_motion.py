@@ -6,9 +6,10 @@ A wheel at (x, y) that points d to the left and rolls with its rim's speed u wit
     u = vx cos d + vy sin d + w (x sin d - y cos d)       along its heading
     0 = vy cos d - vx sin d + w (x cos d + y sin d)       across it
 
-Of all wheels the rigid motion (vx, vy, w) nearest to both is meant (least squares; Muir and Neuman 1987,
-"Kinematic modeling of wheeled mobile robots"), those across at half the weight. By rims alone wheels that all
-point nearly the same way tell no speed across it: slips that differ by 0.06 were 0.5 of the speed there.
+The rigid motion (vx, vy, w) is the least-squares solution of both equations over all wheels ( Muir
+and Neuman 1987, "Kinematic modeling of wheeled mobile robots"), with the lower ones at half the
+weight. Rims alone do not determine the sideways speed of wheels that all point nearly the same way:
+slips that differ by 0.06 gave an error of half of the speed.
 """
 
 from __future__ import annotations
@@ -25,20 +26,21 @@ ACROSS = 0.5
 def places_of(
     wheels: tuple[Wheel, ...], angle: Array, arm: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return where wheels are, ahead and left of the base frame (m), at steering angles.
+    """Return the places of wheels, ahead and to the left of the base frame (m), at steering angles.
 
     Parameters
     ----------
     wheels
-        Their places are those straight ahead.
+        Their own places are those when they point straight ahead.
     angle
-        rad, shape (wheels, instants).
+        Steering angles, shape (wheels, instants), rad.
     arm
-        m, of each wheel's middle to the left of its steering axis, shape (wheels,); None: 0.
+        How far the middle of each wheel is to the left of its steering axis, shape (wheels,), m; None: 0.
 
     Returns
     -------
-    Two arrays of the shape of `angle`.
+    x, y : ndarray
+        Shape (wheels, instants), m.
     """
     x, y = (
         np.array([getattr(wheel, name) for wheel in wheels])[:, None] + 0.0 * angle
@@ -51,7 +53,7 @@ def places_of(
 
 
 def rows_along(x: Array, y: Array, angle: Array) -> Array:
-    """What each of (vx, vy, w) adds to a wheel's speed along its heading.
+    """Coefficients of (vx, vy, w) in a wheel's speed along its heading.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def rows_along(x: Array, y: Array, angle: Array) -> Array:
 
 
 def rows_across(x: Array, y: Array, angle: Array) -> Array:
-    """What each of (vx, vy, w) adds to a wheel's speed to the left of its heading.
+    """Coefficients of (vx, vy, w) in a wheel's speed to the left of its heading.
 
     Parameters
     ----------
@@ -89,7 +91,7 @@ def rows_across(x: Array, y: Array, angle: Array) -> Array:
 
 
 def rigid_motion(rims: Array, x: Array, y: Array, angle: Array) -> Array:
-    """Return the rigid motion nearest to the rims.
+    """Return the rigid motion that fits the rims best.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of `checks` about the rims: their signs, values that stand still, radii, and which side they turn."""
+"""Rules of `checks` about the rims: wrong signs, repeated values, radii, and left confused with right."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UNIT_NEAR = 0.85, 1.5  # of a unit's factor: a slip of -0.2 to 0.3
 
 
 class Mirrored:
-    """Way on straight driving, and how much of it each joint turned against the travel."""
+    """Straight path, and the share of it over which each joint turned against the direction of travel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.names = vehicle.names
@@ -70,7 +70,7 @@ class Dead:
         self.names, self.runs = vehicle.names, [Run() for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """Rows that are not judged neither extend a run nor end it."""
+        """Rows that are not judged neither extend a run of zeros nor end it."""
         m, found = window.motion, []
         if m is None:
             return []
@@ -89,10 +89,10 @@ class Dead:
 
 
 class Held:
-    """How often most others change while a joint shows one value, not 0, bit for bit.
+    """How often most other joints change while one repeats the same value, not 0, bit for bit.
 
-    The largest value of all, which joints of both sides have shown, is a limit of the drivers, and no fault;
-    so is one that another joint holds bit for bit, too.
+    The largest value seen is excused if joints of both sides have shown it, as it is a limit of the
+    drivers; so is a value that another joint repeats bit for bit at the same time.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
@@ -101,7 +101,7 @@ class Held:
         self.most = np.zeros(len(vehicle.names))
 
     def take(self, window: Window) -> list[Said]:
-        """Coarse counters all repeat at a steady speed; then none is judged."""
+        """Coarse encoders all repeat at a steady speed; then none is judged."""
         rims, found = window.rims, []
         if rims is None:
             return []
@@ -131,7 +131,7 @@ class Held:
 
 
 class TurnRule:
-    """Wheels, gyro and odometry each say which way the vehicle turns: two against one."""
+    """Wheels, gyro and odometry each show the direction of turning: two outvote the third."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.vehicle = vehicle
@@ -140,7 +140,7 @@ class TurnRule:
         self.each = [(RunningAgreement(TURN), RunningAgreement(TURN)) for _ in vehicle.names]
 
     def take(self, window: Window) -> list[Said]:
-        """A vehicle with wheels on one side alone is not judged."""
+        """A vehicle with wheels on one side only is not judged."""
         m = window.motion
         if m is None or not (self.left.any() and self.right.any()):
             return []
@@ -187,10 +187,10 @@ class TurnRule:
 
 
 class AnotherUnit:
-    """Way of the rims over that of the odometry, from the beginning of the drive.
+    """Ratio of the rims' path to the odometry's from the beginning of the drive.
 
-    A unit is the same from the first metre to the last, and slip is not: one piece of the way on which the
-    ratio is an ordinary one ends the question for good.
+    A wrong unit gives the same ratio from the first metre to the last, and slip does not: one piece of
+    path with an ordinary ratio rules out a wrong unit for the rest of the drive.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
@@ -198,7 +198,7 @@ class AnotherUnit:
         self.ordinary = False
 
     def take(self, window: Window) -> list[Said]:
-        """Speeds of joints without a position beside them are weighed against nothing else."""
+        """Joint speeds that come without positions have nothing else to be compared with."""
         m, known = window.motion, window.memory.known
         if m is None or self.ordinary or known.of_wheels or ODOMETRY in window.memory.doubted:
             return []
@@ -230,7 +230,7 @@ class AnotherUnit:
 
 
 class RollingAll:
-    """Way of each rim over that of the odometry on straight, level metres."""
+    """Ratio of each rim's path to the odometry's on straight, level metres."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         self.y, n = vehicle.y, len(vehicle.names)
@@ -239,7 +239,7 @@ class RollingAll:
         self.felt, self.count, self._level = 0.0, 0, LEVEL * vehicle.gravity
 
     def take(self, window: Window) -> list[Said]:
-        """Driven wheels do not skid on the level: less than 1 is no slip, more may be."""
+        """Driven wheels do not skid on level ground: a ratio below 1 is not slip, a larger one may be."""
         m, imu, n = window.motion, window.imu, len(self.y)
         if imu is not None:
             felt = imu.x[imu.inside & ~imu.stale, AHEAD]
@@ -283,7 +283,7 @@ class RollingAll:
 
 
 class RollingPair:
-    """Way of a rim over that of another one of its side, metre by metre; bends cancel."""
+    """Ratio of a rim's path to that of another rim on its side, metre by metre; bends cancel."""
 
     def __init__(self, vehicle: CheckedWheels) -> None:
         n, self.names = len(vehicle.names), vehicle.names
@@ -291,7 +291,7 @@ class RollingPair:
         self.pairs = {pair: Pieces(ROLL_PIECE, 2) for pair in pairs}
 
     def take(self, window: Window) -> list[Said]:
-        """A radius is the same on each metre; slip is not."""
+        """A wrong radius gives the same ratio on each metre; slip does not."""
         m, found = window.motion, []
         if m is None:
             return []

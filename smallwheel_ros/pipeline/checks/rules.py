@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of sensors: one table of rules, each of which speaks only where nothing but a fault explains it.
+"""Checks of sensors: a table of rules, each of which reports only what nothing but a fault explains.
 
     checks = Checks(settings, ground, doubts)  # ground has learnt of the rows before they are taken
     for finding in checks.take(rows, watermark): ...      # raw rows of all streams since checks.done
@@ -8,11 +8,11 @@
 1. A difference of slips is no fault: stuck vehicles spin diagonally. No wheel is judged by others' slips.
 2. Exact before statistical: bit-for-bit repeats over way, signs, impossible sizes, sums.
 3. Rows are chosen: signs and radii on straight rows, signs of turning on rows that turn.
-4. What was named is no witness any more: odometry that repeats, or is computed from the wheels, is not asked.
-5. What cannot be told apart is "A or B", or not said.
+4. A source already reported is no evidence: odometry that repeats, or is computed from the wheels,
+is not used. 5. Faults that look the same are reported as "A or B", or not at all.
 
-Rules are judged at fixed stamps, once in `SPAN`, of sums that do not grow: what they say does not depend on
-where blocks were cut. Nothing is filled in with values of others.
+Rules are judged at fixed stamps, once in each `SPAN`, from sums of bounded size, so that a report
+does not depend on where blocks are cut. A missing value is never replaced by one of another sensor.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ from .window import AROUND, SPAN, CheckedWheels, Memory, Raw, Window
 
 
 class Judge(Protocol):
-    """A rule at work: takes the spans one after the other."""
+    """A rule at work on one vehicle: processes one span after the other."""
 
     def take(self, window: Window) -> list[Said]:
         """What the rule reports at the end of this span."""
@@ -108,11 +108,22 @@ class Judge(Protocol):
 
 @dataclass(frozen=True)
 class Rule:
-    """A row of the table.
+    """A row of the table of rules.
 
-    rows: rows that it needs. statistic: computed over them. limit: of the statistic, beyond which the rule
-    reports. reason: of the limit, with the worst drive whose sensors were all good. says: what may be wrong.
-    starts: makes the judge of a vehicle.
+    Attributes
+    ----------
+    rows
+        Which rows it uses.
+    statistic
+        What it computes from them.
+    limit
+        Value of the statistic beyond which it reports.
+    reason
+        Why that limit; includes the largest value on a drive whose sensors were all good.
+    says
+        What may be wrong.
+    starts
+        Makes the rule's `Judge` for a vehicle.
     """
 
     name: str
@@ -334,7 +345,7 @@ RULES: tuple[Rule, ...] = (
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding about a source. stamp: ns, at which it was judged; text: what, since when, what to do."""
+    """A fault that was found. stamp: when it was judged, ns; text: what, since when, and what to do."""
 
     stamp: int
     rule: str
@@ -348,14 +359,14 @@ class Checks:
     Attributes
     ----------
     doubted
-        By stream that is not to be used now: since when, ns; 0: since the beginning.
+        Streams that are not to be used now, each with the stamp since when, ns; 0: from the beginning.
     anew
-        Stamps (ns) from which on the soil begins anew, without what streams had taught that were found to be
-        wrong from the beginning; once for each.
+        Stamps (ns) at which the soil is learnt anew, because a stream that it was learnt from turned
+        out to have been wrong from the beginning; one stamp for each such stream.
     done
         Stamp (ns) up to which raw rows were taken.
     holds
-        What is complained of in the newest span.
+        Faults that hold in the newest span.
     """
 
     def __init__(
@@ -391,12 +402,12 @@ class Checks:
         return self.judge(until)
 
     def judge(self, until: int) -> list[Finding]:
-        """Judge all spans of the rows that are kept, up to a stamp (ns) to which all rows have come."""
+        """Judge all spans of the rows kept, up to a stamp (ns) up to which all rows have arrived."""
         self.done = max(self.done, until)
         return self._judge(until - AROUND)
 
     def flush(self) -> list[Finding]:
-        """Judge what is left: nothing more will come."""
+        """Judge the rows left over, at the end of a drive."""
         newest = max(
             (int(stamps[-1]) for stamps, _ in self._rows.values() if stamps.size), default=NEVER
         )

@@ -3,8 +3,8 @@
 
     RawRows -> ground speed and imu, and rules, span by span (2 s) -> doubts -> BelievedRows
 
-What is learnt of the speed in a span depends on what was doubted before it, and what is doubted depends on
-what was learnt: so both go on together, in spans that lie at fixed stamps.
+What is learnt of the speed in a span depends on the doubts before it, and doubts depend on what was
+learnt: both therefore advance together, in spans that begin at fixed stamps.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SensorChecks:
 
     @property
     def looks_back(self) -> int:
-        """Stamp (ns) of the oldest raw rows that the next call asks for."""
+        """Stamp (ns) of the oldest raw rows that the next call needs."""
         return self.done - self._kept
 
     def take(self, raw: RawRows, *, last: bool = False) -> BelievedRows:
@@ -52,7 +52,7 @@ class SensorChecks:
         raw
             Rows of each stream.
         last
-            Whether nothing more will come, so that the newest speed is held.
+            Whether no more rows will come: the newest speed is then held to the end.
         """
         self.ground.forget(self.looks_back)
         self.doubts.forget(self.looks_back)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rule of `checks` about steering: an angle of the wrong sign.
 
-Wheels that are steered roll about one point. Rims, headings, gyro and the way that an odometry
-shows are compared to the rigid motion nearest
-to all of them, with the signs as they are given and with those of some wheels turned over: by a wrong sign a
-wheel seems to go aside by twice its angle, and only the right sign removes that.
+Wheels that are steered roll about one point. The rigid motion is fitted to rims, headings, gyro and the
+odometry's direction of travel, once with the signs as given and once with those of some wheels reversed. A
+wrong sign makes a wheel seem to move sideways by twice its angle, and only the right sign removes that.
 
-How much a wrong sign leaves over is known beforehand: what the signs as given leave over of a vehicle that
-moves as the other signs say. Of a wrong sign as much is removed (1), of a right one nothing (0); what slips
-differ by stays, whatever the signs are. So speed, the size of angles, and slip have no part in the verdict.
+The residual that a wrong sign leaves is known beforehand: it is that of the given signs on a vehicle that
+moves as the reversed ones say. Of this a wrong sign has all removed by reversal (1) and a right one nothing
+(0). Differences of slip remain whatever the signs, so that speed, size of the angles and slip have no part
+in the verdict.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _NOTHING = 1e-12  # m^2/s^2: of signs that have no part in how the vehicle moves
 
 
 class SteeringSign:
-    """What other signs of sets of wheels remove, and what they should remove if they are right.
+    """For sets of wheels: residual that reversing their signs removes, and what it should if they are wrong.
 
-    Sums over spans of squares (m^2/s^2), by set: `removed`, `expected` and their products.
+    removed, expected : sums over spans of squares (m^2/s^2), and of their products.
     """
 
     def __init__(self, vehicle: CheckedWheels) -> None:
@@ -59,7 +59,7 @@ class SteeringSign:
         self.way = 0.0  # m while wheels are steered
 
     def take(self, window: Window) -> list[Said]:
-        """A vehicle that turns on straight wheels is not judged."""
+        """A vehicle that turns with its wheels straight is not judged."""
         m, rims = window.motion, window.rims
         if m is None or rims is None or len(self.sets) < 2 or len(self.vehicle.names) < _FEWEST:
             return []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the rules of `checks` carry from span to span: runs, pieces of a way, sums, short memories.
+"""Running quantities that the rules of `checks` keep from span to span.
 
 All are bounded: nothing grows with the drive.
 """
@@ -27,10 +27,20 @@ MOST_SPANS = 300  # medians of spans that are kept: ten minutes
 class Said:
     """What a rule reports at present.
 
-    subject: a wheel, or a source. value: of the statistic. doubts: streams that are not to be used. since: s
-    from the beginning of the span; NaN: since the beginning of the drive. places: whether of these streams
-    the speed alone is not to be used. taught: whether they have taught the soil something wrong, which it
-    has to begin anew without.
+    Attributes
+    ----------
+    subject
+        A wheel, or a source.
+    value
+        Of the statistic.
+    doubts
+        Streams that are not to be used.
+    since
+        s from the beginning of the span; NaN: since the beginning of the drive.
+    places
+        Whether only the speed of these streams is doubted, and their places are not.
+    taught
+        Whether the soil was learnt from these streams while they were wrong, so that it starts anew.
     """
 
     subject: str
@@ -43,9 +53,10 @@ class Said:
 
 
 class Run:
-    """Sum of an amount over rows that follow each other and are all flagged.
+    """Sum of an amount over consecutive rows that are all flagged.
 
-    now: of the last rows. most: the largest within the last span. began: stamp (s) of the first row of it.
+    now: at the last row. most: the largest within the last span. began: stamp (s) of the first row of
+    that one.
     """
 
     def __init__(self) -> None:
@@ -53,7 +64,7 @@ class Run:
         self.began = np.nan
 
     def extend(self, flag: Flags, amount: Array, time: Array) -> None:
-        """Go on with the rows of a span.
+        """Continue with the rows of a span.
 
         Parameters
         ----------
@@ -80,7 +91,10 @@ class Run:
 
 
 class Pieces:
-    """Sums of columns over pieces of a way; a row belongs where it ends. The newest `MOST_PIECES` stay."""
+    """Sums of columns over pieces of path; a row belongs to the piece in which it ends.
+
+    The newest `MOST_PIECES` are kept.
+    """
 
     def __init__(self, metres: float, columns: int) -> None:
         self.metres, self._way = metres, 0.0
@@ -88,12 +102,12 @@ class Pieces:
         self._rows: deque[Array] = deque(maxlen=MOST_PIECES)
 
     def extend(self, way: Array, columns: Array) -> None:
-        """Go on with rows.
+        """Continue with rows.
 
         Parameters
         ----------
         way
-            Path of each, shape (rows,), m.
+            Path at each row, shape (rows,), m.
         columns
             What is summed, shape (rows, columns).
         """
@@ -113,7 +127,7 @@ class Pieces:
 
     @property
     def rows(self) -> Array:
-        """Sums of closed pieces, (pieces, columns)."""
+        """Sums over the pieces that are complete, (pieces, columns)."""
         return np.array(self._rows).reshape(len(self._rows), -1)
 
 
@@ -125,12 +139,12 @@ class RunningAgreement:
         self._sums = np.zeros(5)
 
     def extend(self, a: Array, b: Array, dt: Array) -> None:
-        """Go on with rows; those with NaN are left out.
+        """Continue with rows, except those with NaN.
 
         Parameters
         ----------
         a, b
-            The two rates, shape (rows,).
+            The two rates, shape (rows,), in one unit.
         dt
             Shape (rows,), s.
         """
@@ -146,10 +160,11 @@ class RunningAgreement:
 
 
 class RunningDeviation:
-    """Standard deviation of errors by the size that `WITHIN` of them keep to, row by row.
+    """Standard deviation of errors at each row, from the size that a share `WITHIN` of them keeps to.
 
-    Errors of odometries have heavier tails than normal: a mean of squares is that of the worst few. Sizes are
-    counted in bins of a fifth, so that a row depends on all before it and on no cut.
+    Errors of odometries have heavier tails than normal ones: a mean of squares would be that of the
+    worst few. Sizes are counted in bins of a factor of 1.2, so that a row depends on all rows before it
+    and on no cut.
     """
 
     def __init__(self, count: float) -> None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the rules of `checks` look at: raw rows of a short, fixed span of time, put side by side.
+"""The rows that the rules of `checks` use: all sources over a short, fixed span of time.
 
-A span begins at a multiple of `SPAN` of the stamps, and is looked at once all rows up to `AROUND` after it
-are there. So a rule meets the same rows in the same portions, however the messages were cut into blocks.
+A span begins at a multiple of `SPAN` and is judged once all rows up to `AROUND` after its end have arrived.
+A rule therefore gets the same rows in the same portions, however the messages were cut into blocks.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class CheckedWheels:
     """The rolling wheels with measured rim speeds; arrays have one value for each.
 
     x, y: their places, m. radius: m. mass: kg, of the vehicle; 0: not known. gravity: m/s^2. steered:
-    names of those that are steered.
+    names of the steered ones.
     """
 
     names: tuple[str, ...]
@@ -78,7 +78,7 @@ class Rows:
 
     @property
     def held(self) -> Array:
-        """How long each row holds, s; 0 over a gap."""
+        """How long each row is valid, s; 0 before a gap."""
         dt = np.diff(self.t, append=self.t[-1:])
         return np.where(dt > GAP, 0.0, dt)
 
@@ -106,12 +106,26 @@ class Rows:
 
 @dataclass(frozen=True)
 class Source(Rows):
-    """Rows of one source, with all that rules ask of each of them; arrays have a value for each row.
+    """Rows of one source, with everything that rules need of each of them.
 
-    stamp: s. dt: how long it holds, s; 0 over a gap. inside: of the span itself. changes: which values
-    differ, bit for bit, from those of the row before (NaN is no value), (rows, columns). same: bit for bit
-    the row before. stale: has repeated an older one for longer than `GAP`: these are no evidence. rims: their
-    speeds then, m/s, (rows, wheels). way: by the rims, m from the beginning of the drive.
+    Attributes
+    ----------
+    stamp
+        s, shape (rows,).
+    dt
+        How long a row is valid, s; 0 before a gap.
+    inside
+        Whether it lies in the span itself.
+    changes
+        Which values differ, bit for bit, from the row before, (rows, columns); NaN counts as no value.
+    same
+        Whether the whole row is, bit for bit, the one before.
+    stale
+        Whether it has repeated an older one for longer than `GAP`, so that it is no evidence.
+    rims
+        Speeds of the rims at the row, (rows, wheels), m/s.
+    way
+        Path of the rims from the beginning of the drive, m.
     """
 
     stamp: Array
@@ -125,7 +139,7 @@ class Source(Rows):
 
     @classmethod
     def of(cls, rows: Rows, begin: int, rims: Array, way: Array) -> Source:
-        """Ask all at once.
+        """Compute everything that rules need of a source's rows.
 
         Parameters
         ----------
@@ -134,7 +148,7 @@ class Source(Rows):
         begin
             Of the span, ns.
         rims, way
-            At these rows.
+            Speeds (m/s) and path (m) of the rims at these rows.
         """
         t, x = rows.t, rows.x
         before = np.vstack([x[:1], x[:-1]])
@@ -149,10 +163,18 @@ class Source(Rows):
 
 @dataclass
 class Memory:
-    """Knowledge from the whole drive that changes how a span is read.
+    """What earlier spans have shown that matters for reading this one.
 
-    known: what has turned out of odometry and imu. turns: whether the odometry ever had a yaw rate that is
-    not 0. way: m by the rims, up to the span. doubted: streams that the rules before have named in this span.
+    Attributes
+    ----------
+    known
+        Of odometry and imu.
+    turns
+        Whether the odometry ever had a yaw rate other than 0.
+    way
+        Path of the rims up to the span, m.
+    doubted
+        Streams that earlier rules of the table have reported in this span.
     """
 
     known: Known = field(default_factory=Known)
@@ -162,7 +184,10 @@ class Memory:
 
 
 class Window:
-    """The rows of a span and around it; None where there are none. begin: ns. rims: m/s at the rim."""
+    """The rows of a span and around it; None for a source without rows.
+
+    begin: of the span, ns. rims: speeds at the rim, m/s.
+    """
 
     def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:
         self.vehicle, self.begin, self.memory = vehicle, begin, memory
@@ -245,7 +270,7 @@ class Window:
         return np.asarray(way - np.interp(0.0, rims.t, way) + self.memory.way)
 
     def way(self, t: Array) -> Array:
-        """Way by the rims at times of the window, m."""
+        """Path of the rims at times of the window, m."""
         if self._rims is None or self._rim_way is None:
             return np.full(t.size, self.memory.way)
         return np.interp(t, self._rims.t, self._rim_way)
@@ -267,9 +292,10 @@ class Window:
         return found
 
     def direction_at(self, t: Array) -> Array:
-        """Way that the vehicle goes against its heading (rad) by poses 0.5 s apart; NaN: not known.
+        """Angle (rad) between the vehicle's direction of travel and its heading, by poses 0.5 s apart.
 
-        Within 90 degrees of ahead, backward too. Poses that are computed from the wheels show none.
+        Within 90 degrees of ahead, also when it backs up. NaN if unknown, as with poses computed from the
+        wheels.
         """
         o = self.odometry
         if o is None or self.memory.known.of_wheels or not o.x[:, [X, Y]].any():
@@ -282,7 +308,7 @@ class Window:
         return np.where(moves, np.arctan2(left * np.sign(ahead), np.abs(ahead)), np.nan)
 
     def rims_ahead_at(self, t: Array) -> Array:
-        """Parts ahead of the rims' speeds, (times, wheels); NaN of wheels that are steered far."""
+        """Components of the rims' speeds along the heading, (times, wheels), m/s; NaN at large angles."""
         rims = self.rims_at(t)
         return self._ahead(rims, t) if self.vehicle.steered else rims
 
@@ -317,9 +343,10 @@ class Window:
 
 @dataclass(frozen=True)
 class Motion:
-    """Rows of the rims: times, stamps and durations (s), rims (m/s), speed, yaw rates, straight, of the span.
+    """Motion of the rims over the span, a row for each of their stamps.
 
-    Of steered wheels rims are their parts ahead, NaN where they point far aside.
+    Times, stamps and durations (s), rims (m/s), speed, yaw rates, and which rows are straight. For
+    steered wheels the rims are their components along the heading, NaN at large angles.
     """
 
     t: Array

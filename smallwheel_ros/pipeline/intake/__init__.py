@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to numbers: topics, decoding, plausibility, streams, and up to when all is there."""
+"""From messages to numbers: topics, decoding, plausibility, streams, and what is complete."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of one stream, its values at any instant, and how far they are held."""
+"""The rows of one stream, and its values at any instant, interpolated or held for a limited time."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ _WIDEST = 3 * SECOND // 2  # over more nothing is interpolated, and slip over it
 
 @dataclass(frozen=True)
 class StampRules:
-    """Of stamps, all ns: how long a silent stream is waited for; how far values are held; what is a jump.
+    """Rules for stamps; all times in ns.
 
+    How long a silent stream is waited for, how long values are held, and what counts as a jump of time.
     future, age: how far a stamp may be ahead of the clock, and how old.
     """
 
@@ -35,7 +36,7 @@ class StampRules:
 
     @property
     def widest(self) -> int:
-        """How far values of a slow stream are held at most."""
+        """The longest time (ns) for which values of a slow stream are held."""
         return max(self.gap, _WIDEST)
 
 
@@ -45,8 +46,15 @@ _NO_STAMPS: Integers = np.empty(0, dtype=np.int64)
 class Sampled:
     """Rows in the order of their stamps, to be read at instants.
 
-    stamps: ns; values: (rows, width). ends: stamps (ns) of messages that were refused though they say that
-    something has changed: beyond them no earlier value is held.
+    Attributes
+    ----------
+    stamps
+        ns, shape (rows,).
+    values
+        Shape (rows, width).
+    ends
+        Stamps (ns) of messages that were refused but show that something has changed: no earlier value is
+        held past them.
     """
 
     stamps: Integers
@@ -71,28 +79,28 @@ class Sampled:
         return stamps[rows], self.values[rows]
 
     def after(self, stamp: int) -> tuple[Integers, Array]:
-        """Rows as they came, with stamps over a stamp (ns)."""
+        """Rows as they came, with stamps later than a stamp (ns)."""
         first = int(np.searchsorted(self.stamps, stamp, side="right"))
         return self.stamps[first:], self.values[first:]
 
     def periods(self, stamps: Integers) -> Integers:
-        """Time (ns) between the messages up to each of `stamps`, all that there are: the second longest of 8.
+        """Time (ns) between messages before each of `stamps`: the second longest of the last 8 periods.
 
-        One message that is missing does not make a stream slow. 0: of the first two.
+        One missing message does not make a stream slow. 0 for the first two rows.
         """
         between = np.concatenate([np.zeros(_PERIODS), np.diff(stamps)]).astype(np.int64)
         windows = np.lib.stride_tricks.sliding_window_view(between, _PERIODS)
         return np.partition(windows, -2, axis=1)[: stamps.size, -2]
 
     def gaps(self, stamps: Integers, rules: StampRules) -> Integers:
-        """How far each value is held.
+        """For how long each value is held.
 
         Parameters
         ----------
         stamps
             Shape (rows,), ns.
         rules
-            Least and widest gap.
+            Shortest and longest time.
 
         Returns
         -------
@@ -105,19 +113,19 @@ class Sampled:
         return np.clip(held, rules.gap, rules.widest)
 
     def hold(self, rules: StampRules) -> int:
-        """How far (ns) the newest value is held."""
+        """For how long (ns) the newest value is held."""
         newest = self.stamps[-1 - _PERIODS :]
         return int(self.gaps(newest, rules)[-1]) if newest.size else rules.gap
 
     def at(self, instants: Integers, rules: StampRules) -> Array:
-        """Values at instants, interpolated, or held within the stream's gap.
+        """Values at instants: interpolated, or held for at most the stream's gap.
 
         Parameters
         ----------
         instants
             Shape (instants,), ns.
         rules
-            Least and widest gap.
+            Shortest and longest gap.
 
         Returns
         -------
@@ -163,7 +171,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Samples(Sampled):
-    """Snapshot of a stream's rows, which stays the same while the stream grows."""
+    """A snapshot of a stream's rows, which stays the same while the stream grows."""
 
     stamps: Integers
     values: Array
@@ -241,23 +249,23 @@ class Stream(Sampled):
 
     @property
     def stamps(self) -> Integers:  # type: ignore[override]
-        """The stamps: a view, which stays as it is while the stream grows."""
+        """The stamps (ns), as a view that does not change while the stream grows."""
         return self._stamps[self._begin : self._end]
 
     @property
     def values(self) -> Array:  # type: ignore[override]
-        """The values, shape (rows, width): a view, as that of the stamps."""
+        """The values, shape (rows, width), as a view that does not change while the stream grows."""
         return self._values[self._begin : self._end]
 
     def forget(self, before: int) -> None:
-        """Drop rows that nothing asks for any more: all but the last ones before a stamp."""
+        """Drop rows that are no longer needed: all before a stamp (ns) except the last ones."""
         kept = int(np.searchsorted(self.stamps, before)) - 1 - _PERIODS
         self._begin += max(kept, 0)
         if self.ends.size and kept > 0:
             self.ends = self.ends[self.ends >= self._stamps[self._begin]]
 
     def clear(self) -> None:
-        """Forget everything but the count."""
+        """Drop all rows; keep the counts."""
         self._begin, self.ends = self._end, _NO_STAMPS
         self.newest = NEVER
 

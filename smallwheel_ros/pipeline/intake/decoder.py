@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of streams from serialised messages, many at once: fields lie at the same bytes in all of a topic.
+"""Rows of streams from serialised messages, many at once: in alike messages fields lie at the same bytes.
 
-Messages of ROS are CDR: numbers at multiples of their size, strings and lists after their lengths. Where all
-strings and lengths of a topic's messages are those of the first one, every number lies where it lies there.
-Others make a group of their own. Padding may hold anything, and either end of a number may come first.
+ROS messages are CDR: numbers are aligned to multiples of their size, strings and lists follow their
+lengths. Where all strings and lengths in a topic's messages equal those of the first one, every
+number lies at the same place as in it; other messages form further groups. Padding may hold
+anything, and numbers may be little- or big-endian.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _ORDERS = {b"\x00\x00": "big", b"\x00\x01": "little"}  # of plain CDR (DDS-XType
 
 
 class MessageLayout:
-    """Where the numbers of a message lie. places: by path, such as 'wrench.force.z'; strings: by path.
+    """Places of the numbers in a message. places: by path, such as 'wrench.force.z'; strings: by path.
 
     Raises ValueError where the bytes are no message of the type.
     """
@@ -49,7 +50,7 @@ class MessageLayout:
         self._like = np.frombuffer(raw, np.uint8)[self._fixed]
 
     def same(self, table: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which messages of the same size have all their numbers where this one has them."""
+        """Which messages of the same size have all their numbers at the same places as this one."""
         return np.asarray((table[:, self._fixed] == self._like).all(axis=1))
 
     def _take(self, size: int, *, fixed: bool) -> bytes:
@@ -101,7 +102,7 @@ class MessageLayout:
 
 
 class MessageNumbers(Mapping[str, Array]):
-    """Columns of messages of one layout by path, (messages, count) each: read when they are asked for."""
+    """Numbers of messages of one layout by path, each of shape (messages, count), read on demand."""
 
     def __init__(self, layout: MessageLayout, table: NDArray[np.uint8]) -> None:
         self._layout, self._table = layout, table
@@ -120,7 +121,10 @@ class MessageNumbers(Mapping[str, Array]):
 
 
 class Decoder:
-    """Columns of one topic's messages. kind: their type; problems: how many could not be read, and why."""
+    """Reads messages of one topic into columns.
+
+    kind: their type. problems: counts of unreadable messages, by reason.
+    """
 
     def __init__(self, types: Any, kind: str) -> None:
         self._types, self._kind = types, kind
@@ -130,7 +134,7 @@ class Decoder:
     def columns(
         self, raws: Sequence[bytes]
     ) -> list[tuple[NDArray[np.int64], MessageLayout, MessageNumbers]]:
-        """Groups of messages that are alike: their indices, layout, and columns (messages, count)."""
+        """Groups of messages of the same layout: their indices, layout, and columns (messages, count)."""
         sizes = np.array([len(raw) for raw in raws])
         groups = []
         for size in sorted({len(raw) for raw in raws}):
@@ -155,7 +159,7 @@ class Decoder:
 
 
 def frame_of(raw: bytes) -> str:
-    """Frame of a serialised message (CDR) that begins with a header; empty where the bytes are none."""
+    """The frame_id of a serialised message (CDR) that begins with a header; empty if it has none."""
     order: Literal["big", "little"] = "little" if raw[1:2] == b"\x01" else "big"
     length = int.from_bytes(raw[12:16], order)  # behind encapsulation and stamp
     return raw[16 : 16 + length].partition(b"\0")[0].decode(errors="replace")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics there are, and the rows of streams in their messages: one message of a node, or many of a bag.
+"""The topics of a vehicle, and functions that turn their messages into rows of streams.
 
-A reader takes columns of a topic's numbers, by path, each (messages, count), and gives rows of its
-streams. One message is a column of one.
+A reader takes columns of a topic's numbers by path, each of shape (messages, count), and returns
+rows of its streams. A single message is a column of length one.
 """
 
 from __future__ import annotations
@@ -33,10 +33,18 @@ _UNIT = 0.01  # a quaternion's length may be off by so much
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic to subscribe to: its type, and the function from its messages' columns to streams' rows.
+    """A topic to subscribe to.
 
-    read: columns and, for joint states, the joints' names. streams: what it is to give rows of. joints: by
-    stream, for joint states.
+    Attributes
+    ----------
+    type
+        Of its messages.
+    read
+        Makes rows of streams from the messages' columns and, for joint states, the joints' names.
+    streams
+        Those that it gives rows of.
+    joints
+        For joint states: the joint that each stream belongs to.
     """
 
     name: str

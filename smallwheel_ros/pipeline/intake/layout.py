@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What streams of a vehicle look like: values in their rows, and the rules for their stamps."""
+"""The widths of a vehicle's streams, and the rules for their stamps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def width_of(stream: str) -> int:
 def widths_of(settings: OnboardSettings) -> dict[str, int]:
     """Values in a row of each stream that is listened to.
 
-    The odometry's speed aside is read for vehicles that steer alone: others roll along their heading.
+    The odometry's sideways speed is read only for vehicles that steer: others move along their heading.
     """
     found = {name: width_of(name) for name in settings.streams}
     if settings.steered and ODOMETRY in found:
@@ -34,7 +34,7 @@ def widths_of(settings: OnboardSettings) -> dict[str, int]:
 
 
 def rules_of(settings: OnboardSettings) -> StampRules:
-    """The rules for stamps: those of the parameters `timing.*`, and what is the same on every vehicle."""
+    """The rules for stamps: the parameters `timing.*`, and constants that are the same on every vehicle."""
     timing = settings.timing
     waits = _SILENT_AFTER, timing.reorder_time, MAXIMUM_GAP, _JUMP_TOLERANCE
     clock = _FUTURE_TOLERANCE, timing.maximum_age

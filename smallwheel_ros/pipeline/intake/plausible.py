@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers that a message may have: what nothing can be computed with is a fault, what is missing a flaw."""
+"""Plausible numbers of messages: a `fault` makes a message unusable, a `flaw` only part of it."""
 
 from __future__ import annotations
 

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of what came by each stream, which messages are believed, and up to when all is there.
+"""The rows of all streams: which messages are kept, and up to which stamp all have arrived.
 
-A callback appends numbers and does nothing else. What is decided about a message depends on what came
-before it and on its `now` alone, never on when somebody looks:
+A callback appends numbers and does nothing else. What is decided about a message depends only on
+earlier messages and on its own `now`, never on when results are asked for:
 
     kept     stamp is later than the stream's newest one, and than what the stream has missed:
              frontier = newest,  or  latest - reorder  where it was silent for longer than `silence`
-    late     any other: counted by reason, and not kept; out_of_order where its own stream is further already
-    clock    now - age <= stamp <= now + future, or the message is refused
-    jump     latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
+    late     any other: counted by reason, and not kept; out_of_order where its own stream is
+    further already clock    now - age <= stamp <= now + future, or the message is refused jump
+    latest - stamp > `jump`, and the clock went back too (latest > now + future). Without a clock a
              second message in a row has to agree: of another stamp, and of another stream or of one that
-             was heard before. So a clock that is wild among good ones resets nothing.
+             was heard before. So one wrong clock among good ones resets nothing.
 
     watermark = min over streams of newest,  of a silent one latest - reorder - gap
 
@@ -56,12 +56,12 @@ class Streams:
     """All streams of a vehicle.
 
     fastest: m/s; rows with a higher speed are refused. on_jump: called when time has gone back, before the
-    first message of the new time is kept, so that the owner can take what is ready and start again.
+    first message of the new time is kept, so that the owner can take the complete rows and start again.
 
     Attributes
     ----------
     problems
-        How many messages were not kept, or not wholly used, by stream and reason; words: an example of each.
+        Counts of messages not kept, or not wholly used, by stream and reason; words: an example of each.
     """
 
     def __init__(
@@ -252,7 +252,7 @@ class Streams:
 
     @property
     def refused_sinkages(self) -> int:
-        """How many measured sinkages were refused since the newest beginning."""
+        """How many measured sinkages were refused since the start or the last reset."""
         return self._forgotten + len(self._refused)
 
     def refused(self, stamps: Integers) -> Integers:
@@ -261,18 +261,18 @@ class Streams:
         return self._forgotten + np.searchsorted(at, stamps)
 
     def note(self, name: str, reason: str, text: str, times: int = 1) -> None:
-        """Count something about messages of a stream, and keep it in words.
+        """Count a problem with messages of a stream, and keep its explanation.
 
         Parameters
         ----------
         name
             The stream.
         reason
-            Key.
+            Key by which it is counted.
         text
-            In words.
+            Explanation for people.
         times
-            How often.
+            How many messages had it.
         """
         self.problems[name, reason] += times
         self.words[name, reason] = text
@@ -280,7 +280,7 @@ class Streams:
     # --- Up to when all is there
 
     def clear(self) -> None:
-        """Forget everything but the counts."""
+        """Drop all rows; keep the counts."""
         for stream in self.all.values():
             stream.clear()
         self.latest = self.oldest = NEVER
@@ -304,7 +304,7 @@ class Streams:
         return found
 
     def samples(self) -> dict[str, Samples]:
-        """Raw rows by stream, as far as they are kept."""
+        """Raw rows by stream, as far back as they are kept."""
         return {name: stream.samples for name, stream in self.all.items()}
 
     def silent_ones(self) -> frozenset[str]:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a wheel and the vehicle can do on the soil as it is believed."""
+"""What a wheel and the vehicle can do on the estimated soil."""

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is reported of each row that is due: numbers, conditions, margin and risk, whatever is missing.
 
-margin   of any ground (`margin`), or the filter's, where the soil's law is measured and something has told
-         of its strength: of the two the one whose deviation is less, never a mean
-risk     probability that a place ahead does not give what goes on being asked for, at any slip: cost of a
-         cell of the map that asks for as much; at least 0.5 over the first level of the warning
+margin   of any ground (`margin`), or the strength filter's, where the soil's law is measured and
+something has
+         shown its strength: the one of smaller deviation, never a mean of both
+risk     probability that a place ahead does not give the pull still needed, at any slip: the cost
+of a cell of
+         the map that requires as much; at least 0.5 above the first level of the warning
 """
 
 from __future__ import annotations
@@ -51,11 +53,20 @@ _GOOD = 0.999  # share of good readings that pass for good ones: at 10 Hz one in
 
 @dataclass(frozen=True)
 class OnGround(Loads):
-    """Knowledge of the ground at each row.
+    """Load, and versions of soil and strength, at each row.
 
-    load, load_std: N, without the cell's noise. soil_version, newest, strength_version: of the soil under the
-    wheel, of that which the first wheels are on, and of the strength. refused: measured sinkages that were of
-    no use until then.
+    Attributes
+    ----------
+    load, load_std
+        N, without the cell's noise.
+    soil_version
+        Of the soil under the wheel.
+    newest
+        Of the soil that the first wheels are on.
+    strength_version
+        Of the strength.
+    refused
+        Number of measured sinkages not used up to then.
     """
 
     soil_version: Integers
@@ -65,7 +76,7 @@ class OnGround(Loads):
 
 
 class KnownGround(NamedTuple):
-    """Soil and strength of the versions that rows name."""
+    """Soils and strengths by the versions that rows name."""
 
     soils: Versions[Version]
     strengths: Strengths
@@ -75,9 +86,16 @@ class KnownGround(NamedTuple):
 class AnswerState:
     """State carried from block to block, by number of the wheel.
 
-    newest: stamp, load (N), margin, its deviation, what is beyond. shown: newest sinkages (m). risk: the
-    newest, or NaN.
-    slopes: stamps, and what gravity pulls ahead and to the side (m/s^2), of the last 2 s.
+    Attributes
+    ----------
+    newest
+        Stamp, load (N), margin, its deviation, and the reserve beyond it, of the newest row.
+    shown
+        Newest measured sinkages, m.
+    risk
+        Newest risk, or NaN.
+    slopes
+        Stamps, and gravity's components ahead and to the side (m/s^2), over the last 2 s.
     """
 
     newest: dict[int, tuple[int, float, float, float, float]] = field(default_factory=dict)
@@ -101,7 +119,7 @@ def answer(
     rows
         Readings.
     judged
-        What is warned of at each row.
+        Warning and margin at each row.
     ground
         Load, and versions of soil and strength, at each row.
     known

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What applies to an estimate of a wheel, and the numbers by which messages say it.
+"""Conditions that apply to an estimate of a wheel, and their numbers in messages.
 
-The only place of the constants of the messages: a test compares them and their comments with it.
+A test compares the constants of the messages, and their comments, with these.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Condition(IntFlag):
-    """What applies to a row; a bit each in `Estimates.conditions`."""
+    """A condition that applies to a row; each is a bit in `Estimates.conditions`."""
 
     PRIOR_ONLY = 1
     LAW_UNKNOWN = 2
@@ -68,7 +68,7 @@ class SoilStatus(_Explained):
 
 
 class MarginSource(_Explained):
-    """What the vehicle's margin rests on; numbers of VehicleMobility.msg."""
+    """Basis of the vehicle's margin; numbers of VehicleMobility.msg."""
 
     ANY_GROUND = 0, "prior: nothing of this ground"
     CLASS = 1, "prior of a terrain class"

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The vehicle as a whole, ten times a second: level of the warning, slip, margin, slope, energy.
 
-    take    tenths of a second in which anything came, what was judged of them, rows and estimates of wheels
+    take    tenths of a second in which any message came, the warnings, rows and estimates of wheels
             -> VehicleEstimates
 
-What holds at an instant is by rows before it, so that it does not depend on where blocks are cut. There is
-one wherever anything came in, be it the imu alone: who listens hears that slip is not known, not silence.
+An estimate depends on rows before its instant and not on where blocks are cut. There is one whenever any
+message came, be it the imu's alone: a subscriber then learns that slip is unknown, rather than hearing
+nothing.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _STEEPEST = 0.87  # sine of 60 degrees, on which no vehicle drives
 
 @dataclass(frozen=True)
 class VehicleEstimates(Columns):
-    """What is believed of the vehicle at the end of each tenth of a second; NaN where it is not known.
+    """Estimates of the vehicle at the end of each tenth of a second; NaN if unknown.
 
     Attributes
     ----------
@@ -56,21 +57,21 @@ class VehicleEstimates(Columns):
     level, margin_source
         Numbers of VehicleMobility.msg.
     slip_warned
-        1, of the middle wheel where the warning judges it.
+        1, of the middle wheel; NaN where the warning does not judge it.
     speed, speed_std, course
         m/s along course, rad.
     slip, slip_left, slip_right
         1, of the middle wheel, and of each side.
     margin, information
-        1; and how much is known of it beyond what holds on any ground, 0 to 1.
+        1; and the share of its information beyond any ground's, 0 to 1.
     slope_ahead, slope_across
         rad, nose up, left side up.
     demand, risk
-        Pull over load that goes on being asked for; probability to get stuck within a metre.
+        Pull over load that is still needed, 1; probability of getting stuck within a metre.
     energy
         J/m, of all wheels.
     soil, at_border
-        How often the soil has been another one; whether some wheels are on the one before.
+        How many borders were crossed; whether some wheels are still on the soil before the last one.
     """
 
     stamp: Integers
@@ -122,17 +123,17 @@ class VehicleState:
         Parameters
         ----------
         heard
-            Ends of the tenths of a second that are over and in which anything came, ns.
+            Ends of the past tenths of a second in which any message came, ns.
         instants
             New instants; None if there are none.
         warned
-            What is warned of at each instant.
+            State of the warning at each instant.
         stuck
-            At which instants the rims run and the vehicle does not move.
+            At which instants the rims turn and the vehicle does not move.
         rows
             Readings of all wheels.
         judged
-            What is warned of at each row.
+            Warning and margin at each row.
         estimates
             Estimates of the rows that were due.
         soils

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What wheels can do on soil and strength as they are believed: rows in, numbers out.
+"""What wheels can do on the estimated soil and strength: rows in, numbers out.
 
 Each number with its standard deviation, propagated to first order from law, strength, load and slip.
-Drawbar pull: thrust less the resistance of the same stresses (`shear`) and what effects and no law give.
-A torque of this moment is fused with thrust and pull. Margin: pull over load at the reference slip, at the
-wheel's sinkage or, where that is more, the one of the largest pull: a wheel that hardly sinks has a short
-contact, which by the law mobilises little shear, and that was never measured, so ground holds what any
-softer one would.
+Drawbar pull: thrust less the resistance of the same stresses (`shear`), of effects, and of what is
+in no law. A torque measured at the same instant is fused with thrust and pull. Margin: pull over
+load at the reference slip, at the wheel's sinkage or, where that is more, the one of the largest
+pull: a wheel that hardly sinks has a short contact, in which the law mobilises little shear; since
+that was never measured, firm ground is taken to hold what any softer one would.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ _DEPTHS = np.geomspace(2e-3, 0.45, 33)  # of the diameter, among which the best 
 class Predicted(Mobility):
     """Predicted mobility; the margin is that of the strength's filter.
 
-    sunk: whether the soil does not carry the load. beyond: what is gained beyond the reference slip until the
-    vehicle makes no way, over the load.
+    sunk: whether the soil fails to carry the load. beyond: pull gained from the reference slip to the
+    slip at which the vehicle makes no way, over load.
     """
 
     sunk: Flags
@@ -47,7 +47,7 @@ class Predicted(Mobility):
 
     @classmethod
     def unknown(cls, count: int) -> Predicted:
-        """Mobility of wheels of which nothing is known."""
+        """Rows of wheels about which nothing is known."""
         names = [column.name for column in fields(Mobility)]
         sunk = np.zeros(count, dtype=bool)
         return cls(**{name: unknown(count) for name in [*names, "beyond"]}, sunk=sunk)

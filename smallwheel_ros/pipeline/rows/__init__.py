@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is believed, put together: a row of each wheel at each instant."""
+"""Believed measurements, assembled into a row for each wheel at each instant."""

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Put together what belongs to each instant of each wheel: streams in, Readings out.
+"""Assemble what was measured of each wheel at each instant: believed streams in, aligned rows out.
 
     raw rows -> checks -> what is believed -> Readings
 
-Checks look at raw rows up to each two seconds of the stamps, and what they doubt is NaN from there on to all
-that is assembled: speed, slip, slope, gained, loads. A doubted gyro is replaced by odometry's yaw rate; where
-there is none the speed of a wheel aside is not known.
+A value that the checks doubt is NaN in everything assembled from it: speed, slip, slope, gained, loads. A
+doubted gyro is replaced by the odometry's yaw rate; without that the speed of a wheel beside the middle is
+unknown.
 
-The instants are those of the measured sinkages. A wheel whose sinkage is not measured has those of its
-load, or of the odometry where its load is static, at most ten a second. What else was measured then is
-interpolated between the messages around it, or held within `MAXIMUM_GAP`.
+The instants are those of the measured sinkages. A wheel without them has the instants of its load,
+or of the odometry where its load is static, at most ten a second. Other measurements are
+interpolated between the messages around an instant, or held within `MAXIMUM_GAP`.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Align:
         self._strains = [False for _ in settings.wheels]
 
     def take(self, believed: BelievedRows) -> Aligned | None:
-        """Rows in (since, done], by stamp and wheel; None: there are none."""
+        """Rows in (since, done], by stamp and wheel; None if there are none."""
         parts = []
         for number, wheel in enumerate(self.settings.wheels):
             stamps = self._instants(wheel, believed)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far off level the imu is mounted, or has wandered, by turns and ways back.
+"""How far the imu is off level, by mounting or drift, learnt from turns and returns.
 
-State: slopes of the ground east and north in the frame of the odometry, e and n, and the zeros of what is
-shown ahead and across, p and r. A vehicle that looks along the heading a is shown
+State: slopes e and n of the ground along x and y of the odometry's frame, and the imu's zeros p and
+r ahead and across. On a vehicle with heading a the imu shows
 
     ahead = e cos a + n sin a + p,    across = n cos a - e sin a + r     (tangents, as g sin over g)
 
-The ground follows the vehicle, a zero stays with the imu: on the straight nothing tells one from the other,
-and a quarter of a turn on one spot tells both. Prediction: slopes are an Ornstein-Uhlenbeck process along the
+The slope stays with the ground, a zero with the imu: a straight drive cannot separate them, a
+quarter of a turn on the spot does. Prediction: slopes are an Ornstein-Uhlenbeck process along the
 path, 0.15 over 40 m; zeros one in time, 1.5 degrees over 3 minutes, since orientations are filtered
-gyroscopes. A measurement is the mean of the newest 20 rows after 0.2 m or 0.2 rad, with 0.5 degrees of its
-own: bumps.
+gyroscopes. A measurement is the mean of the newest 20 rows after 0.2 m or 0.2 rad, with 0.5 degrees
+of its own: bumps.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _AHEAD = 512  # rows looked through at once
 
 
 class Level:
-    """Learns the zero of the slope force. Give it all rows in order; `at` then has it up to the last."""
+    """Learns the zero of the slope force from all rows in order; `at` gives it up to the last row."""
 
     def __init__(self, gravity: float = GRAVITY) -> None:
         self._gravity = gravity
@@ -46,7 +46,7 @@ class Level:
         self._stamps, self._zeros = [NEVER], [(0.0, gravity * _ZERO)]
 
     def take(self, rows: Readings) -> None:
-        """Process rows; those with unknown slope or heading show nothing."""
+        """Process rows; those of unknown slope or heading are skipped."""
         if rows.slope.size and self._origin is None:
             self._origin = int(rows.stamp[0])
         known = np.isfinite(rows.slope) & np.isfinite(rows.across) & np.isfinite(rows.heading)
@@ -88,11 +88,11 @@ class Level:
         kalman.update(shown, H=np.array([[cosine, sine, 1.0, 0.0], [-sine, cosine, 0.0, 1.0]]))
 
     def at(self, stamps: Integers) -> Array:
-        """Zero of the slope force ahead at stamps, and its deviation, m/s^2; shape (stamps, 2)."""
+        """Zero of the slope force ahead and its deviation at stamps (ns), m/s^2, shape (stamps, 2)."""
         place = np.searchsorted(np.array(self._stamps), stamps, side="right") - 1
         return np.array(self._zeros)[place].reshape(-1, 2)
 
     def forget(self, before: int) -> None:
-        """Drop zeros that no stamp from here on asks for."""
+        """Drop zeros that are only needed before a stamp (ns)."""
         drop = max(int(np.searchsorted(np.array(self._stamps), before, side="right")) - 1, 0)
         del self._stamps[:drop], self._zeros[:drop]

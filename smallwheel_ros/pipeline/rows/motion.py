@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far wheels and vehicle have come, which way, over ground how often rolled over, and what is due.
+"""Path of wheels and vehicle, direction of travel, passes over the same ground, and which rows are due.
 
 The sums:
 
     path      + (|v| now + |v| before)/2 dt of the wheel's place, 0 where it stands     Turning counts.
     distance  the same for the vehicle's middle, over the rows of all wheels
-    onward    the way that all wheels drive that turn; while they do not agree, as before
+    onward    the direction in which all turning wheels drive; while they disagree, as before
 """
 
 from __future__ import annotations
@@ -172,11 +172,11 @@ def _onward(state: MotionState, rows: Aligned) -> Flags:
 def rut_of(
     wheels: tuple[Wheel, ...], wheel: Integers, onward: Flags, number: Array
 ) -> tuple[Array, Array]:
-    """Rut depth that a wheel meets at its pass number, in units of the first pass's deepening.
+    """Rut depth that a wheel meets at its pass number, in units of the deepening by the first pass.
 
-    Where the number is not known, the wheels ahead in the track are counted. Ruts deepen with a
-    power of the number (Holm 1969), so their logarithm with log2 n; what passes compact is mostly
-    done by the first ones, as 2 (1 - 1/n). Ruts are taken to be half way between.
+    Where the number is unknown, the wheels ahead in the track are counted. By one law ruts deepen with
+    a power of the number (Holm 1969), so that their logarithm goes with log2 n; by the other the first
+    passes do most of the compaction, as 2 (1 - 1/n). The value is half way between the two.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def rut_of(
     onward
         Whether the vehicle goes forward, shape (rows,).
     number
-        Crossings counted, shape (rows,); NaN where not known.
+        Passes counted, shape (rows,); NaN if unknown.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def ahead_of(wheels: tuple[Wheel, ...], wheel: Wheel, way: float) -> list[Wheel]
     wheel
         The wheel.
     way
-        1 forward, -1 backward.
+        Direction of travel: 1 forward, -1 backward.
     """
     return [
         other

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How often ground has been rolled over: crossings of the vehicle's own tracks, in the odometry's frame.
+"""How often ground has been rolled over, by crossings of the vehicle's own tracks in the odometry's frame.
 
-    number = 1 + crossings of this place so far by a wheel that rolls, its own among them
+    number = 1 + crossings of this place so far by a wheel that rolls, including this wheel itself
 
-A track whose middle is no further away than half the wheel's width is the same track; one within a whole
-width is met in part, and the number is not known. Nor is it without places, and at the beginning, until a
-wheel has left the ground that the vehicle stood on. Once the odometry has drifted by half a width, ground
-that is crossed again counts as fresh.
+A track whose middle is within half the wheel's width is the same track; one within a whole width overlaps
+partly, and the number is unknown. It is also unknown without positions, and at the beginning, until a wheel
+has left the ground that the vehicle stood on. Once the odometry has drifted by half a width, ground that is
+crossed again counts as fresh.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class _Point(NamedTuple):
 
 
 class Passes:
-    """Points of the tracks, in cells of the largest width. Takes rows in order, however they are cut."""
+    """The tracks so far, as points in cells of the largest wheel width; takes rows in order, cut anywhere."""
 
     def __init__(self, wheels: Sequence[Wheel]) -> None:
         self._wheels = wheels

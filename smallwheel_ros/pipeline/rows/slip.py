@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slip of wheels, and what it may be off by."""
+"""Slip of wheels, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def assembled_slip(
     rim
         Speed of the rim, shape (rows,), m/s.
     trust
-        Whether the speed comes from the wheels, or may.
+        Whether the speed is, or may be, computed from the wheels.
 
     Returns
     -------

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a steered wheel does along its heading and across it, and the course of a vehicle that steers.
+"""Speed of steered wheels along and across their heading, and the course of a vehicle that steers.
 
 Of a wheel at (x, y) that points d to the left, its middle a to the left of the steering axis:
 
     c     = (vx - w y, vy + w x)                  velocity of its place
-    speed = c . (cos d, sin d) - a dd/dt          what its rim's speed is compared to
+    speed = c . (cos d, sin d) - a dd/dt          compared with its rim's speed
     aside = c . (-sin d, cos d)
     slip angle = atan2(aside, |speed|)
     variance of speed: + (a dd/dt)^2 + (aside 0.02 rad)^2     a quarter of the diameter where a is not known
@@ -33,10 +33,20 @@ _SIDEWAYS = math.radians(
 
 
 class SteeredRows:
-    """Rows of wheels on a vehicle that steers; rows of wheels that do not roll have an angle of 0.
+    """Rows of wheels on a vehicle that steers; the angle of wheels that do not roll is 0.
 
-    angle: rad, NaN: not known. speed, aside: m/s along the heading and to its left. lever: m, of the yaw rate
-    in the speed. std: m/s, what steering adds to the deviation of the speed. slip_angle: rad.
+    Attributes
+    ----------
+    angle
+        Steering angle, rad; NaN if unknown.
+    speed, aside
+        Along the heading and to its left, m/s.
+    lever
+        Factor of the yaw rate in the speed, m.
+    std
+        What steering adds to the deviation of the speed, m/s.
+    slip_angle
+        rad.
     """
 
     def __init__(
@@ -78,17 +88,18 @@ def _reach(settings: OnboardSettings, number: int) -> float:
 def speed_aside(
     settings: OnboardSettings, told: Array, ahead: Array, turn: Array, course: Array
 ) -> Array:
-    """Speed of the base frame to the left; where it is not measured, as the wheels' angles imply.
+    """Sideways speed of the base frame; where it is not measured, the one that the wheels' angles imply.
 
-    Wheels that are not steered stand on a line that moves along the heading alone. Where all are steered the
-    vehicle goes where its rims say, as fast as it goes ahead; nearly sideways that is not known.
+    Wheels that are not steered allow no sideways motion of the line that they stand on. Where all are
+    steered, the vehicle goes in the direction of its rims, at its speed ahead; nearly sideways that is
+    unknown.
 
     Parameters
     ----------
     settings
         Of the vehicle.
     told
-        As measured over ground, shape (rows,), m/s; NaN where it is not.
+        Sideways speed as measured over ground, shape (rows,), m/s; NaN where it is not measured.
     ahead
         Speed ahead, shape (rows,), m/s.
     turn
@@ -99,7 +110,7 @@ def speed_aside(
     Returns
     -------
     ndarray
-        Shape (rows,), m/s; NaN where it is not known.
+        Shape (rows,), m/s; NaN if unknown.
     """
     if len(settings.steered) < len(settings.rolling):
         place = settings.unsteered_place
@@ -110,9 +121,9 @@ def speed_aside(
 
 
 class Course:
-    """Direction in which the vehicle goes, by its rims: within 90 degrees of ahead, backward too.
+    """Direction of travel of the vehicle by its rims, within 90 degrees of ahead, also when it backs up.
 
-    Kept while it hardly moves, or the rims do not tell it.
+    Kept while the vehicle hardly moves or the rims do not determine it.
     """
 
     def __init__(self) -> None:
@@ -152,19 +163,19 @@ def _folded(way: float, last: float) -> float:
 
 
 def along_course(course: Array, ahead: Array, left: Array) -> tuple[Array, Array]:
-    """A vector's parts along the course and to its left.
+    """Components of a vector along the course and to its left.
 
     Parameters
     ----------
     course
         To the left of the heading, rad, any shape.
     ahead, left
-        Parts along the heading and to its left.
+        Components along the heading and to its left, same shape.
 
     Returns
     -------
     along, across : ndarray
-        In the unit of the parts.
+        In the unit of the components.
     """
     cosine, sine = np.cos(course), np.sin(course)
     return cosine * ahead + sine * left, cosine * left - sine * ahead

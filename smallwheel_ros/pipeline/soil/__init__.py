@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The law of the soil under the wheels: k, n and m with their covariance, and when the soil changes."""
+"""The law of the soil under the wheels: k, n and m with their covariance, and borders between soils."""

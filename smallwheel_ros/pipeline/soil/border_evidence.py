@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether stretches lie on two soils, by how they differ from a law.
+"""Whether stretches lie on two soils, from how they differ from a law.
 
-Stretches of leading wheels that wait, the furthest first, for each border that there may be:
+Waiting stretches of leading wheels, the furthest first, give for each possible border
 
     shift    = sum(nu / by / v) / sum(1 / v),   v = var(nu of a stretch alone) / by^2
     variance = alike(rows) / sum(1 / v) + H P H / by^2
 
-All stretches of the last metres, against the law of before them, where S = H P H^T + R is their covariance, R
-as they count among their neighbours, and g = -by on those beyond a border and 0 before it:
+All stretches of the last metres, compared with the law from before them, give
 
     shift = g^T S^-1 nu / (g^T S^-1 g),   variance = 1 / (g^T S^-1 g)
 
-A border is where the shift is over 4.75 deviations (6.25 on one row) and a factor of 1.25, and each wheel
-beyond it shows it.
+S = H P H^T + R is their covariance, R as they count among their neighbours, and g is -by on
+stretches beyond a border and 0 before it. A border is reported where the shift is over 4.75
+deviations (6.25 on one row) and a factor of 1.25, and each wheel beyond it shows it.
 """
 
 from __future__ import annotations
@@ -37,9 +37,18 @@ _SUSPECTED = 3.0  # deviations of a border that may be there
 
 
 class Border(NamedTuple):
-    """The likeliest border. place: m, from which on the soil is another. shift: of ln k there.
+    """The likeliest border between two soils.
 
-    suspected: it may be there. found: it is.
+    Attributes
+    ----------
+    place
+        From where on the soil is another, m.
+    shift
+        Change of ln k there.
+    suspected
+        Whether there may be a border.
+    found
+        Whether there surely is one.
     """
 
     place: float = math.nan
@@ -49,14 +58,14 @@ class Border(NamedTuple):
 
 
 def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
-    """The likeliest border by stretches of leading wheels that the law has not used.
+    """The likeliest border among stretches of leading wheels that the law has not used yet.
 
     Parameters
     ----------
     law
         The law before the border.
     rows
-        Stretches ahead of what the law has used, (rows,).
+        Stretches ahead of those that the law has used, (rows,).
     wheels
         Number of wheels of the vehicle.
     """
@@ -78,12 +87,12 @@ def border_ahead(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
 
 
 def border_behind(law: SoilFilter, rows: Stretches, wheels: int) -> Border:
-    """The likeliest border by all stretches since a law that has used none of them.
+    """The likeliest border among all stretches since an earlier state of the law.
 
     Parameters
     ----------
     law
-        The law as it was kept some metres ago.
+        The law as it was some metres ago, before any of the stretches.
     rows
         All stretches since, (rows,).
     wheels

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which soil the wheels are on: stretches in, versions of the law out.
 
-Those that end in the same quarter of a second are taken together, at its end, and wait for 0.6 m before they
-are used. With any that come, those of leading wheels (no other runs ahead of them) are compared with the law
-(`border_evidence`). Beyond a border the law opens to the prior, or to one of four remembered soils that is
-likelier of these stretches; what is known of the sensors stays. Stretches nearer to the border than their
-length are used for neither.
+Stretches that end in the same quarter of a second are taken together, at its end, and are used 0.6 m later.
+Whenever some come, those of leading wheels (that no other runs ahead of) are compared with the law
+(`border_evidence`). Beyond a border the law is reset to the prior, or to the one of four remembered soils
+under which these stretches are likelier; what is known of the sensors is kept. Stretches nearer to
+the border than their length are not used on either side.
 
-What 0.6 m do not show bends n and k within metres. So the law of each half of a metre is kept for 4 m, and
-all stretches since the oldest are compared with that. Where they show a border the law goes back to it, uses
-what lies before the border, and opens.
+A border that 0.6 m do not show bends n and k within metres. The law is therefore stored every half
+metre, for 4 m, and all stretches since the oldest are compared with that. Where they show a border,
+the law returns to the stored state, uses what lies before the border, and is reset.
 
-Nothing is determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or the ground
-is no power of depth (`shape`).
+Nothing counts as determined while a border is over 3 sigma, predictions miss, the wheels hardly sink, or
+pressure does not follow a power of depth (`shape`).
 """
 
 from __future__ import annotations
@@ -82,8 +82,18 @@ class _Known:
 class Soils:
     """Assigns stretches to the soil that they lie on, and filters each soil.
 
-    versions: of the law, the newest last. changes: found. accepted, outliers: readings used, and left out of
-    their stretch's mean. mass: kg, of the vehicle; 0: not known. gravity: m/s^2.
+    Attributes
+    ----------
+    versions
+        Of the law, the newest last.
+    changes
+        How many borders were found.
+    accepted, outliers
+        Readings used, and readings left out of their stretch's mean.
+    mass
+        Of the vehicle, kg; 0: unknown.
+    gravity
+        m/s^2.
     """
 
     def __init__(
@@ -135,7 +145,7 @@ class Soils:
     def take(
         self, closed: Stretches | None, rows: Readings, anew: Sequence[int] = ()
     ) -> tuple[Integers, Integers]:
-        """Use the stretches closed in these rows; those of one period together.
+        """Use the stretches that close in these rows; those of one period together.
 
         Parameters
         ----------
@@ -144,13 +154,13 @@ class Soils:
         rows
             Readings of the block, at least one.
         anew
-            Stamps from which on nothing counts that was learnt before, ns.
+            Stamps at which what was learnt before is dropped, ns.
 
         Returns
         -------
         own, newest : ndarray
-            Versions at each row, shape (rows,): of the soil under the wheel, by the stretches
-            before, and of the newest soil.
+            Versions at each row, shape (rows,): of the soil under the wheel, from the stretches before it,
+            and of the newest soil.
         """
         first = self.versions.count - 1
         stamps: list[int] = []  # from which on each new version holds
@@ -401,7 +411,7 @@ class Soils:
     # -- files
 
     def record(self) -> SoilRecord | None:
-        """State of the newest soil to be saved; None before anything was learnt of it."""
+        """State of the newest soil, to be saved; None before anything was learnt about it."""
         law = self.filter
         if law is None or not law.used:
             return None
@@ -443,7 +453,7 @@ class Soils:
         return np.where(place < border, old, version), version
 
     def forget(self, version: Integers) -> None:
-        """Keep versions of these numbers, the newest, and the one from before the border."""
+        """Drop versions that are not needed any more; keep these, the newest, and that before the border."""
         self.versions.forget({*np.unique(version).tolist(), self.versions.newest.old})
 
 

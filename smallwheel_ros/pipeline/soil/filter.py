@@ -3,28 +3,33 @@
 
     predict   x <- x0 + F (x - x0),  P <- F P F + Q, with the distance ds travelled. F is diagonal:
               a = exp(-ds q^2/(2 std^2)) for the law, exp(-ds/100 m) for the sides, 1 for the rest;
-              Q = (1 - F^2) P0. For a metre after a border u has the size of the change in Q besides.
-    update    z = h(x) + v of all stretches that are ready together, linearised at the newest x, until u moves
+              Q = (1 - F^2) P0. For a metre after a border Q of u also has the size of the change.
+    update    z = h(x) + v of all stretches that are ready together, linearised at the newest x,
+    until u moves
               by less than 0.01, at most 4 times (Bell and Cathey 1993). R is that of a stretch among its
-              neighbours, larger by Huber's weight beyond 2.5 deviations.
-    again     At the 40th, 120th and 360th stretch of a soil all are taken once more from its start,
-              linearised about the newest x: the first ones were linearised at the prior. Where the law moves
-              by over half of a deviation, once more; where it moves still, it is not settled.
+              neighbours, increased by Huber's weight beyond 2.5 deviations.
+    again     At the 40th, 120th and 360th stretch of a soil all are used once more from its start,
+    linearised
+              about the newest x, since the first ones were linearised at the prior. Where the law moves by
+              over half a deviation, once more; where it still moves, it is not settled.
 
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
 
-S: the soil's deviation of ln k from place to place; A: variance of what is shown that load has no part in;
-both are learnt from the innovations (`SoilScatter`). r, c: 2/e and 1 of a stretch alone, 2 and
-(1 + a)/(1 - a) of one among its neighbours, which are alike by a.
+S is the soil's deviation of ln k from place to place; A is the variance of shown sinkage that the
+load has no part in. Both are learnt from the innovations (`SoilScatter`). r and c are 2/e and 1 for
+a stretch alone, 2 and (1 + a)/(1 - a) for one among neighbours whose correlation is a.
 
-A wrong zero of the sinkage sensors bends u and n together, far from linearly, so that there is a filter for
-each of 11 zeros, sure of its own to about the way to its neighbours (a sum of Gaussians; Alspach and Sorenson
-1972): together they are the prior, with twice its deviation of ln pressure, since a soil often is not the one
-that was named. One more, the first, has the named soil's and a tenth of the prior's deviations of passes and
-zeros. Weights are shares times likelihoods to the power of 0.3, or of 1 over how much neighbouring errors
-are alike where that is less: what the law has no part for goes on over metres and looks like a wrong zero.
-The mean is that of all filters, the covariance that of the eleven about this mean: a nuisance that the data
-does not show is still allowed for.
+A wrong zero of the sinkage sensors bends u and n together, and far from linearly. There is
+therefore a filter for each of 11 zeros, each as uncertain of its own as about the distance to its
+neighbours (a sum of Gaussians; Alspach and Sorenson 1972). Together they make up the prior, with
+twice its deviation of ln pressure, since a soil is often not the one that was named. One more
+filter, the first, has the named soil's deviation and a tenth of the prior's deviations of passes
+and zeros. Weights are shares times likelihoods to the power of 0.3, or, where it is less, of 1 over
+the factor by which neighbouring errors are alike: an error that the law has no part for persists
+over metres and looks like a wrong zero.
+
+The mean is that of all filters, the covariance that of the eleven about this mean: an error of sensors that
+the data does not show is still allowed for.
 """
 
 from __future__ import annotations
@@ -85,7 +90,7 @@ Law = tuple[Array, Array]  # mean (3,) and covariance (3, 3)
 
 
 class Member:
-    """One filter of the bank: filterpy's, of x - x0."""
+    """One filter of the bank: filterpy's, with x - x0 as its state."""
 
     def __init__(self, model: LawModel, mean: Array, covariance: Array, log_share: float) -> None:
         self.model = model
@@ -94,7 +99,7 @@ class Member:
         self.log_prior = self.log_weight = log_share
 
     def copy(self) -> Member:
-        """Copy of the filter's present state; no array of a filter is changed in place."""
+        """A copy of the present state; arrays may be shared, as none is changed in place."""
         own = copy(self)
         own.kalman = copy(self.kalman)
         return own
@@ -105,7 +110,7 @@ class Member:
         return np.asarray(self.model.mean + self.kalman.x)
 
     def correct(self, x: Array, value: Array, H: Array, z: Array, noise: Array) -> None:
-        """Update by stretches, linearised at a state.
+        """Update from stretches, linearised at a state.
 
         Parameters
         ----------
@@ -116,7 +121,7 @@ class Member:
         H
             Jacobian of h at x, shape (stretches, size).
         z
-            Sinkages measured, shape (stretches,), m.
+            Measured sinkages, shape (stretches,), m.
         noise
             Diagonal of R, shape (stretches,), m^2.
         """
@@ -129,7 +134,7 @@ class Member:
         kalman.x[N] = min(max(kalman.x[N], N_RANGE[0] - mean), N_RANGE[1] - mean)
 
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
-        """Use the vehicle's weight; see `SoilFilter.weigh`.
+        """Use the vehicle's weight as a measurement of the sum of the loads; see `SoilFilter.weigh`.
 
         Where the sum of the loads contradicts it by over 10 %, the scale of the loads is as
         uncertain as that.
@@ -158,11 +163,18 @@ class Member:
 
 
 class SoilFilter:
-    """The bank for one vehicle on one soil.
+    """The bank of filters for one vehicle on one soil.
 
-    mean, covariance: of the state of `law`; law: ln pressure at the soil's reference, n
-    and m, and their slopes by mean. used: stretches of this soil; settled: whether the law has been
-    linearised where it is.
+    Attributes
+    ----------
+    mean, covariance
+        Of the state of `law`, shape (size,) and (size, size).
+    law
+        ln pressure at the soil's reference, n and m, and their slopes by mean.
+    used
+        Number of stretches of this soil that were used.
+    settled
+        Whether the law no longer moves when all stretches are linearised at the newest state.
     """
 
     def __init__(
@@ -199,7 +211,7 @@ class SoilFilter:
         return members
 
     def absorb(self, rows: Stretches) -> None:
-        """Use stretches that are ready together for the soil."""
+        """Update the soil from stretches that are ready together."""
         self._travel(float(rows.distance[-1]), self.bank)
         mean = np.average(self._update(rows), axis=0, weights=self._weights)  # (5, rows)
         for i, wheel in enumerate(rows.wheel.tolist()):
@@ -334,19 +346,19 @@ class SoilFilter:
 
     @property
     def widest(self) -> Array:
-        """Mean of the filters in which all faults are free."""
+        """Mean of the eleven filters in which the zero may be wrong."""
         wide = self._weights[1:] / self._weights[1:].sum()
         return np.asarray(wide @ [member.x for member in self.bank[1:]])
 
     @property
     def likeliest(self) -> Law:
-        """Mean and covariance under the likelier hypothesis: faults or none."""
+        """Mean and covariance under the likelier hypothesis: zeros wrong, or not."""
         if self._weights[0] > 0.5:
             return self.bank[0].x, self.bank[0].kalman.P
         return self.widest, self._of_wide(self.widest)
 
     def innovations(self, rows: Stretches) -> tuple[Array, Array, Array, Array]:
-        """Innovations of stretches: miss, variance by the state and total (m^2), slope by ln load."""
+        """Innovations of stretches: miss, variance by the state and in all (m^2), slope by ln load."""
         mean, covariance = self.likeliest
         shown = self.model.h(mean, rows)
         state = np.einsum("ri,ij,rj->r", shown.H, covariance, shown.H)
@@ -370,16 +382,16 @@ class SoilFilter:
     # -- another soil
 
     def reopen(self, law: Law | None, shift: float, distance: float) -> None:
-        """Start another soil: reset the law to the prior or a remembered one; keep nuisances.
+        """Start on another soil: reset the law to the prior or to a remembered one; keep the sensors' state.
 
         Parameters
         ----------
         law
             The remembered law; None for the prior's.
         shift
-            ln of the sinkage's factor at the border.
+            ln of the factor by which the sinkage changes at the border.
         distance
-            Of the vehicle at the newest stretch that waits, m.
+            Vehicle's path at the newest stretch that waits, m.
         """
         self._border = ((shift / (self.mean[N] + 0.5)) ** 2, distance + _UNSETTLED)
         for i, member in enumerate(self.bank):
@@ -405,7 +417,7 @@ class SoilFilter:
         return x, P
 
     def resume(self, mean: Array, covariance: Array, used: int) -> None:
-        """Continue from a saved state, without the parameters of single wheels.
+        """Continue from a saved state, which has no parameters of single wheels.
 
         Parameters
         ----------
@@ -414,7 +426,7 @@ class SoilFilter:
         covariance
             Shape (WHEELS, WHEELS).
         used
-            Stretches that count as used.
+            Number of stretches that count as used.
         """
         x = self.model.mean.copy()
         x[:WHEELS] = mean
@@ -427,7 +439,7 @@ class SoilFilter:
         self._mix()
 
     def log_likelihood(self, law: Law | None, rows: Stretches) -> float:
-        """ln likelihood of stretches under a law, in ln of sinkage, linearised about it.
+        """ln likelihood of stretches under a law, in ln of sinkage, linearised about the law.
 
         Parameters
         ----------
@@ -449,8 +461,8 @@ class SoilFilter:
     def weigh(self, loads: Array, weight: float, weight_std: float) -> None:
         """Use the vehicle's weight: the sum that the loads of all wheels should have.
 
-        The weight holds for what came before, too: where all stretches of this soil are stored they
-        are used again.
+        The weight also held earlier: where all stretches of this soil are still stored, they are used again
+        with it.
 
         Parameters
         ----------

@@ -19,9 +19,9 @@ _LARGEST = 25.0  # a border shows some that are huge until it is found
 
 
 class FilterHealth:
-    """The newest 100 stretches: squared innovation over its variance, and readings left out of their means.
+    """Consistency of the newest 100 stretches: normalised squared innovations, and readings left out.
 
-    A filter whose model and noise are right has a mean of 1.
+    With a right model and right noise the mean of the squares is 1.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class FilterHealth:
         self._squares.extend(np.minimum(squares[np.isfinite(squares)], _LARGEST).tolist())
 
     def forget(self) -> None:
-        """Start again on another soil, to which the recent misfit was due."""
+        """Start anew on another soil, to which the recent misfit was due."""
         self._squares.clear()
         self._readings.clear()
 
@@ -63,7 +63,7 @@ class FilterHealth:
 
     @property
     def concern(self) -> str:
-        """Describe what is wrong; empty where nothing is."""
+        """Say what is wrong; empty where nothing is."""
         mean = self.mean_square
         if len(self._readings) >= _ENOUGH_STRETCHES and self.outlier_share > _MANY_LEFT_OUT:
             return (

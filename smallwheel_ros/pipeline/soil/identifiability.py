@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soil as it is believed, in the terms of the field; what is determined of it, and what cannot be."""
+"""The soil's estimate in the terms of the field; what the data determines of it, and what it cannot."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ _AT_BOUND, _ON_BOUND = 2.0, 0.5
 
 
 class Identifiable(NamedTuple):
-    """True: the data has cut the standard deviation to half of the prior's or less.
+    """Which parameters the data has determined: their standard deviation is at most half of the prior's.
 
-    At half, three quarters of what is known comes from the data. False: the value is essentially
-    the prior's, or all of them are in doubt: the model misses an effect, which the numbers then take up, or
-    the newest sinkages contradict the law. The modulus is judged at the reference diameter.
+    At half, three quarters of the information is from the data. False means that the value is
+    essentially the prior's, or that everything is in doubt: an effect is missing in the model, which
+    bends the parameters, or the newest sinkages contradict the law. The modulus is judged at the
+    reference diameter.
     """
 
     k: bool
@@ -43,13 +44,13 @@ class Identifiable(NamedTuple):
 
 @dataclass(frozen=True)
 class Variety:
-    """Smallest and largest diameter (m) and load per width (N/m) of the accepted measurements."""
+    """Ranges of diameter (m) and of load per width (N/m) over the accepted measurements."""
 
     diameters: tuple[float, float] | None = None
     loadings: tuple[float, float] | None = None
 
     def with_wheel(self, diameter: float, loading: float) -> Variety:
-        """Widen the ranges by one measurement.
+        """Ranges widened by one measurement.
 
         Parameters
         ----------
@@ -71,7 +72,7 @@ class Variety:
 
 @dataclass(frozen=True, eq=False)
 class SoilEstimate:
-    """The soil under the wheels as it is believed now; every number is finite, SI units.
+    """The present estimate of the soil under the wheels; every number is finite, SI units.
 
     Attributes
     ----------
@@ -88,19 +89,19 @@ class SoilEstimate:
     variety
         Of the accepted measurements.
     accepted, outliers
-        Measurements that updated the estimate, and those that did not fit it.
+        Number of measurements that updated the estimate, and of those that did not fit it.
     soil_changes
-        How often a run of surprises was taken for another soil.
+        How many borders to another soil were found.
     distance
         Travel (m) of the newest measurement.
     missing_effect
         The alarm that the model misses an effect, None while there is none.
     settled
-        Whether enough was measured for deviations to be what they are: before, nothing is determined.
+        Whether enough was measured for the stated deviations to hold; before, nothing counts as determined.
     doubt
-        Why at this moment nothing is determined, in words; empty where there is no reason to doubt.
+        Why nothing counts as determined at present, in words; empty without such a reason.
     state
-        What is believed of sensors and ground besides; None before any stretch of path.
+        Estimated errors of sensors and ground; None before the first stretch of path.
     """
 
     k: float
@@ -140,7 +141,7 @@ class SoilEstimate:
 
     @cached_property
     def remaining(self) -> Mapping[str, float]:
-        """Posterior over prior standard deviation of what `Identifiable` judges, by name."""
+        """Ratio of posterior to prior standard deviation of what `Identifiable` judges, by name."""
         rows = self._rows
         after, before = (
             np.einsum("ij,jk,ik->i", rows, covariance, rows)
@@ -157,7 +158,7 @@ class SoilEstimate:
 
     @cached_property
     def in_doubt(self) -> str:
-        """Why nothing counts as determined although deviations are small; "" without a reason."""
+        """Why nothing counts as determined although the deviations are small; empty without such a reason."""
         if self.missing_effect is not None:
             return self._misses
         std = math.sqrt(max(self.log_covariance[1, 1], 0.0))
@@ -178,7 +179,7 @@ class SoilEstimate:
 
     @property
     def status(self) -> tuple[str, ...]:
-        """Say what is not determined, and why; empty when everything is determined."""
+        """Say what is not determined, and why; empty where everything is."""
         if self.in_doubt and self.accepted:
             return (f"nothing is determined: {self.in_doubt}",)
         limits = dict.fromkeys(Identifiable._fields, "")
@@ -188,13 +189,13 @@ class SoilEstimate:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Further findings of the drive about soil and sensors."""
+        """Further findings about soil and sensors, in words."""
         shown = "" if self.state is None else self.state.slip_sinkage
         return (shown,) if shown else ()
 
     @property
     def verdicts(self) -> dict[str, str]:
-        """Say of each parameter whether the data has determined it, and how far."""
+        """For each parameter, whether the data has determined it, and how far."""
         found, but = {}, self.in_doubt and f" ({self.in_doubt})"
         for name, left in self.remaining.items():
             known = "determined" if getattr(self.identifiable, name) else f"not determined{but}"
@@ -207,9 +208,9 @@ class SoilEstimate:
         return "" if missing is None else f"the model misses an effect, {missing.effect}"
 
     def effective_modulus(self, diameter: float | None = None) -> tuple[float, float]:
-        """K = k D^m (Pa/m^n) and its standard deviation, for a wheel diameter (m).
+        """K = k D^m and its standard deviation (Pa/m^n) for a wheel diameter (m), or the reference diameter.
 
-        Without a diameter, for the reference diameter. The deviation is linearised.
+        The deviation is linearised.
         """
         row = self._log_modulus_row(self.reference_diameter if diameter is None else diameter)
         modulus = math.exp(row @ (self.log_pressure, self.n, self.m))
@@ -223,7 +224,7 @@ class SoilEstimate:
 
 
 def seen_as(slopes: Array, covariance: Array) -> Array:
-    """Covariance of slopes @ x, symmetric to the last digit.
+    """Covariance of slopes @ x, exactly symmetric.
 
     Parameters
     ----------

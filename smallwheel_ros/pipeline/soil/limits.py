@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps a number of the soil from being known better.
+"""What keeps a parameter of the soil from being known better.
 
-Faults of sensors and ground are in the filter's state, too. Were a group g of them known exactly,
-the variance v of a number would fall by
+Errors of sensors and ground are part of the filter's state. If a group g of them were known exactly, the
+variance v of a parameter would fall by the share
 
     share = c^T C_gg^-1 c / v,    c = C_g. a
 
-with C the covariance of the state, and a the number's slopes by it. The group with the largest share is the
-limit where that is over a third; else it is the data.
+with C the covariance of the state, and a the slopes of the parameter by the state. The group with
+the largest share is the limit if that is over a third; otherwise the amount of data is.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _GROUPS = (
 
 @dataclass(frozen=True, eq=False)
 class StateBelief:
-    """Belief in the filter's state, except for the soil's own parameters.
+    """Estimated errors of sensors and ground: the filter's state except for the soil's own parameters.
 
     slopes: of (ln pressure at the reference, n, m) by the state, (3, size). mean, covariance: of the state.
     """
@@ -68,9 +68,9 @@ class StateBelief:
     covariance: Array
 
     def limits(self, rows: Array) -> list[str]:
-        """Say what limits each of some parameters; empty where the data does.
+        """Name what limits some parameters, where it is not the amount of data.
 
-        rows: slopes of the numbers by (ln pressure, n, m), (numbers, 3).
+        rows: slopes of the parameters by (ln pressure, n, m), (parameters, 3).
         """
         by_state = rows @ self.slopes
         across = by_state @ self.covariance
@@ -100,7 +100,7 @@ class StateBelief:
 
     @property
     def slip_sinkage(self) -> str:
-        """Say how much of the sinkage slip adds, from 2.5 deviations on."""
+        """Say how much slip adds to the sinkage; empty below 2.5 deviations."""
         value, variance = float(self.mean[SLIP]), float(self.covariance[SLIP, SLIP])
         if value <= _SHOWS * math.sqrt(max(variance, 0.0)):
             return ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The law as it is believed from a stretch on, and under single wheels."""
+"""The soil's law from each stretch on, and under single wheels."""
 
 from __future__ import annotations
 
@@ -38,14 +38,35 @@ from .stretches import WheelsUnderLoad
 
 @dataclass(frozen=True)
 class Version:
-    """State of the law from one stretch on. number: of the soil, in order of discovery.
+    """The soil's law from one stretch on, with everything that is reported of the soil.
 
-    law, slopes: ln pressure at the soil's reference, n and m, and their slopes by mean. mean, covariance: of
-    the soil's numbers (`law`); before any stretch of the law alone: then model is None. scatter: variances of
-    ln k and of sinkage from place to place. doubt: why nothing is determined, in words, or empty. border: m
-    along the vehicle's path; wheels that have not reached it are on version `old`. variety: of the stretches
-    used. missing: effect that the model misses; missed_variance: of ln k by that, in scatter, too. outliers:
-    readings left out; changes: of soil found; distance: m, of the vehicle: all up to here.
+    Attributes
+    ----------
+    model
+        None before any stretch.
+    law, slopes
+        ln pressure at the soil's reference, n and m, and their slopes by `mean`.
+    mean, covariance
+        Of the soil's state (`law`); before any stretch of the law alone.
+    scatter
+        Variances of ln k and of sinkage from place to place.
+    number
+        Of the soil, in the order in which soils were found.
+    settled, doubt
+        See `SoilEstimate`.
+    accepted, outliers
+        Readings used, and left out, up to here.
+    border, old
+        Where this soil begins along the vehicle's path, m; wheels that have not reached it are on version
+        `old`.
+    variety
+        Of the stretches used.
+    missing, missed_variance
+        Effect that the model misses, and the variance of ln k due to that; `scatter` includes it.
+    changes
+        How many borders were found up to here.
+    distance
+        Path of the vehicle up to here, m.
     """
 
     model: LawModel | None
@@ -70,10 +91,16 @@ class Version:
 
 @dataclass(frozen=True)
 class LocalLaws(Columns):
-    """Law under each wheel, with its rut and side, and the load cells.
+    """Law under each wheel, its rut and side included, and scale and zero of its load cell.
 
-    law: ln pressure at the soil's reference, n and m, (rows, 3). log_scale, zero: of the load cell; N.
-    covariance: of the law, and of ln load by scale and, per N^-1, by zero, (rows, 5, 5).
+    Attributes
+    ----------
+    law
+        ln pressure at the soil's reference, n and m, (rows, 3).
+    log_scale, zero
+        ln of the load cell's scale; its zero, N.
+    covariance
+        Of the law, and of ln load due to the scale and, per N^-1, to the zero, (rows, 5, 5).
     """
 
     law: Array
@@ -87,11 +114,11 @@ class LocalLaws(Columns):
         return net
 
     def load(self, shown: Array) -> Array:
-        """The loads themselves, N."""
+        """Loads (N) that the wheels carry, for loads shown by the cells."""
         return np.asarray(self.net(shown) * np.exp(-self.log_scale))
 
     def with_load(self, shown: Array) -> Array:
-        """Covariance of (ln p, n, m, ln load) but for the load's noise, (rows, 4, 4)."""
+        """Covariance of (ln p, n, m, ln load), without the noise of the load, (rows, 4, 4)."""
         turn = np.zeros((shown.size, 4, 5))
         turn[:, range(4), range(4)] = 1.0
         turn[:, 3, 4] = 1.0 / self.net(shown)
@@ -147,7 +174,7 @@ def local_laws(
 def sinkages(
     versions: Versions[Version], rows: WheelsUnderLoad, version: Integers
 ) -> tuple[Array, Array]:
-    """Sinkage of wheels and its variance by law, place and load.
+    """Sinkage of wheels, and its variance due to law, place and load.
 
     Parameters
     ----------
@@ -195,7 +222,7 @@ def law_of(version: Version) -> Law:
 
 
 class Reported:
-    """Reports laws at the reference sinkage and a diameter (m), the prior's covariance too."""
+    """Makes reports of a soil at the reference sinkage and a diameter (m), with the prior's covariance."""
 
     def __init__(self, prior: SoilPrior, diameter: float) -> None:
         self._at = REFERENCE_SINKAGE, diameter

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The alarm that physics is missing: what the estimator's errors follow, tested as it drives.
+"""The alarm that an effect is missing: what the estimator's errors follow, tested during the drive.
 
 A filter can hide a missing effect: it bends k and n, or takes each slippery place for another soil.
-So this test does not look at what the filter makes of the measurements. It keeps the measurements
-of the last metres, outliers included, as medians over short pieces of way, and asks of the change
-from each piece to the next of one wheel: does ln sinkage change as n and m say, or also as slip,
-speed or load do? Changes, since soil drifts and ends: a border between soils is one great change
-that nothing explains, which Student's t distribution allows for, while an effect comes back
-wherever its cause does.
+The test therefore does not use the filter's results. It keeps the measurements of the last metres,
+outliers included, as medians over short pieces of path, and looks at the change from each piece to
+the next of one wheel: does ln sinkage change as n and m say, or also with slip, speed or load? It
+uses changes because soil drifts and ends: a border between soils is one large change that nothing
+explains, which Student's t distribution allows for, while an effect comes back wherever its cause
+does.
 
 The statistic of an effect is that of a score test, as in `diagnosis`: twice the gain in log
 likelihood when its column joins those of n and m, the largest over the forms of its family. Forms
-differ little over a drive; the name is that of the family.
+differ little over a drive, so only the family is named.
 
-Tests are due every 2 m of way, at the end of a stretch, with the law that was believed before it: they do
-not depend on where blocks were cut.
+Tests are due every 2 m of path, at the end of a stretch, with the law from before it: they do not depend on
+where blocks are cut.
 """
 
 from __future__ import annotations
@@ -61,12 +61,20 @@ _NO_SINKAGE = (ArithmeticError, ValueError, np.linalg.LinAlgError, SmallwheelErr
 
 @dataclass(frozen=True)
 class EffectScore:
-    """One family in one test.
+    """Result of one test for one family of effects.
 
-    form, strength: its best form, and the first parameter of that by the linear fit. statistic:
-    twice the gain in log likelihood. follows: the first of its drivers, 'load' where none.
-    reason: why it could not be tested, else "". spread: standard deviation of what it adds to ln
-    sinkage from place to place.
+    Attributes
+    ----------
+    form, strength
+        Its best form, and the linear fit's value of that form's first parameter.
+    statistic
+        Twice the gain in log likelihood.
+    follows
+        The first variable that it depends on; 'load' if none.
+    reason
+        Why it could not be tested; empty if it was.
+    spread
+        Standard deviation of what it adds to ln sinkage from place to place.
     """
 
     effect: str
@@ -80,25 +88,25 @@ class EffectScore:
 
 @dataclass(frozen=True)
 class MissingEffect:
-    """A missing effect of the model, as the last metres show it.
+    """An effect that the model lacks, as the last metres show it.
 
     Attributes
     ----------
     effect
-        Id of the effect that explains it best.
+        Id of the effect that explains the errors best.
     rivals
-        Ids that explain it nearly as well: this drive cannot tell them apart.
+        Ids of effects that explain them nearly as well: this drive cannot separate them.
     follows
         What the errors follow: 'slip', 'speed', 'load'.
     statistic
         Evidence: twice the gain in log likelihood.
     distance
-        Travel (m) at which it was raised.
+        Travel at which the alarm was raised, m.
     message
         The same for people.
     log_modulus_std
-        How far the missing effect takes ln k from place to place: what every prediction is uncertain
-        by until the effect is in the model.
+        Deviation of ln k from place to place due to the missing effect, by which every prediction is
+        uncertain until the effect is in the model.
     """
 
     effect: str
@@ -126,11 +134,20 @@ class _Trial(NamedTuple):
 class MissingEffectWatch:
     """Watches for effects that the model lacks.
 
-    effects: of the model. length: m, of a stretch. prior: whose strength, name and geometry the
-    laws are tried with.
-
-    alarm: what is missed, None while nothing is. scores: of the newest test, the best first. missed_variance:
-    of ln k, to be allowed for while an effect is suspected that the model has not.
+    Attributes
+    ----------
+    effects
+        Of the model.
+    length
+        Of a stretch, m.
+    prior
+        Whose strength, name and geometry are used with the laws tried.
+    alarm
+        The effect that is missing; None while there is no alarm.
+    scores
+        Of the newest test, the best first.
+    missed_variance
+        Of ln k, allowed for while a missing effect is suspected.
     """
 
     def __init__(
@@ -166,7 +183,7 @@ class MissingEffectWatch:
         rows
             The stretches.
         law
-            Gives k, n and m as believed before them.
+            Gives k, n and m from before these stretches.
         """
         rows = rows.take(self._rolls[rows.wheel])
         if not len(rows):
@@ -315,11 +332,18 @@ def _score(
 
 
 class Changes(NamedTuple):
-    """All stretches, and the pairs of neighbours among them.
+    """Stretches, and the pairs of neighbours among them whose changes are tested.
 
-    log_sinkage: ln m, shape (stretches,). wheels: the stretches' loads, sizes, slip and speed, these two NaN
-    where not known. later, earlier: indices of each pair, shape (pairs,); deviation: of the change in ln
-    sinkage, known up to a factor common to all.
+    Attributes
+    ----------
+    log_sinkage
+        ln of m, shape (stretches,).
+    wheels
+        Loads, sizes, slip and speed of the stretches; slip and speed are NaN if unknown.
+    later, earlier
+        Indices of the two stretches of each pair, shape (pairs,).
+    deviation
+        Of each change in ln sinkage, shape (pairs,), up to a common factor.
     """
 
     log_sinkage: Array
@@ -339,7 +363,7 @@ class Changes(NamedTuple):
 
 
 class StretchChanges:
-    """Keeps the stretches (of `length`, m) of the last `window` (m), by wheel."""
+    """Keeps the stretches of the last `window` metres, by wheel. length: of a stretch, m."""
 
     def __init__(self, wheels: tuple[Wheel, ...], length: float, window: float) -> None:
         self._wheels, self._length, self._window = wheels, length, window
@@ -347,7 +371,7 @@ class StretchChanges:
         self._order: dict[int, None] = {}  # of the wheels, as they came
 
     def add(self, rows: Stretches) -> None:
-        """Take stretches; those without measurable sinkage have no logarithm, and are left out."""
+        """Add stretches; those without measurable sinkage have no logarithm and are left out."""
         rows = rows.take(rows.sinkage >= _LEAST_SINKAGE)
         if len(rows):
             self._kept.append(rows)

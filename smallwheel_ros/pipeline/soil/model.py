@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors show of the soil's law: the state x, and h with its Jacobian H, for many stretches at once.
+"""What sensors show under the soil's law: the state x, and h with its Jacobian H, for many stretches at once.
 
 State:
 
-    u    ln of the sinkage (m) of a reference wheel, the one measured first
+    u    ln of the sinkage (m) of a reference wheel, the first one measured
     n    exponent of sinkage
     m    exponent of the wheel's diameter
     g    ln of the factor on sinkage in the rut of one wheel
-    a    half of ln of what k is under the left wheels, over that under the right ones
+    a    half of ln of the ratio of k under the left wheels to k under the right ones
     l    ln of the load cells' scale
-    b    what the load cells show too much, over the reference wheel's load W_ref
+    b    zero of the load cells, over the reference wheel's load W_ref
     s    slip sinkage: z (1 + s i) at slip i > 0
     t    s, by which sinkage is shown later than the load
     e    m/rad, error of the shown sinkage with pitch
@@ -17,13 +17,13 @@ State:
     f    ln of the scale of all sinkage sensors
     d_w, l_w   of each wheel, in addition: zero of its sensor (m), ln of the scale of its load cell
 
-Of f the measurements say nothing: a soil on which all sinkages are a twentieth less fits as well. h of a
-wheel with load W, slip i, and p of its rut:
+The measurements cannot determine f: a soil on which all sinkages are a twentieth smaller fits as
+well. For a wheel with load W and slip i in a rut with exponent p
 
     h(x) = z(W'; z_ref, n, m) exp(g p + f) (1 + s max(i, 0)) + e pitch + c + d_w
     W'   = (W - b W_ref) exp(-l - l_w - t d ln W/dt - side a)        side: 1 left, -1 right
 
-z is the sinkage by the model's geometry and effects (`sinkage_of`).
+where z is the sinkage by the model's geometry and effects (`sinkage_of`).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ _AXLE = 0.5  # of the diameter
 
 @dataclass(frozen=True)
 class Sinkage:
-    """Of wheels on soils: m, slopes by (ln K at the reference diameter, n, m, ln load), (rows, 4)."""
+    """Sinkage (m) of wheels, and its slopes by (ln K at the reference diameter, n, m, ln load), (rows, 4)."""
 
     value: Array
     slopes: Array
@@ -153,7 +153,7 @@ def sinkage_of(
 def covariates(
     effects: Sequence[Effect], rolling: Flags, slip: Array | None, speed: Array | None
 ) -> tuple[Integers, dict[str, Array]]:
-    """Rows in which everything is known that effects read, and its values there.
+    """Rows for which everything that effects read is known, and its values there.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def covariates(
     Returns
     -------
     rows, values : ndarray, dict of ndarray
-        Numbers of the rows; values by name, shape (known,).
+        Numbers of the rows; values by name, shape (rows known,).
     """
     if not effects:
         return np.arange(rolling.size), {}
@@ -184,7 +184,7 @@ def covariates(
 
 @dataclass(frozen=True)
 class Shown(Columns):
-    """h(x) in m, H (rows, size), slope by ln load, and variance (m^2) by what many passes make of a rut."""
+    """h(x) (m), H (rows, size), slope by ln load, and the variance (m^2) due to ruts of many passes."""
 
     value: Array
     H: Array
@@ -193,10 +193,16 @@ class Shown(Columns):
 
 
 class LawModel:
-    """The state's prior and h for the wheels of a vehicle.
+    """Prior of the state, and h for the wheels of a vehicle.
 
-    reference: load (N), diameter and width (m) of the wheel that u is of. mean, soil_covariance: of the
-    state before any measurement; unnamed_covariance: the same where the soil may be another than its name.
+    Attributes
+    ----------
+    reference
+        Load (N), diameter and width (m) of the wheel that u belongs to.
+    mean, soil_covariance
+        Of the state before any measurement.
+    unnamed_covariance
+        The same if the soil may be another than the named one.
     """
 
     def __init__(
@@ -240,14 +246,14 @@ class LawModel:
         self.unnamed_covariance[:LAW, :LAW] = back @ own @ back.T
 
     def fault_free(self, covariance: Array) -> Array:
-        """The same covariance of the state where passes and zeros are known to a tenth of it."""
+        """The covariance of the state with deviations of passes and zeros reduced to a tenth."""
         scale = np.ones(self.size)
         scale[[PASS, ZERO, *range(WHEELS, self.size, EACH)]] = _FAULT_FREE
         whole: Array = covariance * np.outer(scale, scale)
         return whole
 
     def drift(self, law: float, side: float, border: float) -> tuple[Array, Array]:
-        """F and Q of a distance.
+        """F and Q of the prediction over a distance.
 
         Parameters
         ----------
@@ -294,7 +300,7 @@ class LawModel:
         return log_modulus, -(n + 0.5) - by_ratio, -u - made.slope_exponent
 
     def law(self, y: Array) -> tuple[Array, Array]:
-        """Ln pressure at the reference sinkage and diameter, n and m; Jacobian by y, (3, size)."""
+        """Ln pressure at the reference sinkage and diameter, n and m; their Jacobian by y, (3, size)."""
         u, n, m = y[:LAW]
         log_modulus, by_sinkage, by_exponent = (float(v) for v in self.pressure(u, n))
         jacobian = np.eye(LAW, self.size)
@@ -376,10 +382,10 @@ class LawModel:
 def reference_wheel(
     rows: Stretches, wheels: Sequence[Wheel], prior: SoilPrior
 ) -> tuple[float, float, float]:
-    """Load, diameter and width of the reference wheel: the one measured first.
+    """Load, diameter and width of the reference wheel: the first one measured.
 
-    A wheel that is pressed begins without load, so its reference is the load under which the prior's soil
-    lets it sink to the reference sinkage.
+    A wheel that is pressed begins without load, so its reference is the load at which the prior's soil
+    gives the reference sinkage.
 
     Parameters
     ----------

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The estimate in a file, so that a restart on the same soil goes on where it was.
+"""The estimate in a file, so that a restart on the same soil continues where it was.
 
-JSON, written whole or not at all. It holds the newest soil, and what is
-known of the sensors. What it was estimated with, prior and effects, is in it
-too: under another prior or another model the numbers would mean something else.
-A checksum tells a file that is as it was written from any other.
+JSON, written whole or not at all. It holds the newest soil and the estimated errors of the sensors,
+and also the prior and effects used: under another prior or model the numbers would mean something
+else. A checksum shows whether a file is as it was written.
 """
 
 from __future__ import annotations
@@ -36,10 +35,14 @@ _VERSION = 6  # another means something else, and is refused
 
 @dataclass(frozen=True)
 class SoilRecord:
-    """A soil's law, and the estimated faults of sensors except those of single wheels.
+    """A soil's law, and the estimated errors of the sensors except those of single wheels.
 
-    reference: load (N), diameter, width (m) of the reference wheel. mean, covariance: of the soil's
-    numbers (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
+    Attributes
+    ----------
+    reference
+        Load (N), diameter and width (m) of the reference wheel.
+    mean, covariance
+        Of the soil's state (`law`), shape (WHEELS,) and (WHEELS, WHEELS).
     """
 
     reference: tuple[float, float, float]
@@ -49,10 +52,10 @@ class SoilRecord:
 
 @dataclass(frozen=True)
 class SavedState:
-    """Content of a file; None: no soil had been measured.
+    """Content of a file; a field is None if it had not been measured.
 
-    strength: as the traction's filter has it. cost_map: SHA-256 of the map that was saved with it, None where
-    there was none.
+    strength: state of the traction's filter. cost_map: SHA-256 of the map that was saved with it, None
+    if there was none.
     """
 
     soil: SoilRecord | None
@@ -80,11 +83,11 @@ def state_bytes(
     state
         What is saved.
     prior
-        Prior with which it was estimated.
+        Prior used in the estimate.
     effects
-        Effects with which it was estimated.
+        Effects used in the estimate.
     now
-        The present estimate, for readers of the file.
+        The present estimate, for people who read the file.
     """
     soil = state.soil
     summary = (
@@ -141,7 +144,7 @@ def _checksum(content: dict[str, Any]) -> str:
 
 
 def check_may_replace(path: Path) -> None:
-    """Refuse to write over something else than a saved soil. Raises EstimatorError."""
+    """Refuse to overwrite a file that is not a saved soil. Raises EstimatorError."""
     try:
         if not os.path.lexists(path) or _content(path).get("format") == FORMAT:
             return
@@ -173,9 +176,9 @@ def read_state(path: Path, prior: SoilPrior, effects: Sequence[Effect]) -> Saved
     path
         The file.
     prior
-        Prior that it has to be made with.
+        Prior that the estimate must have been made with.
     effects
-        Effects that it has to be made with.
+        Effects that it must have been made with.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stretches differ by beyond the law and their sensors: learnt from innovations of the soil's filter."""
+"""Scatter of stretches beyond law and sensors, learnt from innovations of the soil's filter."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ MODEL_ERROR = 0.02  # of sinkage: the law against the public single-wheel rig, w
 class SoilScatter:
     """Scatter of stretches beyond state and sensors, learnt from innovations.
 
-    A regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2) and `soil`, the variance of
-    ln k at a place. `share`: of that, what is left in the mean over a stretch.
+    By a regression of nu^2 - H P H - base on (1, by^2 share): `additive` (m^2), and `soil`, the
+    variance of ln k at a place. `share` is the part of that variance left in the mean over a stretch.
     """
 
     _MEMORY, _TOLD = 150.0, 30.0  # stretches; that what is told of the soil's scatter counts for
@@ -45,9 +45,9 @@ class SoilScatter:
 
     @property
     def places(self) -> tuple[float, float]:
-        """Variances at one place: of ln k, and of the sinkage besides (m^2).
+        """Variances at one place: of ln k, and of the sinkage in addition (m^2).
 
-        What is left over may be the ground's or the sensor's: it counts as the ground's.
+        The remaining scatter may be the ground's or the sensor's; it is counted as the ground's.
         """
         return self.soil, self.additive / self.share
 
@@ -64,8 +64,8 @@ class SoilScatter:
         Returns
         -------
         alone, counts, base : ndarray
-            Shape (rows,), m^2: of a stretch by itself; as it counts among its neighbours; of
-            sensors and law only.
+            Shape (rows,), m^2: of a stretch alone; of a stretch among its neighbours; of sensors and law
+            only.
         """
         by_load = shown.by_load**2
         base = rows.variance + by_load * rows.load_variance
@@ -76,27 +76,27 @@ class SoilScatter:
 
     @property
     def alike(self) -> float:
-        """Factor by which errors weigh more because neighbours are alike: (1 + r)/(1 - r)."""
+        """Factor by which correlation r of neighbours raises the variance of a mean: (1 + r)/(1 - r)."""
         alike = min(max(self._products[0] / self._products[1], 0.0), 0.8)
         return float((1.0 + alike) / (1.0 - alike))
 
     def learn(
         self, wheel: int, miss: float, state: float, variance: float, base: float, by: float
     ) -> None:
-        """Take an innovation.
+        """Use an innovation.
 
         Parameters
         ----------
         wheel
             Number of the wheel.
         miss
-            Shown less expected sinkage, m.
+            Shown minus expected sinkage, m.
         state
-            Its variance by the state, m^2.
+            Variance due to the state, m^2.
         variance
-            Its variance in all, m^2.
+            Variance in all, m^2.
         base
-            Its variance by sensors and law, m^2.
+            Variance due to sensors and law, m^2.
         by
             Slope of sinkage by ln k, m.
         """

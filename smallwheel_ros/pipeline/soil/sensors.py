@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stretches tell of their sensors before a filter hears of them: stuck ones, and the sum of all loads.
+"""Faults of sensors that stretches show before the filter uses them: stuck ones, and a wrong sum of loads.
 
-A sinkage sensor that shows what no wheel does that rolls over soil is stuck: its readings over five stretches
-differ by less than a fifth of what loads and texture make sinkage vary by; not where that is less than the
-steps of the sensor.
+A sinkage sensor that shows less variation than rolling over soil allows is stuck: its readings over five
+stretches differ by less than a fifth of what loads and texture make the sinkage vary by. It is not judged
+where that is less than the sensor's steps.
 
 All loads together are the vehicle's weight, whatever the cells show. Over six stretches of each wheel
 
     off = mean of ln(sum of W / (m g cos pitch)),    std = (0.02^2 + std(ln sum)^2/6)^1/2
 
-0.02: of the mass, by scale, water, dust. Where off is over 10 % either the cells or the mass are wrong, and
-std is |off|; not where a unit explains it. What is missing in the sum may be on wheels that are not listed.
+0.02 is the uncertainty of the mass, by scale, water, dust. Where off is over 10 % either the cells
+or the mass are wrong, and std is |off|, unless a wrong unit explains it. What is missing in the sum
+may be carried by wheels that are not listed.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ CONTRADICTION = math.log(1.1)  # neither load cells nor a weighed mass are 10 % 
 
 
 class StuckSensors:
-    """Follows the stretches of each wheel. stuck: which wheels' sinkage sensors are."""
+    """Looks for stuck sinkage sensors in the stretches of each wheel. stuck: those found."""
 
     def __init__(self, wheels: int) -> None:
         self.stuck = np.zeros(wheels, dtype=bool)
         self._shown: list[deque[tuple[float, ...]]] = [deque(maxlen=_STUCK) for _ in range(wheels)]
 
     def add(self, rows: Stretches) -> None:
-        """Take stretches in the order in which they closed."""
+        """Add stretches, in the order in which they closed."""
         columns = rows.low, rows.high, rows.load, rows.sinkage, rows.step, rows.count
         for wheel, *now in zip(rows.wheel.tolist(), *(c.tolist() for c in columns), strict=True):
             shown = self._shown[wheel]
@@ -66,7 +67,7 @@ class StuckSensors:
 
 
 class Weighed(NamedTuple):
-    """Mean loads (N) of the wheels, and what they should add up to with its deviation, N."""
+    """Mean loads (N) of the wheels, and the weight that they should add up to with its deviation, N."""
 
     loads: Array
     weight: float
@@ -74,7 +75,7 @@ class Weighed(NamedTuple):
 
 
 class Weighing:
-    """Compares the loads of all wheels with the vehicle's weight. mass: kg, 0: not known. gravity: m/s^2."""
+    """Compares the loads of all wheels with the vehicle's weight. mass: kg, 0: unknown. gravity: m/s^2."""
 
     def __init__(self, wheels: int, mass: float, gravity: float = GRAVITY) -> None:
         self._mass, self._gravity = mass, gravity
@@ -84,7 +85,7 @@ class Weighing:
         ]
 
     def add(self, rows: Stretches) -> Weighed | None:
-        """Take stretches; return the comparison of loads with the weight, once."""
+        """Add stretches; return the comparison of loads and weight once, when there are enough."""
         if self._mass <= 0.0:
             return None
         columns = rows.wheel.tolist(), rows.load.tolist(), np.cos(rows.pitch).tolist()
@@ -107,6 +108,6 @@ class Weighing:
         return Weighed(means, weight, weight * (abs(off) if abs(off) > CONTRADICTION else std))
 
     def unlisted(self, stamps: Integers) -> Array:
-        """Share of the weight that the listed wheels do not carry, as known at stamps (ns)."""
+        """Share of the weight that the listed wheels do not carry, as known at stamps (ns); one for each."""
         since, share = self._unlisted
         return np.where(stamps >= since, share, 0.0)

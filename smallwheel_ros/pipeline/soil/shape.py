@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether pressure grows with depth as the law says: residuals against depth.
 
-Over a hard layer at depth q a wheel sinks less beyond q than any power of depth has it, over a soft one more.
-With e = z - h(x0) linearised at the newest state, S = H P0 H^T + R its covariance by the state's prior and
-by the noise of stretches, and c = max(z_law - q, 0) the depth beyond q as the law has it,
+Over a hard layer at depth q a wheel sinks less beyond q than any power of depth predicts, over a
+soft one more. With e = z - h(x0) linearised at the newest state, its covariance S = H P0 H^T + R
+from the state's prior and the noise of stretches, and c = max(z_law - q, 0), the depth beyond q by
+the law,
 
     share = c^T S^-1 e / (c^T S^-1 c),    sigmas = c^T S^-1 e / (c^T S^-1 c)^1/2
 
-is what a wheel sinks more beyond q over what the law gives (-1: not at all), whatever the numbers of the
-state (a score test; Rao 1948). Tried are the quartiles of the depths of the newest stretches of this soil.
+is the additional sinkage beyond q as a share of the law's (-1: it sinks no deeper than q), whatever
+the state's values (a score test; Rao 1948). The depths q tried are the quartiles over the newest
+stretches of this soil.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ _CUT = 3.0  # deviations to which a residual counts in full
 
 
 def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
-    """Explain how stretches refute the shape of the law.
+    """Explain how stretches contradict the shape of the law.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ def shape_doubt(rows: Stretches, law: SoilFilter, doubted: bool = False) -> str:
     law
         The filter.
     doubted
-        Whether earlier stretches of this soil did so.
+        Whether earlier stretches of this soil did contradict it.
 
     Returns
     -------

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of a wheel on 0.2 m of its own path become one measurement of the soil.
+"""Readings of a wheel over 0.2 m of its own path become one measurement of the soil.
 
-    stretch   rows from one on to the last before path - start >= length; it ends as well where the
-              vehicle turns back, and then counts from half that length on
+    stretch   rows from one on to the last before path - start >= length; it also ends where the vehicle
+              turns back, and then counts if it is at least half that length
     sinkage   mean of the rows within 3 (sigma + MAD) of their median
     load      exp(mean ln W), shrunk to the wheel's mean by the share of noise in its spread
               (regression calibration, Carroll and others 2006)
-    sigma     of one reading, and of ln load, from second differences: a trend is no noise
+    sigma     of one reading, and of ln load, from second differences, so that a trend is not noise
 
-Rows of a wheel that has not moved since its last row do not count: a wheel that stands tells nothing new.
+Rows of a wheel that has not moved since its last row are left out: a wheel at rest gives no new
+information.
 """
 
 from __future__ import annotations
@@ -42,8 +43,18 @@ _MOST_ROWS = 2000  # of a pressed wheel, which need not move
 class WheelsUnderLoad(Columns):
     """Wheels under loads, for which the law predicts the sinkage.
 
-    load: N, without its cell's noise; load_variance: of its logarithm by that. load_rate: d ln load / dt,
-    1/s. slip, speed: 1, m/s, NaN where not known. passes, pass_doubt: as in `Readings`.
+    Attributes
+    ----------
+    load
+        N, without its cell's noise.
+    load_variance
+        Of ln load, due to that noise.
+    load_rate
+        d ln load / dt, 1/s.
+    slip, speed
+        1, m/s; NaN if unknown.
+    passes, pass_doubt
+        As in `Readings`.
     """
 
     wheel: Integers
@@ -60,9 +71,20 @@ class WheelsUnderLoad(Columns):
 class Stretches(WheelsUnderLoad):
     """A row for each stretch, in the order in which they close.
 
-    end: stamp (ns) of the row that closed it. sinkage: mean, m; variance: m^2, of that by the sensor's
-    noise. pitch: rad. place: of the wheel along the vehicle's path, m. count, dropped: readings in the mean,
-    and left out. low, high: least and most that was shown; step: least difference of two readings, m.
+    Attributes
+    ----------
+    end
+        Stamp of the row that closed it, ns.
+    sinkage, variance
+        Mean, m, and its variance due to the sensor's noise, m^2.
+    pitch
+        rad.
+    place
+        Of the wheel along the vehicle's path, m.
+    count, dropped
+        Number of readings in the mean, and left out.
+    low, high, step
+        Least and greatest reading, and least difference of two readings, m.
     """
 
     end: Integers
@@ -131,7 +153,7 @@ class _Wheel:
 
 @dataclass
 class StretchState:
-    """What is carried from block to block: a `_Wheel` each."""
+    """State carried from block to block, for each wheel."""
 
     wheels: list[_Wheel] = field(default_factory=list)
 
@@ -144,7 +166,7 @@ class StretchState:
 
 @dataclass(frozen=True)
 class Loads(Columns):
-    """Of each row: load (N) without its cell's noise, and its deviation."""
+    """Load (N) of each row without its cell's noise, and its deviation (N)."""
 
     load: Array
     load_std: Array
@@ -153,7 +175,7 @@ class Loads(Columns):
 def stretches(
     state: StretchState, rows: Readings, settings: OnboardSettings
 ) -> tuple[Stretches | None, Loads]:
-    """Stretches that close in this block, and the loads of its rows without noise.
+    """Stretches that close in this block, and the noise-free loads of its rows.
 
     Parameters
     ----------

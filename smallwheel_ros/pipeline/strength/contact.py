@@ -22,12 +22,26 @@ from smallwheel_ros.pipeline.tables import Array, Columns, Flags, Integers
 
 @dataclass(frozen=True)
 class OnSoil(Columns):
-    """Of wheels: load (N), sinkage (m), compaction and other resistance (N).
+    """Loads (N), sinkages (m), compaction and other resistances (N) of wheels on soil.
 
-    covariance: of these three and ln load, by law, the place's deviation of ln k, and load, (rows, 4, 4);
-    own: of that what is the wheel's own. shown: of the sinkage by its sensor, m. exponent, diameter: n and m
-    that the soil meets. reaching: of the load, by the effects, what the soil carries (N); factor: of the
-    effects on thrust. slip, speed: that effects have read, NaN where none does. sunk: to the axle.
+    Attributes
+    ----------
+    covariance
+        Of sinkage, the two resistances and ln load, due to law, place (ln k) and load, (rows, 4, 4).
+    own
+        The part of it that is the wheel's own.
+    shown
+        Sinkage as its sensor shows it, m.
+    exponent, diameter
+        n and m under the effects.
+    reaching
+        Part of the load that the soil carries under the effects, N.
+    factor
+        Of the effects on thrust.
+    slip, speed
+        Values that effects have read; NaN where none does.
+    sunk
+        Whether the wheel is sunk to its axle.
     """
 
     wheel: Integers
@@ -47,7 +61,7 @@ class OnSoil(Columns):
     sunk: Flags
 
     def means(self, group: Integers, weight: Array) -> OnSoil:
-        """Weighted means over the rows of each group; sunk where one row is.
+        """Weighted means over the rows of each group; a group is sunk if one of its rows is.
 
         Parameters
         ----------
@@ -74,7 +88,7 @@ class OnSoil(Columns):
         return OnSoil(**whole)
 
     def variance(self, **by: Array | float) -> Array:
-        """Variance of a quantity with slopes by `sinkage`, `compaction`, `other` and `log_load`."""
+        """Variance of a quantity with these slopes by `sinkage`, `compaction`, `other` and `log_load`."""
         row = np.zeros_like(self.covariance[:, 0])
         for i, name in enumerate(("sinkage", "compaction", "other", "log_load")):
             row[:, i] = by.get(name, 0.0)
@@ -87,7 +101,7 @@ def on_soil(
     slip: Array | None = None, speed: Array | None = None, strength: Strength | None = None,
     geometry: Geometry = "contact_integral",
 ) -> OnSoil:  # fmt: skip
-    """Put wheels on soils.
+    """Place wheels on their soils: sinkage and resistances.
 
     Parameters
     ----------
@@ -98,7 +112,7 @@ def on_soil(
     laws
         The soil's law under each wheel.
     shown, shown_std
-        Load shown by the cell without noise, and its deviation, shape (rows,), N.
+        Load shown by the cell, without noise, and its deviation, shape (rows,), N.
     scatter
         Deviation of ln k from place to place.
     effects
@@ -108,15 +122,14 @@ def on_soil(
     speed
         Shape (rows,), m/s; not needed if no effect reads it.
     strength
-        That effects read.
+        Strength that effects read.
     geometry
         Rule of contact.
 
     Returns
     -------
     OnSoil
-        NaN, except for the load, where a rolling wheel's slip or speed is not known and an effect
-        reads it.
+        NaN, except for the load, where a rolling wheel's slip or speed is unknown and an effect reads it.
     """
     rolling = np.array([w.contact == ROLLING for w in wheels])[wheel]
     known, read = covariates(effects, rolling, slip, speed)

@@ -3,11 +3,11 @@
 
 State x, with the standard deviations of its prior:
 
-    c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; of
-                      ln K as well what forms of the shear curve differ by     0.3
-                      of phi for the margin as well what any ground differs by 0.25
+    c, phi, ln K      cohesion, friction angle, shear deformation modulus      as configured; and by
+    which forms of the shear curve differ, for ln K     0.3
+                      and by which any ground differs, of phi for the margin 0.25
                       and c for the margin is any ground's        500 Pa, 500 Pa or more
-    rho               motion resistance that the law does not give, over load  0.02
+    rho               motion resistance not in the law, over load  0.02
     d                 error of the measured slips, common to all wheels        0.025 in each step
     eta, mu           share of rolling in the shear, rim's friction over the soil's  as configured
     f                 friction of the drives at the rim, over load             0.01, about 0.005
@@ -17,9 +17,9 @@ State x, with the standard deviations of its prior:
     g_0 .. g_N        ln of the grip, in cells of 0.1 m of the ground from under the first wheel to
                       under the last one                                       0.25
 
-Prediction, for each cell that the vehicle moves on: the wheels behind come to the cells of those before
-them, g_0 <- a g_0 with a = exp(-0.1 m / 0.7 m); Q: of g_0 (1 - a^2) 0.25^2, of d its prior's, and of c, phi
-and ln K so much that they are open again after 200 m.
+Prediction, for each cell that the vehicle moves on: the rear wheels come to the cells of those
+ahead of them, g_0 <- a g_0 with a = exp(-0.1 m / 0.7 m); Q: of g_0 (1 - a^2) 0.25^2, of d its
+prior's, and of c, phi and ln K enough to be unknown again after 200 m.
 
 Measurements, of means over a step, all at once (thrust H_w, resistance B_w, torque T_w: `shear`):
 
@@ -27,10 +27,10 @@ Measurements, of means over a step, all at once (thrust H_w, resistance B_w, tor
     balance   sum over wheels P_w = M (a -+ b)           a: specific force g sin(slope) + dv/dt, - forward
     torque    e^t_w h T_w / r + f W_w, a force at the rim
 
-H is taken at the slip at which the predicted law gives the pull that was measured: that pull is asked for,
-and slip answers to it and to the grip. The update is iterated (Bell and Cathey 1993): thrust is far from
-straight in slip, K and grip. A measurement that is 4 deviations off opens the grip of all cells again, and
-counts as little as it is likely.
+H is taken at the slip at which the predicted law gives the pull that was measured: the pull is what
+the drive demands, and slip answers to it and to the grip. The update is iterated (Bell and Cathey
+1993): thrust is far from linear in slip, K and grip. A measurement that is 4 deviations off resets
+the grip of all cells, and has a weight that falls with its likelihood.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ _NEWTON_STEPS, _NEWTON_MOST, _LEAST_SLOPE = 2, 0.1, 0.1  # slip a step; of the l
 
 
 class StrengthFilter:
-    """See the module. kalman: filterpy's; its x and P are the state."""
+    """The filter that the module describes. kalman: filterpy's, with the state x and covariance P."""
 
     def __init__(self, strength: Strength, wheels: tuple[Wheel, ...], mass: float) -> None:
         self.mass = mass
@@ -115,7 +115,7 @@ class StrengthFilter:
         self._level, self._drag = (0.0, LEVEL_STD), 0.0
 
     def move(self, distance: float, forward: bool, slip_std: float) -> None:
-        """Predict over a distance: to the next cells of ground, and to a new error of slip.
+        """Predict over a distance: to the wheels' next cells of ground, and to a new error of slip.
 
         Parameters
         ----------
@@ -198,12 +198,12 @@ class StrengthFilter:
         force: float,
         force_std: float,
     ) -> None:
-        """Use a step; NaN stands for what is not known.
+        """Update from a step of the path; NaN for what is unknown.
 
         Parameters
         ----------
         at
-            The wheels as they roll.
+            The rolling wheels.
         torque
             Shape (wheels,), N m.
         pull, pull_std
@@ -305,7 +305,7 @@ class StrengthFilter:
         self.kalman.P[:STRENGTH, :STRENGTH] = known[1]
 
     def hand_over(self) -> None:
-        """Move to a soil not met before: half of the variance belongs to the site."""
+        """Move to a soil not met before: half of the variance is that of the new site."""
         mean, covariance = self.strength
         left = (1.0 - _ONE_SITE**2) * np.diag(np.square(self.prior_std))
         off = mean - self.prior_mean
@@ -319,7 +319,7 @@ def _log(length: Quantity) -> Quantity:
 
 
 def bounded(x: Array, prior: Array) -> Array:
-    """Nearest state whose strength a soil can have, or the prior's.
+    """The state, moved into the range that a soil's strength can have; the prior's where that fails.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def bounded(x: Array, prior: Array) -> Array:
 
 
 def news(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float, float]:
-    """Information that a value and its deviation add to an earlier pair.
+    """The information by which a value and its deviation differ from an earlier pair.
 
     Parameters
     ----------

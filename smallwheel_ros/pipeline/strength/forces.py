@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forces of rows of wheels by the state of the strength's filter (`strength`), with their slopes."""
+"""Forces of wheels for a state of the strength's filter, with their slopes."""
 
 from __future__ import annotations
 
@@ -26,10 +26,16 @@ _DEEPER = 1e-5  # of the diameter, for the slopes by sinkage
 
 @dataclass(frozen=True)
 class Rolling:
-    """Wheels that roll, rows: number among the rolling ones, contact, and slip.
+    """Rolling wheels, a row each: number among the rolling ones, contact, and slip.
 
-    peak: place of the largest pressure at slip 1, of the arc. layers: effects that layer the pressure. along:
-    share of each wheel's pull that goes along the vehicle's course, (rows,).
+    Attributes
+    ----------
+    peak
+        Place of the largest pressure at slip 1, as a share of the arc.
+    layers
+        Effects that change the pressure by depth.
+    along
+        Share of each wheel's pull along the vehicle's course, (rows,).
     """
 
     order: Integers
@@ -47,7 +53,7 @@ class Rolling:
         return self.along[:, None]
 
     def factor(self, times: int) -> Callable[[Array], Array] | None:
-        """Factor of the effects on the pressure by depth, for copies of these rows; None: no effects."""
+        """Factor of the effects on pressure by depth, for `times` copies of the rows; None without any."""
         if not self.layers:
             return None
         rows = np.tile(np.arange(self.order.size), times)
@@ -76,9 +82,9 @@ class Force:
 
 @dataclass(frozen=True)
 class Believed:
-    """Filter state from a step on: x, P, and the cell of each wheel in the state.
+    """State of the filter from a step on: x, P, and the cell of the ground under each wheel.
 
-    Or, stacked, what it believed at each of many rows: all with an axis of rows before the others.
+    Stacked, it holds the states for many rows: all arrays then have a leading axis of rows.
     """
 
     x: Array
@@ -89,14 +95,14 @@ class Believed:
 
     @classmethod
     def stacked(cls, versions: Sequence[Believed], index: Integers) -> Believed:
-        """States at rows.
+        """The states for rows.
 
         Parameters
         ----------
         versions
-            Versions.
+            States to choose from.
         index
-            Number of each row's version among them, shape (rows,).
+            Number of each row's state among them, shape (rows,).
         """
         x, P, cells, slips, end = (
             np.array([getattr(one, name) for one in versions])[index]
@@ -105,19 +111,19 @@ class Believed:
         return cls(x, P, cells, slips, end)
 
     def forces(self, at: Rolling, *, exact_slip: bool = False) -> tuple[Force, Force, Force]:
-        """Thrust, pull, and the force at the rim that the torque shows.
+        """Thrust, pull, and the rim force that the torque shows.
 
         Parameters
         ----------
         at
-            The wheels as they roll.
+            The rolling wheels.
         exact_slip
             Whether slips are taken as exact.
         """
         return forces(self.x, self.cells, at, exact_slip=exact_slip)
 
     def spread(self, push: Force, row: Array) -> Array:
-        """Mean square deviation of forces that contain a thrust, since soil and grip are lognormal.
+        """Mean square deviation of forces that contain a thrust, for lognormal soil and grip.
 
         Parameters
         ----------
@@ -168,7 +174,7 @@ def forces(
     cells
         Cell of ground of each wheel, shape (wheels,) or (rows, wheels).
     at
-        The wheels as they roll.
+        The rolling wheels.
     exact_slip
         Whether slips are taken as exact.
     """

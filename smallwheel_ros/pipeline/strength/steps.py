@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows become steps of the path: means over 0.1 m, of each wheel that rolls.
+"""Rows are averaged over steps of 0.1 m of the path, for each wheel that rolls.
 
-A step ends where the vehicle is 0.1 m on, where the rims have turned 0.3 m on one spot, after a pause of
-2 s, where the way changes, and at another soil. Its slip is that of mean speed and mean rim speed: the mean
-of single slips is bent by their noise. A wheel that stands adds nothing to a step and ends none.
+A step ends after 0.1 m, after 0.3 m of the rims on the spot, after a pause of 2 s, and where the
+direction of travel or the soil changes. Its slip is that of mean speed and mean rim speed: the mean
+of single slips would be biased by their noise. A wheel at rest adds nothing to a step and ends
+none.
 """
 
 from __future__ import annotations
@@ -59,13 +60,24 @@ class _StepRows(Columns):
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of the path, and rows of the wheels in each.
+    """Steps of the path, and the wheels in each.
 
-    (steps,): end, stamp (ns) of the row that ends each; length, m; force, m/s^2 along the travel, NaN where
-    not known, and its deviation; level: zero of the imu ahead, and its deviation, m/s^2, (steps, 2);
-    unlisted: share of the weight that is on no wheel of the list. Of wheels, rows by step: slip with its
-    deviation, torque, pull, contact; along: share of a wheel's pull that goes along the course, where wheels
-    are steered.
+    Attributes
+    ----------
+    end
+        Stamp of the row that ends each step, shape (steps,), ns.
+    length
+        Shape (steps,), m.
+    force
+        Specific force along the direction of travel, m/s^2, NaN if unknown; with its deviation.
+    level
+        Zero of the imu ahead, and its deviation, (steps, 2), m/s^2.
+    unlisted
+        Share of the weight on wheels that are not listed, shape (steps,).
+    along
+        Share of each wheel's pull along the course, where wheels are steered.
+
+    Slip with its deviation, torque, pull and contact are rows of the wheels, by step.
     """
 
     end: Integers
@@ -88,13 +100,13 @@ class Steps:
 
 
 class Excitation(NamedTuple):
-    """Smallest and largest load (N) and |slip| of what was measured; the load is inf before it."""
+    """Ranges of load (N) and |slip| over the measurements; the load is inf before the first."""
 
     load: tuple[float, float] = (math.inf, 0.0)
     slip: tuple[float, float] = (1.0, 0.0)
 
     def widened(self, load: Array, slip: Array) -> Excitation:
-        """Widen the ranges by wheels.
+        """The ranges widened by a step's wheels.
 
         Parameters
         ----------
@@ -111,7 +123,7 @@ class Excitation(NamedTuple):
 
 @dataclass
 class StepState:
-    """Rows of the open step, and what is known of the imu's zero."""
+    """Rows of the step in progress, and the imu's zero so far."""
 
     open: _StepRows | None = None
     level: Level = field(default_factory=Level)

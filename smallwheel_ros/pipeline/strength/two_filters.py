@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soils' strength by steps of the path: what is believed at each, for the present pull and the margin."""
+"""The soils' strength from steps of the path: the belief at each, for the present pull and for the margin."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ RECENT = 2.0  # s: a step that ended longer ago says nothing of now
 
 
 def of_any_ground(strength: Strength) -> Strength:
-    """Strength from which a margin starts if only the kind of soil is known.
+    """Strength that a margin starts from if only the kind of soil is known.
 
-    What a wheel gains by slipping and sinking further rests on cohesion times an area that it has not met
-    yet, and c is the number that soils of one name differ in most (dry sand 0.2 to 2.3 kPa). So c is any
-    ground's, or the soil's own where that is less, and the soil's own is within two deviations.
+    The gain of a wheel that slips and sinks further rests on cohesion times an area that it has not met
+    yet, and soils of one name differ most in cohesion (dry sand 0.2 to 2.3 kPa). The cohesion is
+    therefore that of any ground, or the soil's own if that is less, with the soil's own within two
+    deviations.
     """
     any_ground, own = any_strength().cohesion, strength.cohesion.value
     value = min(own, any_ground.value)
@@ -42,12 +43,19 @@ def of_any_ground(strength: Strength) -> Strength:
 
 
 class Strengths:
-    """Uses steps of the path for the strength. believed: versions, the newest last.
+    """Estimates the strength from steps of the path.
 
-    Two filters: `now`, of everything, from the prior of the soil that is named, for the present pull;
-    `reserve`, for the margin, from that of any ground (`of_any_ground`), and of the balance alone once there
-    is one: a wheel's torque or pull tells of its own place. measured: whether the strength was, and is that
-    of this ground.
+    Attributes
+    ----------
+    believed
+        Versions, the newest last.
+    now
+        Filter for the present pull: uses everything, and starts from the named soil.
+    reserve
+        Filter for the margin: starts from any ground (`of_any_ground`), and uses only the balance once
+        there is one, since a wheel's torque or pull only shows its own place.
+    measured
+        Whether the initial strength was measured on this ground.
     """
 
     def __init__(
@@ -88,8 +96,8 @@ class Strengths:
         steps
             The steps.
         anew
-            Stamps (ns) at which the strength starts over: what was learnt before is dropped, and so is
-            the step then open.
+            Stamps at which the strength is learnt anew, ns: what was learnt before is dropped, and so is
+            the step in progress.
 
         Returns
         -------
@@ -114,7 +122,7 @@ class Strengths:
         return steps.end
 
     def rolling(self, wheel: Integers, on: OnSoil, slip: Array) -> Rolling:
-        """Rows of rolling wheels, as the filters' forces take them.
+        """Rows of rolling wheels in the form that the filters' forces use.
 
         Parameters
         ----------
@@ -174,13 +182,13 @@ class Strengths:
         return two[0], two[1]
 
     def at(self, versions: Integers) -> tuple[Believed, Believed]:
-        """Strengths believed, and those that the margin uses, at rows that name versions."""
+        """The strengths for the present pull and for the margin, for rows that name versions."""
         kinds, index = np.unique(versions, return_inverse=True)
         now, reserve = zip(*[self.believed[kind] for kind in kinds.tolist()], strict=True)
         return Believed.stacked(now, index), Believed.stacked(reserve, index)
 
     def record(self) -> dict[str, Any] | None:
-        """State to be saved; None before anything was measured."""
+        """State to be saved; None before the first measurement."""
         if not self.steps:
             return None
         mean, covariance = zip(self.now.strength, self.reserve.strength, strict=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The strength as it is believed, in the terms of the field; what is determined of it, and what is not."""
+"""The strength's estimate in the terms of the field; what is determined of it, and what is not."""
 
 from __future__ import annotations
 
@@ -33,13 +33,22 @@ _NEEDS = {
 
 @dataclass(frozen=True)
 class StrengthEstimate:
-    """The soil's strength as it is believed now; SI units, every number finite.
+    """The present estimate of the soil's strength; SI units, every number finite.
 
-    cohesion, friction_angle, shear_displacement: Pa, rad, m; the last with what forms of the shear curve mean
-    by it. other_resistance: that the law does not give, as a share of the load. steps: of the path that it
-    rests on; 0: it is the configured one. sources: of balance, torque and pull, those that have measured it.
-    remaining: posterior over prior standard deviation of each, and of `thrust`. status: in words, what is not
-    determined and why; empty when everything is.
+    Attributes
+    ----------
+    cohesion, friction_angle, shear_displacement
+        Pa, rad, m; the last includes by how much forms of the shear curve differ in it.
+    other_resistance
+        Motion resistance that is not in the law, as a share of the load.
+    steps
+        Number of steps of the path used; 0: the strength is the configured one.
+    sources
+        Those of balance, torque and pull that have measured it.
+    remaining
+        Ratio of posterior to prior standard deviation of each, and of `thrust`.
+    status
+        What is not determined and why, in words; empty if everything is.
     """
 
     cohesion: Quantity
@@ -53,12 +62,12 @@ class StrengthEstimate:
 
     @property
     def determined(self) -> bool:
-        """Whether the strength that carries thrust has half of friction's initial variance or less left."""
+        """Whether at most half of friction's initial variance is left in what carries thrust."""
         return self.remaining["thrust"] <= _HELD
 
     @property
     def verdicts(self) -> dict[str, str]:
-        """Say of each parameter whether it is determined, and how far."""
+        """For each parameter, whether it is determined, and how far."""
         return {
             name: ("determined" if left <= _LIMITS.get(name, DETERMINED) else "not determined")
             + f": {100.0 * left:.0f} % of the prior's standard deviation is left"
@@ -67,7 +76,7 @@ class StrengthEstimate:
 
 
 def strength_of(strengths: Strengths) -> StrengthEstimate:
-    """The newest estimate, by the filter of the reserve."""
+    """The newest estimate, by the filter for the margin."""
     believed = strengths.believed.newest[1]
     mean = believed.x[:STRENGTH]
     deviation = _deviations(believed)
@@ -85,7 +94,7 @@ def strength_of(strengths: Strengths) -> StrengthEstimate:
 
 
 def constants_of(believed: Believed) -> dict[str, Quantity]:
-    """Cohesion (Pa), friction angle (rad), shear displacement (m), as a filter believes them."""
+    """Cohesion (Pa), friction angle (rad) and shear displacement (m) in a filter's state."""
     mean, deviation = believed.x, _deviations(believed)
     shear = math.exp(float(mean[SHEAR]))
     return {
@@ -103,14 +112,14 @@ def _deviations(believed: Believed) -> Array:
 
 
 def is_determined(P: Array, prior_std: Array) -> Flags:
-    """Whether the margin, nearly all of it friction, is determined: half of the prior's variance is gone.
+    """Whether the margin is determined: half of the prior's variance of friction, its main part, is gone.
 
     Parameters
     ----------
     P
         Covariance of the state, shape (rows, size, size).
     prior_std
-        Deviations of the prior, shape (size,).
+        Standard deviations of the state before any measurement, shape (size,).
 
     Returns
     -------
@@ -134,7 +143,7 @@ def is_told(P: Array, prior_std: Array) -> Flags:
 
 
 def lacking(sources: frozenset[str], mass: float, *, torque: bool) -> dict[str, str]:
-    """Say of each source of strength that is not in use what it needs and what it would add.
+    """For each source of strength that is not in use, what it needs and what it would add.
 
     Parameters
     ----------

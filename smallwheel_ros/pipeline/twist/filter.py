@@ -8,21 +8,22 @@
     0       = vy + sy                        no motion sideways (Dissanayake et al. 2001), as soft as
                                              the rims are
     ds/dt   = -s / 2 s + noise               deviation of s: slip |rim|
-    slip^2  = mean of s^2 / rim^2 over a minute, each weighted by how well the sensors showed it, and a
-                                             beginning
-    rim     is taken less a steady share of it, which only a speed over ground teaches: where that comes and
+    slip^2  = mean of s^2 / rim^2 over a minute, each weighted by how well the sensors showed it,
+    and an initial value rim     is taken less a steady share of it, which only a speed over ground
+    teaches: where that comes and
             goes, what it taught is used in its gaps. By pull as well it was no better (docs/odometry.md)
     var vx  = P + (slip vx)^2 + (delay a)^2  slip that does not change is seen by no imu: taken as large
                                              as the slip that does; delays that are not known
 
 With r = 1 - var s / (slip rim)^2, the share of a slip that the sensors showed, s^2 is r (slip rim)^2 on the
 mean: s^2 - r (1 - r) (slip rim)^2 at a weight of r^2 tells slip. Expectation-maximisation takes s^2 + var s
-at a weight of 1, in which var s is what was believed before: what it began with stays for minutes. What rims
-scatter by, and how late they may come, are learnt as well.
+at a weight of 1, in which var s is what was believed before: what it began with stays for minutes.
+What rims scatter by, and how late they may come, are learnt as well.
 
-Rims that jump while the accelerometer feels nothing put s, and with it slip, up; then the imu carries vx for
-some seconds and its variance grows. What is missing is left out: without an accelerometer the velocity may
-change by 1 m/s in a second, without a gyro the rims alone tell the turn. No constant was fitted to a vehicle.
+Rims that jump while the accelerometer feels nothing put s, and with it slip, up; then the imu
+carries vx for some seconds and its variance grows. What is missing is left out: without an
+accelerometer the velocity may change by 1 m/s in a second, without a gyro the rims alone tell the
+turn. No constant was fitted to a vehicle.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ class TwistFilter:
         self.x[i], self.P[i, i] = mean, variance
 
     def step(self, apart: int, rims: Array, felt: Array, speed: float, speed_std: float) -> None:
-        """Process a row.
+        """Process one instant of the rims.
 
         Parameters
         ----------

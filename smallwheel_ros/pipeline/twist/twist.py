@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Twist of the vehicle with a covariance that grows with slip: rows of rims and imu in, Twists out.
 
-For vehicles with encoders and an imu, and a speed over ground where there is one. The filter is that of
-`twist_filter`. Nothing looks ahead: an instant is worked out with what was stamped before it, so that blocks
-may be cut anywhere. What checks doubt is left out, and what is no number of a vehicle, too.
+For vehicles with encoders and an imu, and a ground speed where there is one. The filter is that of
+`twist_filter`. An instant uses only what was stamped before it, so that blocks may be cut anywhere.
+Doubted and implausible rows are left out.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Twists(Columns):
     yaw, yaw_var
         rad/s, rad^2/s^2: of the rims alone where both sides are there, so that a gyro may be fused as well.
     slip
-        1: deviation of the slip speed over the rim's speed, as learnt.
+        1: learnt ratio of the slip speed's deviation to the rim's speed.
     period
         s from row to row, over the last twenty.
     """
@@ -71,7 +71,7 @@ class Twists(Columns):
 
 
 class TwistState:
-    """What is carried from block to block: the filter, and of each stream the rows that are still needed."""
+    """State carried from block to block: the filter, and the rows of each stream that are still needed."""
 
     def __init__(self, vehicle: OnboardSettings, settings: TwistSettings) -> None:
         rolling = [wheel for wheel in vehicle.wheels if wheel.contact == ROLLING]
@@ -105,8 +105,7 @@ class TwistState:
 def twist(state: TwistState, rows: Rows, anew: Sequence[int] = ()) -> Twists:
     """Twists at the stamps of the rims among these rows.
 
-    Doubted rows are left out; with them a side that has no wheel left, and rows without either
-    side.
+    Doubted rows are left out, and so are sides without a wheel, and rows without both sides.
 
     Parameters
     ----------
@@ -181,8 +180,8 @@ def _sides_of_steered(
 def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array]:
     """Fields of geometry_msgs/TwistWithCovariance: linear and angular velocity and covariance.
 
-    Errors of slip last; an ekf takes each message for a new one: variances times 2 correlation_time
-    / period.
+    An ekf takes the error of each message for a new one, but errors of slip last: variances are
+    therefore multiplied by 2 correlation_time / period.
 
     Parameters
     ----------

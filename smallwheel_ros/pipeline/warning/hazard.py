@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Warning before a vehicle gets stuck: slip, raised by the pull that the ground does not give.
+"""Warning before a vehicle gets stuck: slip, increased by the pull that the ground fails to give.
 
     hazard = slip + 2 (max(sin slope, 0)/2 + max(-dv/dt, 0)/g) - one deviation by the scatter of the speed
 
-slip: of the middle wheel, what is in use of the grip: a mean of half a second, carried on to its end where
-slip grows; loss of speed: pull that is missing already; slope: half of the pull that goes on being asked for,
-since slip answers to a slope within a second. All along the way that the rims go. Two levels: over 0.4 it is
-on the way to get stuck, over 0.5 it gets stuck. Either begins where slip grows, speed is lost, or slip alone
-is over that limit: whoever climbs at a steady slip under it gets on, and slip that grows slowly is warned of.
-A level goes on until the hazard is 0.1 under it.
+slip: of the middle wheel, the share of grip that is in use: a mean over half a second, extrapolated
+to its end where slip grows. Loss of speed: pull that is already missing. Slope: half of the pull
+that it demands, since slip answers to a slope within a second. All are taken along the direction in
+which the rims turn.
 
-On the way it is as well where slip is over 0.3 by two deviations, after the same gates: ground that gives way
-at once takes away no speed before (docs/without_soil_sensors.md).
+There are two levels: over 0.4 the vehicle may get stuck, over 0.5 it gets stuck. Either begins where slip
+grows, speed is lost, or slip alone is over that limit: a vehicle that climbs at a steady slip below it gets
+on, and slip that grows slowly is warned of. A level ends when the hazard is 0.1 below it. The first
+level also begins where slip is over 0.3 by two deviations, under the same conditions: ground that
+gives way at once takes away no speed beforehand (docs/without_soil_sensors.md).
 
-A start is not judged: an odometry that is late shows slip there. It is over where slip is under 0.3, or after
-3 s: who starts in ground that does not carry it may never slip by less. Who has never rolled yet, and surely
-slides back on wheels that drive ahead, is warned of after 1 s.
+A start is not judged, since a late odometry shows slip there. It ends where slip is below 0.3, or
+after 3 s: a vehicle that starts in ground that does not carry it may never slip less. One that has
+never rolled yet, and surely slides back on wheels that drive ahead, is warned of after 1 s.
 
-No warning is given where slip may be none: it has to be over 0 by three deviations, as stated (the
-speed over ground late, scattered, or hardly known).
+No warning is given where there may be no slip at all: it has to be above 0 by three deviations as
+stated (of a ground speed that is late, scattered, or hardly known).
 
-Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is taken, so that
-what comes out does not depend on where blocks were cut, nor on which sensor comes when.
+Rows of the wheels need not share stamps: each wheel's newest row in a tenth of a second is used, so
+that the result depends neither on where blocks are cut nor on the order in which sensors report.
 """
 
 from __future__ import annotations
@@ -75,12 +76,24 @@ _KEEP = 10 * SECOND  # ns of instants, for the slow mean of an accelerometer wit
 
 @dataclass(frozen=True)
 class Instants(Columns):
-    """The vehicle ten times a second; NaN: not known.
+    """The vehicle ten times a second; NaN if unknown.
 
-    stamp: ns, end of the tenth. rim, ground, ground_std: m/s, (rows, wheels). speed: m/s. rise: sine of the
-    slope, nose up. felt: m/s^2 ahead, as the accelerometer has it (slope and gain of speed), or by odometry.
-    Of a vehicle that steers rims and ground are the parts along its course (rad), and ahead is along it;
-    apart: rad, the most that a wheel points or goes off the course.
+    Attributes
+    ----------
+    stamp
+        End of the tenth, ns.
+    rim, ground, ground_std
+        Speeds of the wheels' rims and over ground, (rows, wheels), m/s. On a vehicle that steers, their
+        components along its course.
+    speed
+        Of the vehicle, m/s.
+    rise
+        Sine of the slope, nose up.
+    felt
+        Specific force ahead (along the course), m/s^2: slope and gain of speed by the accelerometer, or by
+        odometry.
+    apart
+        Largest angle between a wheel's heading or motion and the course, rad.
     """
 
     stamp: Integers
@@ -103,8 +116,14 @@ class Instants(Columns):
 class Warned(Columns):
     """State of the warning at each instant.
 
-    hazard, slip: 1; NaN where it is not judged. level: 0, 1 on the way to get stuck, 2 gets stuck (the
-    rolling wheels dig in). told: 1 or 2 where a warning of that level is due, else 0.
+    Attributes
+    ----------
+    hazard, slip
+        1; NaN where they are not judged.
+    level
+        0: none; 1: may get stuck; 2: gets stuck (the rolling wheels dig in).
+    told
+        The level at the instant at which its warning is to be given, else 0.
     """
 
     stamp: Integers
@@ -128,10 +147,10 @@ class _Hazard:
 
 
 class Warnings:
-    """Computes the warning over the drive.
+    """Computes the warning over a drive.
 
-    wheels: of the vehicle, of which the rolling ones are asked. with_imu: whether there is one; it then tells
-    the slope where it has an orientation, and what is felt.
+    wheels: of the vehicle; those that roll are used. with_imu: whether the vehicle has one, which then
+    gives the slope, if it has an orientation, and the specific force.
     """
 
     def __init__(
@@ -167,7 +186,7 @@ class Warnings:
         rows
             Readings; None if there are none.
         speeds
-            Stamps of the odometry in the block, ns, which show how often it comes.
+            Stamps of the odometry in the block, ns; they show its period.
         imu
             Stamps (ns) and rows (yaw rate, specific force, direction of up) of the IMU in the
             block.

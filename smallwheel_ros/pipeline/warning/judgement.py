@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be warned of, and the margin of any ground: rows of what is believed in, what holds at each out.
+"""Warnings, and the margin of any ground: believed rows in, what holds at each row out.
 
-    judged    instants of 0.1 s: hazard and its levels, which wheels spin on the spot; each second the margin
+    judged    each 0.1 s: hazard, its levels, and which wheels spin on the spot; each second: the margin
 
-What holds at a row is that of its stamp, so that it does not depend on where blocks are cut.
+What holds at a row is that of its stamp, and does not depend on where blocks are cut.
 """
 
 from __future__ import annotations
@@ -33,10 +33,18 @@ _ASKED_STALE = 2 * SECOND  # ns: a margin is of a whole second, and known some t
 
 @dataclass(frozen=True)
 class Judged(Columns):
-    """At each row: warning level, whether a wheel spins on the spot, margin of any ground.
+    """At each row: warning level, whether a wheel spins on the spot, and the margin of any ground.
 
-    median, lower_std, beyond: of ground like this, as `GroundMargin.ahead` has them. asked: pull over load
-    that goes on being asked for; risk: that such ground does not give it. NaN: unknown.
+    Attributes
+    ----------
+    margin, margin_std
+        1, here.
+    median, lower_std, beyond
+        Of ground like this, as given by `GroundMargin.ahead`.
+    asked
+        Pull over load that the vehicle continues to need.
+    risk
+        Probability that such ground does not give it; NaN if unknown.
     """
 
     level: Integers
@@ -51,10 +59,16 @@ class Judged(Columns):
 
 
 class Judgement:
-    """Warnings and the margin of any ground of one vehicle.
+    """Warnings and the margin of any ground for one vehicle.
 
-    warned: of the newest turn; None: no tenth of a second was over. instants: those tenths; stuck: at which
-    of them the rims run and the vehicle does not.
+    Attributes
+    ----------
+    warned
+        State of the warning in the newest turn; None if no tenth of a second has ended.
+    instants
+        Those tenths.
+    stuck
+        At which of them the rims turn and the vehicle does not move.
     """
 
     def __init__(self, settings: OnboardSettings) -> None:
@@ -94,7 +108,7 @@ class Judgement:
         Returns
         -------
         Judged
-            What is warned of at each row.
+            Warning and margin at each row.
         """
         rows = self._by_ground(rows, believed)
         self._anew += believed.motion_anew()

@@ -1,25 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Margin of any ground from slip and accelerometer: no mass, no load cell, no torque, no name of the soil.
+"""Margin of any ground from slip and accelerometer, without mass, load cell, torque or the soil's name.
 
-    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin = p(reference slip)
+    pull over load of the whole vehicle   p(s) = H (1 - exp(-|s|/K)) sign s - R,   margin =
+    p(reference slip)
 
-H grip, K slip at which 63 % of it is used, R motion resistance over load. Pushed by the ground alone, the
-accelerometer along the way over g is net pull over load, slope and gain of speed included. Each second
-without a turn *the slip at the pull asked for* is compared, not the pull at a slip. More pull than the
-grip gives cannot be, so that what a vehicle does bounds its margin from below.
+H is the grip, K the slip at which 63 % of it is used, R the motion resistance over load. On a
+vehicle pushed by the ground alone, the accelerometer along the direction of travel, over g, shows
+the net pull over load, slope and gain of speed included. Each second without a turn *the slip at
+the pull that was needed* is compared, not the pull at a slip. The ground cannot give more pull than
+its grip, so what a vehicle achieves bounds its margin from below.
 
-What is believed is a set of points drawn from the prior once, with weights; of ground that it has left is
-forgotten, exp(-way/10 m). For ground ahead 0.08 is added: what the places of one field differ by. Where
-the source of motion turns out to have been wrong from the beginning, all that it taught is dropped.
+The belief is a set of points drawn from the prior once, with weights; what was learnt of ground
+left behind is forgotten as exp(-path/10 m). For ground ahead 0.08 is added, by which places of one
+field differ. If the source of motion turns out to have been wrong from the beginning, everything
+learnt from it is dropped.
 
-Of what ground ahead gives at most (at the slip with which a vehicle makes no way) each metre that the vehicle
-got over is evidence as well: had such ground been common, it would have been stuck. A point's weight is
-multiplied by the probability that a place of such ground gives what was asked for,
+For the most that ground ahead can give (at the slip at which a vehicle makes no way), each metre that the
+vehicle has crossed is evidence as well: had much of the ground been unable to carry it, it would have got
+stuck. A point's weight is multiplied by the probability that places of such ground give what was needed,
 
     P(most + scatter > asked)^metres
 
-so that a way without trouble is feared less and less. On the real drives, 305 m with an imu on which nothing
-got stuck, places that were expected to stop the vehicle added up to 15 by slips alone; they are 5 with this.
+so that fear fades over a path without trouble. On the real drives, 305 m with an imu on which nothing got
+stuck, the expected number of stops adds up to 15 from slips alone, and to 5 with this.
 """
 
 from __future__ import annotations
@@ -73,36 +76,36 @@ _RUNS, _TURNS, _LEAST, _NOISE, _FEWEST = (
 
 
 def information(deviation: Array | float, reference_slip: float) -> Array:
-    """How much is known of a margin beyond what holds on any ground, 0 to 1; NaN of NaN.
+    """Share of what can be known of a margin beyond what holds on any ground, 0 to 1; NaN where NaN.
 
     Parameters
     ----------
     deviation
-        Standard deviation of the margin, 1, of any shape.
+        Standard deviation of the margin, 1, any shape.
     reference_slip
-        At which the margin is asked for, 1.
+        Slip at which the margin is defined, 1.
     """
     prior = unknown_ground(reference_slip)[1]
     return np.asarray(np.clip(1.0 - np.square(deviation) / prior**2, 0.0, 1.0))
 
 
 def is_prior(deviation: Array | float, reference_slip: float) -> Flags:
-    """Whether a margin is still a prior's: over half of the variance of any ground's is left.
+    """Whether a margin is still a prior's: over half of any ground's variance is left.
 
-    An unknown one is, too: nothing was measured of it.
+    True also for an unknown margin, of which nothing was measured.
 
     Parameters
     ----------
     deviation
-        Standard deviation of the margin, any shape.
+        Standard deviation of the margin, 1, any shape.
     reference_slip
-        Slip for which the margin holds.
+        Slip at which the margin is defined, 1.
     """
     return np.asarray(~(information(deviation, reference_slip) >= _MEASURED))
 
 
 def scatter_ahead(margin: Array | float) -> Array:
-    """Standard deviation of places about the mean of ground with this margin."""
+    """Standard deviation of the margin of places about the mean of ground with this margin, 1."""
     return np.asarray(AHEAD * np.clip(np.asarray(margin) / _AHEAD_OF, 0.0, 1.0))
 
 
@@ -111,15 +114,14 @@ def risk_ahead(
 ) -> Array:
     """Probability that a place ahead gives less than is required, at any slip.
 
-    As a cell of the cost map costs whose slope asks for it. Of numbers or arrays of any one shape, 1; NaN of
-    NaN.
+    It equals the cost of a cell of the cost map whose slope requires as much. NaN where NaN.
 
     Parameters
     ----------
     asked
-        Pull over load.
+        Required pull over load, 1, any shape.
     median, lower_std, beyond
-        See `Margins`.
+        See `Margins`; same shape.
     """
     spread = np.hypot(lower_std, scatter_ahead(median))
     return np.asarray(falls_short(np.asarray(median) + beyond, spread, asked))
@@ -132,10 +134,16 @@ def unknown_ground(reference_slip: float) -> tuple[float, float]:
 
 
 class GroundMargin:
-    """Points of grip, softness, resistance, offset and radius, and the logarithms of their weights.
+    """Weighted points of grip, softness, resistance, offset and radius: the belief about the ground.
 
-    logs: by slips at the pulls asked for; crossed: by metres that were got over. reference_slip: at which the
-    margin is asked for, 1.
+    Attributes
+    ----------
+    logs
+        Logarithms of the weights due to slips at the pulls that were needed.
+    crossed
+        The same due to the metres crossed.
+    reference_slip
+        Slip at which the margin is defined, 1.
     """
 
     def __init__(self, reference_slip: float) -> None:
@@ -158,34 +166,34 @@ class GroundMargin:
         self._order, self._most_order = np.argsort(self.margins), np.argsort(self._most)
 
     def forget(self, metres: float) -> None:
-        """Discount what was learnt of ground that far back."""
+        """Discount what was learnt of the ground, after a path (m) that leads away from it."""
         kept = math.exp(-metres / PATCH)
         self.logs *= kept
         self.crossed *= kept
 
     def cross(self, metres: float, asked: float) -> None:
-        """Use a path that the vehicle has got over.
+        """Use the fact that the vehicle crossed a path.
 
         Parameters
         ----------
         metres
-            Its length, m.
+            Length of the path, m.
         asked
-            Pull over load that the vehicle was asked for there, 1.
+            Pull over load that it required, 1.
         """
         self.crossed += metres * log_ndtr((self._most - asked) / AHEAD)
 
     def update(self, slip: float, deviation: float, pull: float, way: float) -> None:
-        """Use a step.
+        """Use the mean slip over a second at the pull that was needed.
 
         Parameters
         ----------
         slip, deviation
-            Mean slip and its deviation.
+            Mean slip and its deviation, 1.
         pull
-            Specific force along the direction of travel over g.
+            Specific force along the direction of travel, divided by g.
         way
-            1 forward, -1 backward.
+            Direction of travel: 1 forward, -1 backward.
         """
         used = (pull - way * self.offset + self.resistance) / self.grip
         used = used + (LAW / self.grip) * _NODES[:, None]
@@ -207,7 +215,7 @@ class GroundMargin:
         return _normalised(self.logs)
 
     def quantiles(self, levels: tuple[float, ...] = (0.025, 0.5, 0.975)) -> Array:
-        """Quantiles of the margin here."""
+        """Quantiles of the margin here, 1, at levels between 0 and 1."""
         return _quantiles(self.margins, self._order, self.weights, levels)
 
     def moments(self) -> tuple[float, float]:
@@ -217,14 +225,15 @@ class GroundMargin:
         return mean, math.sqrt(float(weights @ (self.margins - mean) ** 2) + AHEAD**2)
 
     def ahead(self) -> tuple[float, float, float]:
-        """Belief about ground like this, by slips and metres crossed; each number is dimensionless.
+        """Belief about ground like this, from slips and metres crossed: median, lower deviation, reserve.
 
-        Median of the margin; standard deviation of the normal distribution that has the lower half of what
-        is given at most; what is gained from that margin to that most, by their medians.
+        All are dimensionless: the median of the margin; the standard deviation of the normal distribution
+        that shares the lower half of the distribution of the most that the ground gives; and the difference
+        of that most from the margin, by their medians.
 
-        Risks come from there. What is believed has a long upper half: by mean and standard deviation, level
-        ground on which a vehicle has driven for 10 s would hold it back in 10 % of places; by the points it
-        does in 1.6 %, and so it does by this.
+        Risks are computed from these. The belief has a long upper tail: from mean and standard deviation,
+        level ground on which a vehicle has driven for 10 s would stop it at 10 % of the places; from the
+        points themselves at 1.6 %, and these three numbers give the same.
         """
         weights = _normalised(self.logs + self.crossed)
         (median,) = _quantiles(self.margins, self._order, weights, (0.5,)).tolist()
@@ -247,10 +256,18 @@ def _quantiles(values: Array, order: Integers, weights: Array, levels: tuple[flo
 
 @dataclass(frozen=True)
 class Margins(Columns):
-    """What is believed after each second: margin of ground ahead (1), risk that it does not give `asked`.
+    """Belief after each second about the margin of ground ahead, and the risk that it does not give `asked`.
 
-    low, middle, high: 2.5, 50 and 97.5 % of the margin here. median, lower_std, beyond: as
-    `GroundMargin.ahead` has them. risk: as `risk_ahead` has it. NaN: not known, nothing tells of the ground.
+    Attributes
+    ----------
+    low, middle, high
+        2.5, 50 and 97.5 % quantiles of the margin here, 1.
+    median, lower_std, beyond
+        As given by `GroundMargin.ahead`.
+    risk
+        As given by `risk_ahead`.
+
+    All are NaN while nothing has shown anything of the ground.
     """
 
     stamp: Integers
@@ -267,9 +284,9 @@ class Margins(Columns):
 
 
 class AnyGround:
-    """The margin at work on the instants of `warnings`.
+    """Computes the margin of any ground from instants of `Warnings`.
 
-    side: places of the rolling wheels, m to the left. reference_slip: at which the margin is asked for.
+    side: how far each rolling wheel is to the left, m. reference_slip: slip at which the margin is defined.
     """
 
     def __init__(self, side: Array, reference_slip: float, gravity: float = GRAVITY) -> None:
@@ -293,7 +310,7 @@ class AnyGround:
         instants
             New instants.
         anew
-            Stamps from which on nothing counts that was learnt before, ns.
+            Stamps at which what was learnt before is dropped, ns.
 
         Returns
         -------

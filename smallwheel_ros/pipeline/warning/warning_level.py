@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of the warning: their numbers in messages, and the words of each.
+"""Levels of the warning: their numbers in messages, and their words.
 
-The only place of both: messages, log, diagnostics, replay's list and pages read them here.
+Messages, log, diagnostics, replay's list and pages all read them here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 class WarningLevel(IntEnum):
     """How near the vehicle is to getting stuck; numbers of VehicleMobility.msg.
 
-    meaning: in the words of the message's comment and of docs/node.md. sentence: the warning at that level.
+    meaning: as the message's comment and docs/node.md explain the level. sentence: the warning at that
+    level.
     """
 
     meaning: str
@@ -48,11 +49,11 @@ class WarningLevel(IntEnum):
 
     @classmethod
     def warned(cls, level: int) -> WarningLevel:
-        """The level of an instant that `Warned` calls 0, 1 or 2."""
+        """The level for an instant's number in `Warned`: 0, 1 or 2."""
         return cls(cls.OK + level)
 
     def said(self, slip: float) -> str:
-        """Sentence of the level, with the slip of the middle wheel."""
+        """The level's sentence, with the slip of the middle wheel."""
         return self.sentence.format(slip=slip)
 
     @property
