@@ -293,12 +293,15 @@ class GroundSpeed:
         self._told_aside = bool(told[-1])
         return np.where(told, aside, np.nan)
 
-    def _rise(self, felt: Array) -> Array:
-        """Sine of the slope, nose up, by the last second of the imu, (rows, lags, 7); NaN: not known."""
-        rise = np.where(
-            np.isnan(felt[:, :, 4]), felt[:, :, 1] / self.settings.gravity, felt[:, :, 4]
-        )
-        return mean_of_known(rise.T)
+    def _felt_ahead(self, felt: Array) -> tuple[Array, Array]:
+        """Sine of the slope, nose up, by the last second of the imu, and what is felt beside it, m/s^2.
+
+        Without an orientation all that is felt is the slope, and all of it is felt beside it. NaN: not known.
+        felt: (rows, lags, 7).
+        """
+        ahead, up = mean_of_known(np.moveaxis(felt[:, :, [1, 4]], 1, 0)).T
+        gravity = self.settings.gravity
+        return np.where(np.isnan(up), ahead / gravity, up), ahead - gravity * np.nan_to_num(up)
 
     # --- What is learnt
 
@@ -344,8 +347,10 @@ class GroundSpeed:
         turns_late = self._turns_late.take(turn, gyro[:, : LAGS.size])
         lag = np.fmax(turns_late, self._speed_late.take(speed, mean[:, : LAGS.size]))
         lag = np.where(np.isnan(lag), LATE, lag)
-        rise = self._rise(shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size])
-        against, slides = self._goes_against.take(mean[:, 0], half_turn[:, 0], speed, passed, rise)
+        imu = shown[FELT].reshape(middle.size, back_to.size, -1)[:, : LAGS.size]
+        against, slides = self._goes_against.take(
+            mean[:, 0], half_turn[:, 0], speed, passed, *self._felt_ahead(imu)
+        )
         if self.source == ODOMETRY:  # a speed of another topic is not made of the wheels
             made, may_be, share = self._of_wheels.take(ways_before, way, parts)
         if self.settings.steered and self.source == ODOMETRY:

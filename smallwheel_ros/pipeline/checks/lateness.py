@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from smallwheel_ros.common.stamps import SECOND
+from smallwheel_ros.onboard.settings import SLOWEST_RIM
 from smallwheel_ros.pipeline.tables import Array, Flags
 
 from .sums import robust
@@ -27,6 +28,12 @@ _START = 0.05  # m: what noise of a speed and its delay make of a start
 _SLIDES = 0.09
 _LEAST_ALIKE = 0.75  # of the rims' way: what an odometry that looks back shows of it on soft ground
 _LONGEST = 5.0  # m, over which no vehicle slides as fast as its wheels drive
+# s from the first turn of the rims on, in which the imu tells the way that the vehicle goes: a start takes
+# one or two, and slopes and zeros make a speed of their own in more.
+_START_S = 2.0
+# Of the change of speed that the odometry shows, felt by the imu: 1 is a good one, -1 looks back, 0 says
+# nothing.
+_FELT = 0.5
 LAGS = np.arange(11) * (SECOND // 10)  # ns
 _TURNS, _ALIKE, _BETTER = (
     0.1,
@@ -149,16 +156,17 @@ class Against:
 
     Where the speed is backward while the rims drive ahead, either speed or joints have the wrong sign,
     and show no slip; or the vehicle slides down a slope while its wheels drive up, and the speed shows
-    all of the slip. No vehicle slides uphill or on level ground. Without a slope, a speed of the wrong
-    sign is recognised by its size, which is that of the rims apart from its delay: a slide that is just
-    as fast cannot be told from it.
+    all of the slip. An imu that has been standing before feels which way the vehicle goes. Otherwise the
+    slope along the way decides: no vehicle slides uphill or on level ground. Without a slope, a speed of
+    the wrong sign is recognised by its size, which is that of the rims apart from its delay: a slide that
+    is just as fast cannot be told from it.
     """
 
     def __init__(self) -> None:
-        self._total = np.zeros(3)
+        self._total, self._start = np.zeros(5), _Start()
 
     def take(
-        self, rims: Array, turn: Array, speed: Array, passed: Array, rise: Array
+        self, rims: Array, turn: Array, speed: Array, passed: Array, rise: Array, felt: Array
     ) -> tuple[Array, Flags]:
         """Way that ran against the rims up to each row, and whether it may have been a slide.
 
@@ -175,6 +183,9 @@ class Against:
             Time for which each row counts, shape (rows,), s.
         rise
             Sine of the slope, nose up, shape (rows,); NaN if unknown.
+        felt
+            Felt by the imu ahead, less the slope by its own orientation, shape (rows,), m/s^2; NaN if
+            unknown.
 
         Returns
         -------
@@ -189,18 +200,75 @@ class Against:
             goes = np.where(moves, np.abs(speed) * passed, 0.0)
             against = np.where(rims * speed < 0.0, goes, 0.0)
             turned = np.where(against > 0.0, np.abs(rims) * passed, 0.0)
-        ways = np.column_stack([goes, against, turned])
+            climbs = np.where(against > 0.0, np.sign(rims) * rise * goes, 0.0)
+        known = np.where(np.isfinite(climbs), against, 0.0)
+        ways = np.column_stack([goes, against, turned, known, np.nan_to_num(climbs)])
         total = np.cumsum(np.concatenate([self._total[None], ways]), axis=0)[1:]
         self._total = total[-1]
-        way, against, turned = total.T
+        way, against, turned, known, climbed = total.T
         nearly_all = (against > _START) & (against > SIGN_SHARE * way)
         behind = LATE * np.nan_to_num(np.abs(rims))
         alike = (against + behind > _LEAST_ALIKE * turned) & (
             _LEAST_ALIKE * against < turned + behind
         )
-        steep = np.sign(rims) * rise > _SLIDES
-        slides = np.where(np.isnan(rise), ~alike, steep & ~(alike & (against > _LONGEST)))
+        steep = climbed > _SLIDES * known
+        by_way = np.where(known > 0.0, steep & ~(alike & (against > _LONGEST)), ~alike)
+        feels, waits = self._start.take(rims, speed, passed, felt)
+        slides = (feels > _FELT) | (by_way & ~waits & ~(feels < -_FELT))
         return np.where(nearly_all & ~slides, against, 0.0), np.asarray(nearly_all & slides)
+
+
+class _Start:
+    """Which share of the change of speed in the first start is felt by an imu that stood before it."""
+
+    def __init__(self) -> None:
+        self._drives, self._stood = False, np.zeros(3)
+        self._changed, self._shares = np.zeros(2), np.zeros(2)
+
+    def take(self, rims: Array, speed: Array, passed: Array, felt: Array) -> tuple[Array, Flags]:
+        """Share that is felt up to each row, 0 if unknown; and whether it may be known later.
+
+        Parameters
+        ----------
+        rims, speed, passed, felt
+            As in `Against.take`, shape (rows,).
+
+        Returns
+        -------
+        feels : ndarray
+            Shape (rows,): 1 for a speed of the right sign, -1 for one of the wrong sign.
+        waits : ndarray
+            Shape (rows,), bool.
+        """
+        good = np.isfinite(rims + speed + felt)
+        dt = np.where(good, passed, 0.0)
+        drives = np.append(self._drives, np.abs(rims) > SLOWEST_RIM)
+        stands = ~np.logical_or.accumulate(drives)[1:]
+        shown, pushed = (np.where(good, each, 0.0) for each in (speed, felt))
+        of_stand = np.where(stands, dt, 0.0)[:, None] * np.column_stack([good, shown, pushed])
+        stood = _onward(self._stood, of_stand)
+        zero = stood[:, 1:] / np.maximum(stood[:, :1], LATE)
+        pace = np.where(stands, 0.0, dt)
+        gains = np.column_stack([pace, pace * (pushed - zero[:, 1])])
+        changed = _onward(self._changed, gains)
+        lasts, gained = changed.T
+        change = shown - zero[:, 0]
+        pace = np.where(lasts <= _START_S, pace, 0.0)
+        products = np.column_stack([gained * change, change**2]) * pace[:, None]
+        shares = _onward(self._shares, products)
+        both, own = shares.T
+        self._drives, self._stood = not stands[-1], stood[-1]
+        self._changed, self._shares = changed[-1], shares[-1]
+        # A speed over the odometries' noise, for as long as they come late.
+        enough = (stood[:, 0] >= LATE) & (own > LATE * MOVES**2)
+        feels = np.where(enough, both / np.where(enough, own, 1.0), 0.0)
+        waits = good & (stood[:, 0] >= LATE) & (lasts < _START_S) & (np.abs(feels) <= _FELT)
+        return feels, waits
+
+
+def _onward(before: Array, steps: Array) -> Array:
+    """Running sums of steps that go on from those before, (rows, columns)."""
+    return np.cumsum(np.concatenate([before[None], steps]), axis=0)[1:]
 
 
 def _scatter(pieces: Array) -> float:

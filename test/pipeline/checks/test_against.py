@@ -14,8 +14,8 @@ STEP = 0.1  # s
 def flags(
     rims: np.ndarray, speed: np.ndarray, turn: float = 0.0, rise: float = np.nan
 ) -> np.ndarray:
-    turns, passed, rises = (np.full(rims.size, value) for value in (turn, STEP, rise))
-    return Against().take(rims, turns, speed, passed, rises)[0]
+    turns, passed, rises, felt = (np.full(rims.size, value) for value in (turn, STEP, rise, np.nan))
+    return Against().take(rims, turns, speed, passed, rises, felt)[0]
 
 
 def test_from_its_first_way_on_it_is_known_to_contradict() -> None:
@@ -68,9 +68,35 @@ def test_where_nothing_tells_the_slope_what_looks_back_goes_as_far_as_the_rims()
 
 @pytest.mark.parametrize("rise", [np.nan, 0.0, 0.2])
 def test_it_goes_on_over_cuts(rise: float) -> None:
-    rims, speed = np.full(60, 0.3), np.where(np.arange(60) < 30, -0.3, 0.3)
-    columns = rims, np.zeros(60), speed, np.full(60, STEP), np.full(60, rise)
+    stands = np.arange(60) < 8
+    rims, speed = np.where(stands, 0.0, 0.3), np.where(np.arange(60) < 30, -0.3, 0.3) * ~stands
+    felt = 0.1 * np.random.default_rng(0).standard_normal(60)
+    columns = rims, np.zeros(60), speed, np.full(60, STEP), np.full(60, rise), felt
     whole, parts = Against().take(*columns), Against()
     found = [parts.take(*(c[i : i + 7] for c in columns)) for i in range(0, 60, 7)]
     for one, of_parts in zip(whole, zip(*found, strict=True), strict=True):
         assert (np.concatenate(of_parts) == one).all()
+
+
+@pytest.mark.parametrize("rise", [np.nan, 0.0, 0.2])
+def test_an_imu_that_stood_before_feels_which_way_the_vehicle_goes(rise: float) -> None:
+    """Whatever the slope seems to be, and a mounting or a zero that stays: from a second and a half on."""
+    time = np.arange(100) * STEP
+    rims = 0.4 * np.clip(time - 2.0, 0.0, 1.0)
+    gain = 0.4 * ((time > 2.0) & (time < 3.0)) + 0.05 * np.random.default_rng(0).standard_normal(
+        100
+    )
+    none, passed, rises = np.zeros(100), np.full(100, STEP), np.full(100, rise)
+    for sign, slides in ((1.0, False), (-1.0, True)):
+        way, may_be = Against().take(rims, none, -rims, passed, rises, sign * gain - 0.4)
+        assert (may_be[35:] == slides).all()
+        assert ((way[35:] > 0.0) != slides).all()
+
+
+def test_a_slide_that_comes_to_rest_on_level_ground_stays_one() -> None:
+    rims = np.concatenate([np.full(40, 0.3), np.full(40, 0.3), np.zeros(20)])
+    speed = np.concatenate([np.full(40, -0.6), np.full(10, -0.3), np.zeros(50)])
+    rise = np.concatenate([np.full(40, 0.25), np.zeros(60)])
+    unknown, none, passed = np.full(100, np.nan), np.zeros(100), np.full(100, STEP)
+    way, _ = Against().take(rims, none, speed, passed, rise, unknown)
+    assert not way.any()

@@ -16,12 +16,19 @@ BEGINS = 2.0  # s, at which the wheels start
 
 
 def backward(
-    share: float, *, rise: float = 0.0, oriented: bool = True, late: float = 0.0, seed: int = 0
+    share: float,
+    *,
+    rise: float = 0.0,
+    slides: bool | None = None,
+    oriented: bool = True,
+    late: float = 0.0,
+    seed: int = 0,
 ) -> list[Row]:
     """Rims that drive ahead at 0.4 m/s from `BEGINS` on, and an odometry that shows -share of it.
 
-    rise: sine of the slope, nose up. oriented: whether the imu tells it by an orientation. late: s, of the
-    odometry.
+    rise: sine of the slope, nose up, as the imu shows it. slides: whether the vehicle does, which the imu
+    feels, or goes ahead, and the odometry looks back; None: it slides where there is a slope. oriented:
+    whether the imu tells it by an orientation. late: s, of the odometry.
     """
     random = np.random.default_rng(seed)
     rows: list[Row] = []
@@ -44,9 +51,7 @@ def backward(
     add("odom", t, *twist, x, zero, 1.0 + zero, zero, zero, zero, zero, zero)
     t = np.arange(0.007, 12.0, 0.02)
     level, zero = math.sqrt(1.0 - rise**2), np.zeros(t.size)
-    way = (
-        np.sign(rise) if rise else -1.0
-    )  # what looks back on the level is a vehicle that goes ahead
+    way = 1.0 if (rise != 0.0 if slides is None else slides) else -1.0
     felt = G * rise + way * np.gradient(-share * rim(t), t) + 0.1 * random.standard_normal(t.size)
     up = (rise, 0.0, level) if oriented else (np.nan, np.nan, np.nan)
     add("imu", t, zero, felt, zero, G * level + zero, *(one + zero for one in up))
@@ -96,8 +101,15 @@ def test_what_looks_back_on_the_level_warns_of_nothing(
     assert "mirrored" in found
 
 
-def test_what_looks_back_up_a_slope_is_named_once_no_slide_is_so_long() -> None:
-    rows = backward(1.0, rise=0.15)
+@pytest.mark.parametrize("rise", [0.15, -0.15])
+def test_a_slide_is_felt_by_an_imu_that_is_mounted_with_a_tilt(rise: float) -> None:
+    first, found = warned(backward(0.6, rise=rise, slides=True))
+    assert first <= 4.0
+    assert "mirrored" not in found, "a good odometry is accused"
+
+
+def test_what_looks_back_up_a_slope_or_beside_a_tilted_imu_is_named_and_warns_of_nothing() -> None:
+    rows = backward(1.0, rise=0.15, slides=False)
     longer = [(n, s, v, w) for n, s, v, w in rows]
     end = rows[-1][1] - START
     for k in (1, 2):  # it goes on at the same speed
@@ -107,7 +119,8 @@ def test_what_looks_back_up_a_slope_is_named_once_no_slide_is_so_long() -> None:
                 if name == "odom":
                     values = (*values[:2], values[2] - 0.4 * k * (end / SECOND - 6.0), *values[3:])
                 longer.append((name, later, values, later))
-    _, found = warned(sorted(longer, key=lambda row: row[1]))
+    first, found = warned(sorted(longer, key=lambda row: row[1]))
+    assert first == math.inf
     assert "mirrored" in found
 
 
