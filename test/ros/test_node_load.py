@@ -29,6 +29,9 @@ RATE = 200
 WHEELS = [f"wheel_{i}" for i in range(6)]
 # A turn is taken every 50 ms, in which 60 come: of two turns and a half, less than the depth of the queues.
 MOST_UNANSWERED = 150
+# m, of a field: who comes round once meets no new ground, for which the map needs memory.
+RADIUS, SPEED = 30.0, 0.5
+LAP = 2.0 * math.pi * RADIUS
 
 
 def resident(pid: int) -> float:
@@ -70,7 +73,7 @@ class Rover:
         self.pose, self.turning = Odometry(), JointState(name=[f"{n}_joint" for n in WHEELS])
         self.pose.header.frame_id = "odom"
         self.pose.pose.pose.orientation.w = 1.0
-        self.pose.twist.twist.linear.x = 0.5
+        self.pose.twist.twist.linear.x = SPEED
         self.wrench, self.depth = WrenchStamped(), WheelSinkage(variance=1e-6)
 
     @property
@@ -100,13 +103,13 @@ class Rover:
 
     def tick(self, i: int, begin: int) -> None:
         stamp = begin + i * SECOND // RATE
-        x = 0.5 * i / RATE
+        x = SPEED * i / RATE
         # Around a field, so that the window of the cost map moves and comes back.
-        self.pose.pose.pose.position.x = 30.0 * math.cos(x / 30.0)
-        self.pose.pose.pose.position.y = 30.0 * math.sin(x / 30.0)
+        self.pose.pose.pose.position.x = RADIUS * math.cos(x / RADIUS)
+        self.pose.pose.pose.position.y = RADIUS * math.sin(x / RADIUS)
         # Odometry that goes as far as the wheels by one factor all the time would be made of them.
         slip = 0.1 + 0.04 * math.sin(0.7 * x)
-        self.turning.velocity = [0.5 / (1.0 - slip) / 0.125] * len(WHEELS)
+        self.turning.velocity = [SPEED / (1.0 - slip) / 0.125] * len(WHEELS)
         for message, publisher in ((self.pose, self.odometry), (self.turning, self.joints)):
             self.peer.stamp(message, stamp)
             publisher.publish(message)
@@ -137,6 +140,7 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
     tenth = MINUTES * 60 / 10
     ticks = 0
     memory: list[float] = []
+    way: list[float] = []  # m, at each
     with NodeProcess([parameters], log) as node:
         peer.spin_until(lambda: rover.heard, "the node listens")
         peer.wait_until_known("/odom", "/joint_states", *rover.topics)
@@ -157,6 +161,7 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
             held += max(0.0, time.monotonic() - due)
             if time.monotonic() >= start + (len(memory) + 1) * tenth:
                 memory.append(resident(node.process_id))
+                way.append(SPEED * ticks / RATE)
         took = time.monotonic() - start
         share = (processor_seconds(node.process_id) - busy) / took
         peer.spin_until(lambda: rover.answered == rover.sent, "the last answers", 60.0)
@@ -175,5 +180,8 @@ def test_six_wheels_at_200_hz_lose_nothing_and_need_no_more_memory(
         for name in WHEELS:
             assert f", {ticks} received" in "".join(v for k, v in counts.items() if name in k)
         assert not [key for key in counts if ": " in key and "gate" not in key], counts
-        assert max(memory) - memory[0] < 5.0, memory
+        # From the second lap on; a run, or a machine, that does not get so far: all of it.
+        round_it = [size for size, at in zip(memory, way, strict=True) if at > LAP]
+        steady = round_it if len(round_it) > 1 else memory
+        assert max(steady) - steady[0] < 5.0, memory
     assert "Traceback" not in log.read_text()

@@ -10,10 +10,10 @@
     again     At the 40th stretch of a soil, and whenever there are half as many more, to the 456th, all are
               used once more from its start, linearised about the newest x. Where the law moves by over half
               a deviation, once more; where it still moves, it is not settled.
-    between   All stretches are linearised about that same x. Each about its own would show, of what none
-              tells apart (a zero, u and n), the differences between their slopes as if they were measured
-              (Huang, Mourikis and Roumeliotis 2008): n was 5.7 deviations off in a drive whose readings keep
-              the law to 0.3 mm. After the 456th, x is the newest once the law has moved by half a deviation.
+    between   All stretches are linearised about that same x. If each were linearised about its own, the
+              differences between their slopes would seem to measure what no stretch separates (a zero, u
+              and n; Huang, Mourikis and Roumeliotis 2008): n was 5.7 deviations off in a drive that keeps
+              the law. After the 456th, x is the newest once the law has moved by half a deviation.
 
     R = sigma^2/count + by^2 var(ln W) + (0.02 z)^2 + (ruts of many passes) + by^2 S^2 r + A c
 
