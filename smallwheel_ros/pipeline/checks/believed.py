@@ -213,9 +213,10 @@ class BelievedRows:
         Parameters
         ----------
         shown
-            Values of streams at instants, as `at_once` has them, those of the rims among them.
+            Values of each stream at the instants, shape (instants, columns), from `at_once`; wheel speeds
+            in rad/s.
         count
-            How many instants there are.
+            Number of instants.
         """
         found = np.full((len(self.settings.rolling), count), np.nan)
         for row, wheel in zip(found, self.settings.rolling, strict=True):

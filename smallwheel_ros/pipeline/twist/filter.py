@@ -333,8 +333,8 @@ class TwistFilter:
         rims
             Speed of the rims on the left and on the right, shape (2,), m/s.
         later
-            Seconds since the rims' instant and what the IMU felt in each part, for rims that come
-            late.
+            For rims that come late: the length of each interval since their instant (s), and what the
+            IMU felt in it, shape (3,): yaw rate (rad/s), acceleration ahead and to the left (m/s^2).
 
         Returns
         -------
