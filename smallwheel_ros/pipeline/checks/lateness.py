@@ -83,7 +83,7 @@ class Lag:
         y, x = np.where(good, late, 0.0)[:, None], np.where(good[:, None], early, 0.0)
         ones = np.broadcast_to(good[:, None].astype(float), x.shape)
         rows = np.stack([ones, x, np.broadcast_to(y, x.shape), x * x, y * y + 0.0 * x, x * y], 1)
-        total = np.cumsum(np.concatenate([self._sums[None], rows]), axis=0)[1:]
+        total = _onward(self._sums, rows)
         self._sums = total[-1]
         n, sx, sy, xx, yy, xy = np.moveaxis(total, 1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -128,7 +128,7 @@ class OfWheels:
             Shape (rows,): whether the odometry is computed from the wheels; whether it may be; the share of
             the path by which it differs from the wheels'.
         """
-        total = np.cumsum(np.concatenate([self._total[None], parts]), axis=0)[1:]
+        total = _onward(self._total, parts)
         found, may_be = np.empty((2, way.size), dtype=bool)
         share: Array = np.empty(way.size)
         ends = np.flatnonzero(np.floor(way / _PIECE) > np.floor(before / _PIECE))
@@ -203,7 +203,7 @@ class Against:
             climbs = np.where(against > 0.0, np.sign(rims) * rise * goes, 0.0)
         known = np.where(np.isfinite(climbs), against, 0.0)
         ways = np.column_stack([goes, against, turned, known, np.nan_to_num(climbs)])
-        total = np.cumsum(np.concatenate([self._total[None], ways]), axis=0)[1:]
+        total = _onward(self._total, ways)
         self._total = total[-1]
         way, against, turned, known, climbed = total.T
         nearly_all = (against > _START) & (against > SIGN_SHARE * way)
@@ -266,9 +266,9 @@ class _Start:
         return feels, waits
 
 
-def _onward(before: Array, steps: Array) -> Array:
-    """Running sums of steps that go on from those before, (rows, columns)."""
-    return np.cumsum(np.concatenate([before[None], steps]), axis=0)[1:]
+def _onward(before: Array, rows: Array) -> Array:
+    """Running sums of rows that continue those before, which have the shape of a row; shape of the rows."""
+    return np.cumsum(np.concatenate([before[None], rows]), axis=0)[1:]
 
 
 def _scatter(pieces: Array) -> float:

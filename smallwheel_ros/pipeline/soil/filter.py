@@ -198,10 +198,9 @@ class SoilFilter:
         self._travelled = math.nan
         self._border = (0.0, -math.inf)  # variance of u per m, to where (m)
         self._store: list[Stretches] | None = []
-        self._about: list[Array] | None = (
-            None  # where each filter is linearised; None: at its newest x
-        )
-        self._linear: Array = model.law(model.mean)[0]  # the law there
+        # Where each filter is linearised, and the law there; None: at its newest x.
+        self._about: list[Array] | None = None
+        self._linear: Array = model.law(model.mean)[0]
         self.used, self.settled = 0, False
         self._remember()
         self._mix()
@@ -230,7 +229,7 @@ class SoilFilter:
             if self.used >= _AGAIN[-1]:
                 self._store = None
         elif self._moved() > _STAYS:
-            self._about, self._linear = [member.x for member in self.bank], self.law[0]
+            self._linearise()
         self._mix()
 
     def _travel(self, distance: float, bank: Sequence[Member]) -> None:
@@ -296,8 +295,7 @@ class SoilFilter:
         sizes = [len(part) for part in self._store]
         started, self._travelled = self._started
         power = self._power
-        abouts = self._about = [member.x for member in self.bank]
-        self._linear = self.law[0]
+        abouts = self._linearise()
         shown = [self.model.h(about, rows) for about in abouts]
         noise = [self.scatter.noise(rows, one) for one in shown]
         self.bank = [member.copy() for member in started]
@@ -315,6 +313,11 @@ class SoilFilter:
             first += size
         self._believe()
         return self._moved(spread)
+
+    def _linearise(self) -> list[Array]:
+        """Linearise each filter at its newest x from now on."""
+        self._about, self._linear = [member.x for member in self.bank], self.law[0]
+        return self._about
 
     def _moved(self, spread: Array | float = math.inf) -> float:
         """By how many deviations, as they were or are, the law is off where it was linearised."""

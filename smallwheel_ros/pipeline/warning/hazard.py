@@ -16,7 +16,8 @@ gives way at once takes away no speed beforehand (docs/without_soil_sensors.md).
 
 A start is not judged, since a late odometry shows slip there. It ends where slip is below 0.3, or
 after 3 s: a vehicle that starts in ground that does not carry it may never slip less. One that has
-never rolled yet, and surely slides back on wheels that drive ahead, is warned of after 1 s.
+never rolled yet, and surely slides back on wheels that drive ahead, is warned of after 1 s; with an
+imu, once that has felt which way the vehicle goes, within 2 s of driving (`checks/lateness.py`).
 
 No warning is given where there may be no slip at all: it has to be above 0 by three deviations as
 stated (of a ground speed that is late, scattered, or hardly known).
