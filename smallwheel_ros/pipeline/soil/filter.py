@@ -228,7 +228,7 @@ class SoilFilter:
                 self.settled = any(self._again() < _STAYS for _ in range(_ROUNDS))
             if self.used >= _AGAIN[-1]:
                 self._store = None
-        elif self._moved() > _STAYS:
+        elif self._about is None or self._moved() > _STAYS:
             self._linearise()
         self._mix()
 
