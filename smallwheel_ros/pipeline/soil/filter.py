@@ -260,11 +260,9 @@ class SoilFilter:
             shown = self.model.h(np.repeat(about, count, axis=0), each)
             value, H = shown.value.reshape(many, count), shown.H.reshape(many, count, -1)
             if step == 0:
-                alone, counts, base = self.scatter.noise(each, shown)
-                noise[:] = counts.reshape(many, count)
-                first[:, 2:] = (
-                    np.stack([alone, base, shown.by_load]).reshape(3, many, count).swapaxes(0, 1)
-                )
+                made = np.stack([*self.scatter.noise(each, shown), shown.by_load])
+                alone, counts, base, by_load = self._weights @ made.reshape(4, many, count)
+                noise[:], first[:, 2:] = counts, np.stack([alone, base, by_load])
             for i, member in enumerate(self.bank):
                 if close[i]:
                     continue
@@ -297,15 +295,14 @@ class SoilFilter:
         power = self._power
         abouts = self._linearise()
         shown = [self.model.h(about, rows) for about in abouts]
-        noise = [self.scatter.noise(rows, one) for one in shown]
+        noise = np.array([self.scatter.noise(rows, one) for one in shown])
+        alone, counts, _ = np.einsum("i,ijk->jk", self._weights, noise)
         self.bank = [member.copy() for member in started]
         first = 0
         for size in sizes:
             part = slice(first, first + size)
             self._travel(float(rows.distance[first + size - 1]), self.bank)
-            for member, about, one, (alone, counts, _) in zip(
-                self.bank, abouts, shown, noise, strict=True
-            ):
+            for member, about, one in zip(self.bank, abouts, shown, strict=True):
                 value, H, z = one.value[part], one.H[part], rows.sinkage[part]
                 miss = z - value - H @ (member.x - about)
                 _, used = _weighted(member, H, miss, alone[part], counts[part], power)
