@@ -28,7 +28,8 @@ twice its deviation of ln pressure, since a soil is often not the one that was n
 filter, the first, has the named soil's deviation and a tenth of the prior's deviations of passes
 and zeros. Weights are shares times likelihoods to the power of 0.3, or, where it is less, of 1 over
 the factor by which neighbouring errors are alike: an error that the law has no part for persists
-over metres and looks like a wrong zero.
+over metres and looks like a wrong zero. R is one for all filters, their mean. With R of its own, the
+filter that sees the least scatter in the ground would win: under one load, that of a zero of 3 to 5 mm.
 
 The mean is that of all filters, the covariance that of the eleven about this mean: an error of sensors that
 the data does not show is still allowed for.
