@@ -46,9 +46,9 @@ class Errors:
     Attributes
     ----------
     by_part
-        Of each part by its name; None where it has none.
+        Error of each part by its name; None where it has none.
     rmse
-        Of all parts.
+        Error over all parts.
     refused
         Number of points that it does not predict.
     effects

@@ -59,7 +59,7 @@ def run_demo(
     folder
         For all files; those of an earlier run are replaced.
     seed
-        Of the simulated drive.
+        Seed of the simulated drive.
     distance
         m before the slope that ends the drive.
     rate

@@ -49,7 +49,7 @@ class Witness:
     evidence
         ln evidence with it minus that without it, nats.
     probability
-        Of the fault, from pull and torque alone.
+        Probability of the fault, from pull and torque alone.
     base, errors
         The model without it, and its held-out errors.
     """
@@ -88,7 +88,7 @@ def fault_told(problem: Problem, registry: Registry, without: Collection[str]) -
     problem
         The table and the base model.
     registry
-        Of effects.
+        Registry of effects.
     without
         Ids of effects that do not take part.
 

@@ -48,7 +48,7 @@ class Proposal:
     Attributes
     ----------
     settings
-        SI.
+        Settings of the runs by name, SI.
     separates
         The two names that the runs separate.
     expected_power
@@ -136,13 +136,13 @@ def propose(
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     runs
         Possible runs.
     first, second
         Fits of the two models.
     names
-        What they are called.
+        Names of the two models.
     hint
         How to check one of them, in a sentence.
 

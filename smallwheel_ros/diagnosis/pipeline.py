@@ -54,7 +54,7 @@ class Start:
     limits
         By setting (SI), the levels that the user can set.
     seed
-        Of the simulations, or of permutations and folds.
+        Seed of the simulations, or of permutations and folds.
     """
 
     measurements: Measurements
@@ -88,7 +88,7 @@ def start_of(
     can
         By setting, levels that the user can set.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     """
     known = registry_of(effects)
     base = Base() if model is None else model
@@ -100,14 +100,14 @@ def start_of(
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result, shown="views.diagnosis"):
-    """A diagnosis.
+    """Result of a diagnosis: the verdict, the evidence, and what follows from them.
 
     Attributes
     ----------
     document
         The content of the JSON, computed from all the rest.
     evidence, search, decision, steps
-        None, or empty for steps, if the data is insufficient.
+        What was collected and decided; None, or empty for steps, if the data is insufficient.
     following
         Commands that continue from it, as `diagnosis.text` takes them; None if no command made it.
     """

@@ -253,7 +253,8 @@ class Fitter:
     Attributes
     ----------
     level
-        L of `variance`, shape (values,); the same for all fits, so that their evidence can be compared.
+        Size of each value (L in the module `variance`), shape (values,); the same for all fits, so that their
+        evidence can be compared.
     law
         Predicts the points; the model itself if None.
     working

@@ -38,7 +38,7 @@ def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     scatter

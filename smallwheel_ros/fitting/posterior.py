@@ -25,7 +25,7 @@ _NO_LESS = 1.05  # of a deviation: as well known, for any use
 
 
 def sandwich(slopes: Array, weights: Array, variance: Array, precision: Array) -> Array:
-    """C of the module's docstring.
+    """Sandwich covariance of the parameters (C in the module's docstring).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def over_scatter(
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     scatter
@@ -93,7 +93,7 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
     Parameters
     ----------
     fitter
-        Of the points.
+        Fitter of the points.
     fit
         The fit.
     scatter

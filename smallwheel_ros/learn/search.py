@@ -42,9 +42,9 @@ class TermGrid:
     Attributes
     ----------
     sinkage
-        Of the base model, m, shape (points,).
+        Sinkage by the base model, m, shape (points,).
     values
-        Of each term, shape (points, terms).
+        Values of each term, shape (points, terms).
     notes
         Why some settings are not drivers.
     """
@@ -185,7 +185,7 @@ def first_of_each(items: Iterable[T], key: Callable[[T], Hashable]) -> Iterator[
     Parameters
     ----------
     items
-        Of several kinds.
+        Items of several kinds.
     key
         Gives an item's kind.
     """

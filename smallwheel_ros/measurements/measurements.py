@@ -52,9 +52,9 @@ class Measurements(Result, shown="views.measured"):
     labels
         Text columns that are neither soil, run, wheel nor contact.
     units
-        Of each numeric column as held here: SI, or empty if the table gives none.
+        Unit of each numeric column as held here: SI, or empty if the table gives none.
     written_units
-        Of the columns whose header has one, as `columns.to_base` takes it.
+        Unit in the table, as `columns.to_base` takes it, of each column whose header has one.
     warnings
         What is suspicious.
     notes

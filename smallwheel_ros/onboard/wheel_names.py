@@ -113,7 +113,7 @@ def only_or_best_match(name: str, names: Sequence[str]) -> str | None:
     Parameters
     ----------
     name
-        Of the input, such as `odom`.
+        Name of the input, such as `odom`.
     names
         Topics to choose from.
     """

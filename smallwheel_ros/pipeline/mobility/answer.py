@@ -58,11 +58,11 @@ class OnGround(Loads):
     load, load_std
         N, without the cell's noise.
     soil_version
-        Of the soil under the wheel.
+        Version of the soil under the wheel.
     newest
-        Of the soil that the first wheels are on.
+        Version of the soil that the first wheels are on.
     strength_version
-        Of the strength.
+        Version of the strength.
     refused
         Number of measured sinkages not used up to then.
     """
@@ -91,7 +91,7 @@ class AnswerState:
     shown
         Newest measured sinkages, m.
     risk
-        Newest risk, or NaN.
+        Newest risk of getting stuck, 0 to 1, or NaN.
     slopes
         Stamps, and gravity's components ahead and to the side (m/s^2), over the last 2 s.
     """

@@ -48,7 +48,7 @@ class WheelsUnderLoad(Columns):
     load
         N, without its cell's noise.
     load_variance
-        Of ln load, due to that noise.
+        Variance of ln load, due to that noise.
     load_rate
         d ln load / dt, 1/s.
     slip, speed
@@ -80,7 +80,7 @@ class Stretches(WheelsUnderLoad):
     pitch
         rad.
     place
-        Of the wheel along the vehicle's path, m.
+        Place of the wheel along the vehicle's path, m.
     count, dropped
         Number of readings in the mean, and left out.
     low, high, step

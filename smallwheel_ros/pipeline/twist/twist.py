@@ -188,7 +188,7 @@ def messages(rows: Twists, settings: TwistSettings) -> tuple[Array, Array, Array
     rows
         The twists.
     settings
-        With the time for which errors of slip last.
+        Settings, with the time for which errors of slip are correlated.
 
     Returns
     -------
