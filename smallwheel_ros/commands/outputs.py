@@ -35,7 +35,7 @@ def output(text: str, name: str = "output", required: bool = False) -> Decorator
     Parameters
     ----------
     text
-        Its help.
+        Help of the option.
     name
         Name of the parameter; `model_file` may be the model file that is read.
     required

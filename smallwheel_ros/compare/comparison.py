@@ -121,7 +121,7 @@ class Comparison(Result, shown="views.comparison"):
     Attributes
     ----------
     noise
-        By channel.
+        Error to expect of a true model, by channel.
     folds
         Number of parts into which the runs were dealt for the held-out error; 0 if nothing could be
         held out.

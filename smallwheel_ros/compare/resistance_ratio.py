@@ -34,7 +34,7 @@ class ResistanceRatio:
 
 
 def resistance_ratio(measurements: Measurements) -> ResistanceRatio | None:
-    """The check; None where sinkage and resistance were not measured together."""
+    """Compare resistance with compaction alone; None where it was not measured together with sinkage."""
     if not {"sinkage", "resistance"} <= set(measurements.channels):
         return None
     conditions = measurements.conditions

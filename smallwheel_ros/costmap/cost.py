@@ -87,7 +87,7 @@ class CostRules:
         margin
             Largest pull over load that the ground gives at any slip, minus the slope, 1.
         deviation
-            Its standard deviation.
+            Standard deviation of the margin, 1.
         shown
             Pull over load that the ground gave at least when it was crossed, minus the slope, 1; minus
             infinity if it was not crossed.

@@ -88,7 +88,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
     Returns
     -------
     dict of LackOfFit
-        By channel; only channels with settings that several runs repeat.
+        Result for each channel that has settings which several runs repeat.
     """
     points, found = fitter.points, {}
     share = (points.value - fit.predicted) / fitter.level
@@ -119,7 +119,7 @@ def lack_of_fit(fitter: Fitter, fit: Fit) -> dict[str, LackOfFit]:
 
 @dataclass(frozen=True)
 class Plateau:
-    """The largest values of a channel, if they lie closer together than scatter allows."""
+    """How close together the largest values of a channel lie. p: chance of values that lie so close."""
 
     count: int
     value: float
@@ -144,7 +144,7 @@ def plateaus(fitter: Fitter, fit: Fit) -> dict[str, Plateau]:
     Returns
     -------
     dict of Plateau
-        By channel.
+        Result for each positive channel.
     """
     points, found = fitter.points, {}
     deviation = np.sqrt(np.diag(fitter.covariance(fit).matrix))
@@ -183,7 +183,7 @@ class Misfit:
     Attributes
     ----------
     lack_of_fit, plateaus
-        By channel.
+        Results of `lack_of_fit` and `plateaus`, by channel.
     scatter
         Deviation of each variance component of that model.
     mixed

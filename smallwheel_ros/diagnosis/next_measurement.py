@@ -94,7 +94,7 @@ class Runs:
         points
             The points.
         limits
-            By setting (SI), the levels that the user can set.
+            Levels that the user can set, SI, by setting.
         """
         columns, conditions = independent(points), points.conditions
         settable = [n for n in columns if n != points.order]  # a time is not set
@@ -201,7 +201,7 @@ def proposals(found: Search, verdict: Verdict, limits: Limits) -> list[Proposal]
     verdict
         What is named, and its rivals.
     limits
-        By setting (SI), the levels that the user can set.
+        Levels that the user can set, SI, by setting.
     """
     ordered = found.ordered
     first = ordered[0] if verdict.word != "missing_effect" else verdict.best

@@ -52,7 +52,7 @@ class Start:
     without
         Ids of those that do not.
     limits
-        By setting (SI), the levels that the user can set.
+        Levels that the user can set, SI, by setting.
     seed
         Seed of the simulations, or of permutations and folds.
     """
@@ -86,7 +86,7 @@ def start_of(
     without
         Ids of effects that do not take part.
     can
-        By setting, levels that the user can set.
+        Levels that the user can set, by setting.
     seed
         Seed of the random numbers.
     """

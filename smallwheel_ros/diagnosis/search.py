@@ -239,7 +239,7 @@ def refit(
     put_in
         Competitor to add.
     start
-        Its first parameters, shape (parameters of it,); its own start if not given.
+        Parameters of `put_in` to start from, shape (its parameters,); its own start if not given.
     out
         Competitor to remove.
     turns
@@ -282,7 +282,7 @@ class Search:
     p_drawn
         Probability of so much evidence for missing effects if none is missing, by simulation.
     p_values
-        By family, compared with the largest of all families.
+        p value of each family, against the largest statistic of all families.
     screen
         At the base.
     """
@@ -392,7 +392,7 @@ class Search:
         put_in
             Competitor to add.
         start
-            Its first parameters, shape (parameters of it,); its own start if not given.
+            Parameters of `put_in` to start from, shape (its parameters,); its own start if not given.
         out
             Competitor to remove.
 

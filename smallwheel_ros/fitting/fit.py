@@ -358,7 +358,7 @@ class Fitter:
         fit
             The fit.
         scatter
-            Its `true_scatter`.
+            Variance components: `Fitter.true_scatter`.
 
         Returns
         -------
@@ -420,7 +420,7 @@ class Fitter:
         Returns
         -------
         Fit
-            Without evidence and covariance yet.
+            The model at these parameters, without evidence and covariance yet.
 
         Raises
         ------

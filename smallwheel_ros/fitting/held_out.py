@@ -109,7 +109,7 @@ class CvErrors:
         values
             Values in the chosen rows, shape (chosen,).
         rows
-            Which rows are chosen, shape (rows,).
+            Mask of the chosen rows, shape (rows,).
 
         Returns
         -------

@@ -42,7 +42,7 @@ def measured_of(fitter: Fitter, fit: Fit, scatter: Scatter) -> Measured:
     fit
         The fit.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
     """
     points = fitter.points
     return Measured(

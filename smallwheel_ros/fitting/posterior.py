@@ -66,14 +66,14 @@ def over_scatter(
     fit
         The fit.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
     of
         The function.
 
     Returns
     -------
     ndarray
-        In the function's own shape.
+        Mean of the function, in its own shape.
     """
     total = middle = of(scatter)
     for column in _NODE * np.linalg.cholesky(fitter.scatter_covariance(fit, scatter)).T:
@@ -97,7 +97,7 @@ def posterior_covariance(fitter: Fitter, fit: Fit, scatter: Scatter) -> Array:
     fit
         The fit.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
 
     Returns
     -------
@@ -127,9 +127,9 @@ def pull_may_bend(fitter: Fitter, fit: Fit) -> bool:
     Parameters
     ----------
     fitter
-        One that keeps pull and torque apart.
+        A fitter that keeps pull and torque apart (`Fitter.apart`).
     fit
-        Its fit.
+        The fit by that fitter.
     """
     exponents = [j for j, p in enumerate(fit.vector.of_soils) if p.field == "n"]
     variance = fitter.true_variance.covariance(fitter.true_scatter(fit), fit.stiffness).matrix

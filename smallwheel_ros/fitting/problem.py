@@ -216,7 +216,7 @@ def soil_priors(known: CalibratedModel, measurements: Measurements) -> dict[str,
     Returns
     -------
     dict
-        By soil; empty where the model was fitted to this very data, or states no deviations.
+        Prior of each soil; empty where the model was fitted to this very data, or states no deviations.
     """
     if not known.names or _fitted_to(known, measurements):
         return {}

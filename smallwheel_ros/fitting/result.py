@@ -218,7 +218,7 @@ def expected_error(fitter: Fitter, fit: Fit) -> dict[str, float]:
     Returns
     -------
     dict
-        By channel, m, N or N m.
+        Error of each channel, m, N or N m.
     """
     deviations, found = fit.scatter.deviations, {}
     for name in fitter.points.channels:
@@ -245,7 +245,7 @@ def unusual(fitter: Fitter, scatter: Scatter) -> dict[str, float]:
     fitter
         Fitter of the points.
     scatter
-        Its `true_scatter`.
+        Variance components: `Fitter.true_scatter`.
 
     Returns
     -------
@@ -411,7 +411,7 @@ def off_by(error: Array, conditions: Conditions, channel: str) -> tuple[str, boo
     Returns
     -------
     text, is_far : str, bool
-        In words, as shares of the load.
+        The errors in words, as shares of the load; whether they are larger than usual.
     """
     share, known = error / of_load(conditions, channel), np.isfinite(error)
     beyond = known & (np.abs(conditions["slip"]) > _FURTHEST)

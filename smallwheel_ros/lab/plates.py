@@ -127,7 +127,7 @@ def clearly_less(errors: Array, others: Array) -> bool:
     Parameters
     ----------
     errors, others
-        Over 0, in one unit, shape (cases,).
+        Errors over 0, in one unit, shape (cases,).
     """
     gain = np.log(others / errors)
     error = max(float(gain.std(ddof=1)) / np.sqrt(gain.size), 1e-300)

@@ -54,7 +54,7 @@ class LabStrength:
     covariance
         Covariance of (c, phi, ln K), shape (3, 3).
     parameters
-        The same for people, with c as fitted, even below 0.
+        The parameters for people, with c as fitted, even below 0.
     notes
         What the tests cannot determine.
     """

@@ -160,7 +160,7 @@ def shape_of(fitter: Fitter, best: JudgedLaw) -> tuple[Entry, list[Array]] | Non
     Parameters
     ----------
     fitter
-        The one that fitted the laws.
+        Fitter that fitted the laws.
     best
         The law, with those that fit as well.
     """

@@ -48,7 +48,7 @@ def numbers_of(fitter: Fitter, candidate: LawCandidate) -> list[Number]:
     Parameters
     ----------
     fitter
-        The one that fitted it.
+        Fitter that fitted it.
     candidate
         The law and its fit.
     """

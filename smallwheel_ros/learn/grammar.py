@@ -63,7 +63,7 @@ class Shape:
     code
         Python of u and c.
     text
-        The same for people, with {u} and {c}.
+        Formula for people, with {u} and {c}.
     power
         The power of u's unit that its value has (0: dimensionless).
     constant
@@ -265,7 +265,7 @@ def drivers_of(points: Points, sinkage: Array) -> tuple[list[Driver], list[str]]
     points
         The points of the fit.
     sinkage
-        By the base model, m, shape (points,).
+        Sinkage by the base model, m, shape (points,).
     """
     used, found = np.unique(points.row), []
     usable = independent(points)

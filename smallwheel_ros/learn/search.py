@@ -160,7 +160,7 @@ class Effort:
     Attributes
     ----------
     first
-        From the base's tangent.
+        Number of laws that are refitted first, from the base's tangent.
     again, forms
         Places that each round searches further, and refitted forms of each.
     seconds

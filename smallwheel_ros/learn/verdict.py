@@ -435,7 +435,7 @@ def judge(
     errors, laws
         Held-out errors of the base and of the folds' laws, and these laws.
     fitter
-        The one that fitted the draft.
+        Fitter that fitted the draft.
     draft
         The law fitted to all points; errors are judged by its scatter.
     """

@@ -56,9 +56,9 @@ class Measurements(Result, shown="views.measured"):
     written_units
         Unit in the table, as `columns.to_base` takes it, of each column whose header has one.
     warnings
-        What is suspicious.
+        Sentences on what is suspicious.
     notes
-        What was assumed.
+        Sentences on what was assumed.
     understood
         How headers and cells that are not in our own form were read.
     """
@@ -212,7 +212,7 @@ class ShearTests:
     soil
         Empty where the table names none.
     line
-        In the file.
+        Line of each row in the file.
     """
 
     normal_stress: Array

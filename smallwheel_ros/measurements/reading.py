@@ -176,7 +176,7 @@ class TableColumns:
         message
             What is wrong, and what was expected.
         column
-            Its header as in the table; None for the whole table.
+            Header of the column as in the table; None for the whole table.
         rows
             Numbers of the rows concerned; None for the header.
         """
@@ -249,7 +249,7 @@ class TableColumns:
         Parameters
         ----------
         name
-            Its header.
+            Header of the column.
         known
             Number of problems before the first one of this column.
         """

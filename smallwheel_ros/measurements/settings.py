@@ -123,7 +123,7 @@ def cluster(values: Array, tolerance: float) -> Index:
     values
         Shape (values,).
     tolerance
-        In their unit.
+        Largest difference within a code, in the unit of the values.
     """
     codes = np.full(values.size, -1, dtype=np.intp)
     known = np.isfinite(values)

@@ -107,7 +107,7 @@ class Measured:
     Attributes
     ----------
     ranges
-        By setting, SI.
+        Smallest and largest value of each setting, SI.
     wheels
         (diameter, width, lugs) of each, m.
     stiffness
@@ -115,7 +115,7 @@ class Measured:
     runs
         Scatter by channel.
     forces
-        By channel, where measured.
+        Error of the law of pull and of torque, by channel, where measured.
     unexplained
         Whether the data confirms no law, so that differences of runs may be an error of the law.
     """

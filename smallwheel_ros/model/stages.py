@@ -58,7 +58,7 @@ class Stages:
         Parameters
         ----------
         effect, stage
-            Which method of which effect.
+            The effect, and the name of its method.
         neutral
             Value for bodies that do not roll and lack the covariate.
         arguments
@@ -179,7 +179,7 @@ def guarded(effect: Effect, stage: str, function: Callable[..., T], *arguments: 
     Parameters
     ----------
     effect, stage
-        What an error names.
+        The effect and the stage, which an error names.
     function, arguments
         The method, and its arguments.
 

@@ -144,7 +144,7 @@ def wheels_named_by(
     names
         Topics or joints.
     where
-        By name, its place, m: x ahead and y to the left.
+        Place of each topic's or joint's wheel, m: x ahead and y to the left.
     """
     words = _words_of_all(names)
     found = {name: "_".join(p for p in PLACES if p in words[name]) for name in names}

@@ -61,7 +61,7 @@ class PredictionTable(Result, shown="views.prediction"):
     Attributes
     ----------
     notes
-        What the predictions rest on that was not measured.
+        Sentences on what the predictions rest on that was not measured.
     names
         Texts of a table's rows by name: run and soil.
     measured

@@ -33,7 +33,7 @@ class Outcome:
     state
         ``complete``, ``ended_early``, ``interrupted``, ``failed`` or ``not_begun``.
     error
-        In words; empty if there is none.
+        What went wrong, in words; empty if nothing did.
     done_before
         Whether an earlier command replayed it.
     summary

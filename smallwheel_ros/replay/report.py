@@ -512,7 +512,7 @@ def read_courses(table: Path, every: int) -> dict[str, pd.DataFrame]:
     Returns
     -------
     dict of DataFrame
-        By wheel, with a column `used`: whether the soil was updated by the row's sinkage.
+        Rows of each wheel, with a column `used`: whether the soil was updated by the row's sinkage.
     """
     rows = pd.read_csv(table, usecols=_needed)
     rows["used"] = is_used(rows)

@@ -68,7 +68,7 @@ class Drive:
     stretch
         Index of the stretch under each wheel, shape (times, wheels).
     outliers
-        By stream, which rows are gross errors.
+        By stream, mask of the rows that are gross errors.
     """
 
     settings: DriveSettings

@@ -207,7 +207,7 @@ def leftovers(
     base
         Key of the model that is drawn in grey.
     base_name
-        Its name.
+        Name of the model that is drawn in grey.
     floors
         Error of a true model by channel, SI; None if unknown.
     first

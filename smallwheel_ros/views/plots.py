@@ -296,7 +296,7 @@ def write_picture(panels: Sequence[Panel], path: Path) -> Path:
     Returns
     -------
     Path
-        The same path.
+        The given path.
 
     Raises
     ------

@@ -179,7 +179,7 @@ class Against:
             Half of right minus left rims, shape (rows,), m/s; NaN without sides. Rows on which one side
             turns backward are not judged.
         speed
-            Over ground, shape (rows,), m/s.
+            Speed over ground, shape (rows,), m/s.
         passed
             Time for which each row counts, shape (rows,), s.
         rise

@@ -69,7 +69,7 @@ class Run:
         Parameters
         ----------
         flag
-            Which rows count, shape (rows,).
+            Mask of the rows that count, shape (rows,).
         amount
             Amount to be summed, shape (rows,).
         time
@@ -178,7 +178,7 @@ class RunningDeviation:
         Parameters
         ----------
         good
-            Which rows count, shape (rows,).
+            Mask of the rows that count, shape (rows,).
         sizes
             Absolute errors, shape (rows,).
         before

@@ -117,7 +117,7 @@ class Source(Rows):
     inside
         Whether it lies in the span itself.
     changes
-        Which values differ, bit for bit, from the row before, (rows, columns); NaN counts as no value.
+        Mask of the values that differ, bit for bit, from the row before, (rows, columns); NaN is no value.
     same
         Whether the whole row is, bit for bit, the one before.
     stale

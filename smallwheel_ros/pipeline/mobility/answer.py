@@ -113,7 +113,7 @@ def answer(
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Readings.
     judged

@@ -66,15 +66,15 @@ def mobility(
     load
         Load as the cells show it, without noise, shape (rows,), N, no NaN.
     load_std
-        Its deviation, shape (rows,), N.
+        Standard deviation of the load, shape (rows,), N.
     law
         Versions of the soil, shape (rows,).
     strength
         Versions of the strength, shape (rows,).
     soils
-        By version.
+        Versions of the soil's law.
     strengths
-        By version.
+        Versions of the strength.
     settings
         The pipeline's settings.
     """

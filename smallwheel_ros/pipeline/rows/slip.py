@@ -29,7 +29,7 @@ def assembled_slip(
     speed
         Speed of the wheel's place along its heading, shape (rows,), m/s.
     speed_std
-        Its deviation, shape (rows,), m/s.
+        Standard deviation of the speed, shape (rows,), m/s.
     rim
         Speed of the rim, shape (rows,), m/s.
     trust

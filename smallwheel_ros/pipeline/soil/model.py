@@ -202,7 +202,7 @@ class LawModel:
     mean, soil_covariance
         Mean and covariance of the state before any measurement.
     unnamed_covariance
-        The same if the soil may be another than the named one.
+        Covariance before any measurement if the soil may be another than the named one.
     """
 
     def __init__(

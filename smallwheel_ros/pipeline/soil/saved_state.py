@@ -122,7 +122,7 @@ def write_state(path: Path, content: bytes, beside: Mapping[Path, bytes]) -> Non
     path
         The file.
     content
-        Its bytes.
+        Bytes of the file.
     beside
         Bytes of the other files, by path.
 

@@ -180,7 +180,7 @@ def stretches(
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Readings.
     settings

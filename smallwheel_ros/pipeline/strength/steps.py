@@ -138,7 +138,7 @@ def steps(
     Parameters
     ----------
     state
-        What is carried over a cut.
+        State carried from block to block; it is updated.
     rows
         Readings.
     load, load_std
