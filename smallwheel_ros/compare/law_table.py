@@ -70,7 +70,7 @@ class Errors:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Whether our law is better or worse than this one; None if they are not compared."""
+        """Whether our law wins or loses against this one, or neither; None if they are not compared."""
         d = self.against
         if d is None:
             return None
@@ -104,7 +104,7 @@ class LawTable:
 
     @property
     def others(self) -> list[Errors]:
-        """The laws of other authors, on every channel."""
+        """Errors of the laws that are not ours, on every channel."""
         return [law for law in self.laws if law.law not in (INTEGRAL, OURS) and law.against]
 
     def of(self, channel: str) -> list[Errors]:

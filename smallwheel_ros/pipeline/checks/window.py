@@ -184,9 +184,9 @@ class Memory:
 
 
 class Window:
-    """The rows of a span and around it; None for a source without rows.
+    """The rows of all sources in a span and around it; a source without rows is None.
 
-    begin: of the span, ns. rims: speeds at the rim, m/s.
+    begin: stamp at which the span begins, ns. rims: speeds at the rim, m/s.
     """
 
     def __init__(self, vehicle: CheckedWheels, raw: Raw, begin: int, memory: Memory) -> None:
