@@ -108,7 +108,7 @@ def length_of(wheel: Wheel) -> float:
 
 @dataclass(frozen=True)
 class _StretchRows(Columns):
-    """What a stretch is made of: columns of `Readings`."""
+    """The columns of `Readings` from which a stretch is computed."""
 
     stamp: Integers
     sinkage: Array
