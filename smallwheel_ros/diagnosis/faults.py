@@ -143,9 +143,7 @@ def _as_measured(points: Points) -> Points:
 
 
 def _with(fitter: Fitter, none: Fit, effect: Effect) -> tuple[EffectPart, EffectPart, float] | None:
-    """One fault under its prior and under its posterior by pull and torque, and its evidence; None where it
-    cannot be fitted.
-    """
+    """One fault, before and after pull and torque, with its evidence; None where it cannot be fitted."""
     (known,) = effect.parameters()
     prior = instrument_prior(known, 1.0)
     plain = part_of(effect, {known.name: prior})
